@@ -1,0 +1,1 @@
+"""The disk, its log files, and what each channel reads when nothing changes."""

@@ -1,0 +1,61 @@
+"""An instrumented disk in SI units: geometry, steel, washers, junctions and signal conditioning."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+CHANNELS = ("a", "b", "c", "d", "e", "f")
+INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
+OUTER_ROW = ("a", "c", "e")  # nearer the surface: what the rim model is compared with
+DISKS = ("fast", "slow")
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Where a thermocouple junction sits: depth below the running surface and axial place from one face, in m."""
+
+    depth_m: float
+    z_m: float
+    angle_deg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """The known low-pass filter B(s) of the signal conditioning; ``poles = 0`` means none.
+
+    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: the maximally flat filter of that order.
+    """
+
+    cutoff_Hz: float = 4.0
+    poles: int = 2
+    shape: Literal["cascade", "butterworth"] = "cascade"
+
+
+@dataclass(frozen=True)
+class DiskSetup:
+    """One disk as ``rig.toml`` describes it; all lengths in m, section 3 of the design gives the defaults."""
+
+    name: str
+    outer_radius_m: float
+    bore_radius_m: float
+    width_m: float
+    crown_radius_m: float
+    conductivity_W_mK: float
+    density_kg_m3: float
+    specific_heat_J_kgK: float
+    washer_conductivity_W_mK: float
+    washer_thickness_m: float
+    junctions: Mapping[str, Junction]
+    conditioning: Conditioning
+
+    @property
+    def diffusivity_m2_s(self) -> float:
+        """alpha = K / (rho c) [m2/s]."""
+        return self.conductivity_W_mK / (self.density_kg_m3 * self.specific_heat_J_kgK)
+
+    @property
+    def washer_W_m2K(self) -> float:
+        """Heat transfer coefficient of a washer, K_c / w_c [W/m2K] (section 3.4.4.3)."""
+        return self.washer_conductivity_W_mK / self.washer_thickness_m

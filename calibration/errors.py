@@ -1,0 +1,21 @@
+"""The one error that people see: what is wrong, where, what was expected, what to do."""
+
+from __future__ import annotations
+
+
+class InputError(ValueError):
+    """Input that cannot be used, said in one sentence that names the place and the remedy.
+
+    >>> str(InputError("speed_fast_rpm is missing", where="D4.csv", expected="an EHL log",
+    ...                remedy="map the column in rig.toml [columns]"))
+    'D4.csv: speed_fast_rpm is missing; expected an EHL log; map the column in rig.toml [columns]'
+    """
+
+    def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
+        self.what, self.where, self.expected, self.remedy = what, where, expected, remedy
+        parts = [what]
+        if expected:
+            parts.append(f"expected {expected}")
+        if remedy:
+            parts.append(remedy)
+        super().__init__((f"{where}: " if where else "") + "; ".join(parts))

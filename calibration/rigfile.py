@@ -1,0 +1,252 @@
+"""``rig.toml``: what people write about their rig, checked key by key, with a default for every key."""
+
+from __future__ import annotations
+
+import tomllib
+from copy import deepcopy
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calibration.disk import CHANNELS, Conditioning, DiskSetup, Junction
+from calibration.errors import InputError
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DiskTable(_Table):
+    """[disk]; bore radius and steel are assumptions, not the thesis's (design, section 3)."""
+
+    outer_radius_mm: float = Field(38.1, gt=5, lt=500)
+    bore_radius_mm: float = Field(20.5, ge=0, lt=500)
+    width_mm: float = Field(9.53, gt=1, lt=200)
+    crown_radius_mm: float = Field(304.8, gt=1, lt=1e5)
+    conductivity_W_mK: float = Field(41.0, gt=0.1, lt=2500)
+    density_kg_m3: float = Field(7850.0, gt=100, lt=25000)
+    specific_heat_J_kgK: float = Field(470.0, gt=50, lt=6000)
+
+    @model_validator(mode="after")
+    def _bore_inside(self) -> DiskTable:
+        if self.bore_radius_mm >= self.outer_radius_mm:
+            raise ValueError("bore_radius_mm must be below outer_radius_mm")
+        return self
+
+
+class WasherTable(_Table):
+    """[washer]; the thickness is assumed."""
+
+    conductivity_W_mK: float = Field(1.46, ge=0, lt=500)
+    thickness_mm: float = Field(8.0, gt=0.1, lt=200)
+
+
+class JunctionTable(_Table):
+    """[thermocouples] a = { depth_mm, z_mm, angle_deg }."""
+
+    depth_mm: float = Field(gt=0, lt=100)
+    z_mm: float = Field(gt=0, lt=200)
+    angle_deg: float = Field(0.0, ge=-360, le=360)
+
+
+class ContactTable(_Table):
+    """[contact]."""
+
+    gear_ratio: float = Field(4.24, ge=1, lt=100)
+    speed_exponent: float = Field(0.667, ge=0, le=2)
+
+
+class ConditioningTable(_Table):
+    """[conditioning]; cutoff of a 5B-series module's data sheet."""
+
+    cutoff_Hz: float = Field(4.0, gt=0)
+    poles: int = Field(2, ge=0, le=6)
+    shape: Literal["cascade", "butterworth"] = "cascade"
+
+
+class UncertaintyTable(_Table):
+    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
+
+    depth_mm: float = Field(0.1, ge=0, lt=5)
+    conductivity_rel: float = Field(0.03, ge=0, lt=0.5)
+    heat_capacity_rel: float = Field(0.02, ge=0, lt=0.5)
+    washer_rel: float = Field(0.20, ge=0, lt=1)
+    half_width_rel: float = Field(0.03, ge=0, lt=0.5)
+    friction_rel: float = Field(0.01, ge=0, lt=0.5)
+    ambient_K: float = Field(1.0, ge=0, lt=50)
+    speed_exponent_low: float = Field(0.571, ge=0, le=2)
+    speed_exponent_high: float = Field(0.8, ge=0, le=2)
+
+
+_DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
+    "a": {"depth_mm": 3.0, "z_mm": 4.765, "angle_deg": 0.0},
+    "b": {"depth_mm": 6.0, "z_mm": 4.765, "angle_deg": 180.0},
+    "c": {"depth_mm": 3.0, "z_mm": 2.0, "angle_deg": 15.0},
+    "d": {"depth_mm": 6.0, "z_mm": 2.0, "angle_deg": 345.0},
+    "e": {"depth_mm": 1.25, "z_mm": 4.765, "angle_deg": 195.0},
+    "f": {"depth_mm": 6.0, "z_mm": 7.53, "angle_deg": 165.0},
+}
+
+
+class RigTables(_Table):
+    """Everything that describes one disk and its test."""
+
+    disk: DiskTable = Field(default_factory=lambda: DiskTable.model_validate({}))
+    washer: WasherTable = Field(default_factory=lambda: WasherTable.model_validate({}))
+    thermocouples: dict[str, JunctionTable] = Field(
+        default_factory=lambda: {k: JunctionTable(**v) for k, v in _DEFAULT_JUNCTIONS.items()}
+    )
+    contact: ContactTable = Field(default_factory=lambda: ContactTable.model_validate({}))
+    conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
+    uncertainty: UncertaintyTable = Field(default_factory=lambda: UncertaintyTable.model_validate({}))
+    columns: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_junctions(cls, data: Any) -> Any:
+        if isinstance(data, dict) and isinstance(data.get("thermocouples"), dict):
+            given = data["thermocouples"]
+            merged: dict[str, Any] = {}
+            for name in {**_DEFAULT_JUNCTIONS, **given}:
+                own = given.get(name, {})
+                if isinstance(own, dict):
+                    own = {**_DEFAULT_JUNCTIONS.get(name, {}), **own}
+                merged[name] = own
+            data = {**data, "thermocouples": merged}
+        return data
+
+    @model_validator(mode="after")
+    def _junctions_inside(self) -> RigTables:
+        unknown = sorted(set(self.thermocouples) - set(CHANNELS))
+        if unknown:
+            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; the channels are a to f")
+        wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
+        for name, junction in self.thermocouples.items():
+            if junction.depth_mm >= wall:
+                raise ValueError(f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore")
+            if junction.z_mm >= self.disk.width_mm:
+                raise ValueError(f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width")
+        return self
+
+
+class Rig(BaseModel):
+    """A rig: the tables of each disk, and the two disks' common contact."""
+
+    model_config = ConfigDict(frozen=True)
+
+    common: RigTables
+    fast: RigTables
+    slow: RigTables
+
+    def tables(self, disk: str) -> RigTables:
+        """The tables of ``disk`` ("fast" or "slow"; any other name gives the common ones)."""
+        return {"fast": self.fast, "slow": self.slow}.get(disk, self.common)
+
+    def disk_setup(self, disk: str) -> DiskSetup:
+        """The disk in SI units."""
+        return setup_from_tables(disk, self.tables(disk))
+
+
+def setup_from_tables(name: str, tables: RigTables) -> DiskSetup:
+    """Turn the tables people write (mm) into a ``DiskSetup`` (SI)."""
+    d, w, c = tables.disk, tables.washer, tables.conditioning
+    return DiskSetup(
+        name=name,
+        outer_radius_m=d.outer_radius_mm * 1e-3,
+        bore_radius_m=d.bore_radius_mm * 1e-3,
+        width_m=d.width_mm * 1e-3,
+        crown_radius_m=d.crown_radius_mm * 1e-3,
+        conductivity_W_mK=d.conductivity_W_mK,
+        density_kg_m3=d.density_kg_m3,
+        specific_heat_J_kgK=d.specific_heat_J_kgK,
+        washer_conductivity_W_mK=w.conductivity_W_mK,
+        washer_thickness_m=w.thickness_mm * 1e-3,
+        junctions={
+            k: Junction(j.depth_mm * 1e-3, j.z_mm * 1e-3, j.angle_deg)
+            for k, j in sorted(tables.thermocouples.items())
+        },
+        conditioning=Conditioning(c.cutoff_Hz, c.poles, c.shape),
+    )
+
+
+def load_rig(path: str | Path | None = None) -> Rig:
+    """Read ``rig.toml``; without a path, the defaults of the design.
+
+    Raises InputError for an unreadable file, an unknown key or a value out of its range.
+
+    >>> round(load_rig().disk_setup("fast").diffusivity_m2_s * 1e5, 2)
+    1.11
+    """
+    if path is None:
+        return parse_rig({}, "rig.toml")
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
+        raise InputError(f"not readable as TOML ({problem})", where=str(path)) from None
+    return parse_rig(data, str(path))
+
+
+def parse_rig(data: dict[str, Any], where: str) -> Rig:
+    """Check the tables of a rig file that is already a dict; ``where`` names it in errors."""
+    common = {k: v for k, v in data.items() if k not in ("fast", "slow")}
+    built: dict[str, RigTables] = {}
+    for name, override in (("common", {}), ("fast", data.get("fast", {})), ("slow", data.get("slow", {}))):
+        if not isinstance(override, dict):
+            raise InputError(f"[{name}] must be a table", where=where)
+        try:
+            built[name] = RigTables.model_validate(_merge(common, override))
+        except ValidationError as problem:
+            first = problem.errors()[0]
+            key = ".".join(str(part) for part in first["loc"]) or "the file"
+            prefix = "" if name == "common" else f"{name}."
+            raise InputError(
+                f"{prefix}{key}: {first['msg']}" + (f" (got {first['input']!r})" if first["loc"] else ""),
+                where=where,
+                remedy="`tcdyn rig --show` lists every key with its default",
+            ) from None
+    return Rig(**built)
+
+
+def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    out = deepcopy(base)
+    for key, value in over.items():
+        if isinstance(value, dict) and isinstance(out.get(key), dict):
+            out[key] = _merge(out[key], value)
+        else:
+            out[key] = deepcopy(value)
+    return out
+
+
+def rig_toml(rig: Rig) -> str:
+    """The rig as TOML text, every key with its value: what ``tcdyn rig --show`` prints."""
+    lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
+    body = rig.common.model_dump()
+    for table in ("disk", "washer", "thermocouples", "contact", "conditioning", "uncertainty", "columns"):
+        lines += _toml_table(table, body[table])
+    for disk in ("fast", "slow"):
+        own = rig.tables(disk).model_dump()
+        for table, values in own.items():
+            changed = {k: v for k, v in values.items() if body[table].get(k) != v}
+            if changed:
+                lines += _toml_table(f"{disk}.{table}", changed)
+    return "\n".join(lines) + "\n"
+
+
+def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
+    lines = ["", f"[{name}]"]
+    for key, value in values.items():
+        if isinstance(value, dict):
+            inner = ", ".join(f"{k} = {_toml_value(v)}" for k, v in value.items())
+            lines.append(f"{key} = {{ {inner} }}")
+        else:
+            lines.append(f"{key} = {_toml_value(value)}")
+    return lines
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return repr(value)

@@ -1,0 +1,1 @@
+"""The plunge test and its physics."""

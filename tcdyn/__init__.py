@@ -1,0 +1,3 @@
+"""Thermocouple dynamics and heat partition."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,142 @@
+"""The measurement chain, junction to log file, as a transfer function in seconds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import signal
+
+from calibration.disk import Conditioning
+from calibration.errors import InputError
+
+if TYPE_CHECKING:
+    import control
+
+Hold = Literal["foh", "zoh"]
+NO_CONDITIONING = Conditioning(poles=0)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s), with G(0) = 1.
+
+    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B.
+
+    >>> Chain((0.6, 0.1), conditioning=Conditioning(4.0, 2)).lag_s.__round__(4)
+    0.7796
+    """
+
+    taus_s: tuple[float, ...]
+    zero_s: float = 0.0
+    delay_s: float = 0.0
+    conditioning: Conditioning = field(default_factory=Conditioning)
+
+    def __post_init__(self) -> None:
+        if any(tau < 0 for tau in self.taus_s) or self.delay_s < 0:
+            raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
+
+    @property
+    def lag_s(self) -> float:
+        """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
+        return self.delay_s + sum(self.taus_s) - self.zero_s + conditioning_lag_s(self.conditioning)
+
+    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Numerator and denominator in descending powers of s, the dead time left out."""
+        num, den = conditioning_polynomials(self.conditioning)
+        if self.zero_s:
+            num = np.polymul(num, [self.zero_s, 1.0])
+        for tau in self.taus_s:
+            if tau > 0:
+                den = np.polymul(den, [tau, 1.0])
+        return np.atleast_1d(num), np.atleast_1d(den)
+
+    def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
+        """The chain as a ``control.TransferFunction``; a dead time enters by its Pade form of ``pade_order``."""
+        import control
+
+        num, den = self.polynomials()
+        if self.delay_s:
+            pade_num, pade_den = control.pade(self.delay_s, pade_order)
+            num, den = np.polymul(num, pade_num), np.polymul(den, pade_den)
+        return control.TransferFunction(num, den)
+
+    def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
+        """G(2 pi i f), dead time exact; same shape as ``frequency_Hz``."""
+        s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
+        num, den = self.polynomials()
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-self.delay_s * s))
+
+    def response(
+        self,
+        u: ArrayLike,
+        dt_s: float,
+        hold: Hold = "foh",
+        initial: Literal["equilibrium", "zero"] = "equilibrium",
+    ) -> NDArray[np.float64]:
+        """What the chain writes for an input sampled every ``dt_s`` seconds.
+
+        ``u`` has shape (N,) or (N, M), one column a channel; the answer has the same shape. Between samples the
+        input is a straight line (``foh``) or held (``zoh``), and the discretisation is exact under that hold. The
+        record starts in equilibrium with its first sample, or from zero.
+        """
+        u = np.asarray(u, dtype=float)
+        start = u[0] if initial == "equilibrium" else np.zeros_like(u[0])
+        x = delayed(u, self.delay_s / dt_s, hold, start)
+        b, a = self.discrete(dt_s, hold)
+        if len(a) == 1:
+            return np.asarray(x * b[0])
+        zi = signal.lfilter_zi(b, a)
+        zi = zi.reshape(-1, *(1,) * (u.ndim - 1)) * start
+        return np.asarray(signal.lfilter(b, a, x, axis=0, zi=zi)[0])
+
+    def discrete(self, dt_s: float, hold: Hold = "foh") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Numerator and denominator in powers of z^-1, exact under ``hold``, dead time left out."""
+        num, den = self.polynomials()
+        if len(den) == 1:
+            return np.array([1.0]), np.array([1.0])
+        system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
+        b, a = signal.ss2tf(*system)
+        return np.asarray(b[0]), np.asarray(a)
+
+    def with_lag_shift(self, shift_s: float) -> Chain:
+        """The same chain with its largest lag longer by ``shift_s`` (never below zero)."""
+        taus = sorted(self.taus_s, reverse=True)
+        return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
+
+
+def conditioning_polynomials(b: Conditioning) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Numerator and denominator of B(s), descending powers of s, unit static gain."""
+    if b.poles == 0:
+        return np.array([1.0]), np.array([1.0])
+    wc = 2 * np.pi * b.cutoff_Hz
+    if b.shape == "cascade":
+        den = np.array([1.0])
+        for _ in range(b.poles):
+            den = np.polymul(den, [1 / wc, 1.0])
+        return np.array([1.0]), den
+    _, den = signal.butter(b.poles, wc, analog=True)
+    return np.array([1.0]), np.asarray(den / den[-1])
+
+
+def conditioning_lag_s(b: Conditioning) -> float:
+    """First moment of B's impulse response [s]."""
+    _, den = conditioning_polynomials(b)
+    return float(den[-2] / den[-1]) if len(den) > 1 else 0.0
+
+
+def delayed(u: NDArray[np.float64], samples: float, hold: Hold, start: ArrayLike) -> NDArray[np.float64]:
+    """``u`` shifted by a continuous number of ``samples``, preceded by ``start``.
+
+    Exact for a straight-line (FOH) input. For a held input (ZOH) the average over each sample of the shifted input
+    is returned, which conserves its integral.
+    """
+    if samples == 0:
+        return u
+    whole = int(np.floor(samples))
+    part = samples - whole
+    padded = np.concatenate([np.broadcast_to(start, (whole + 1, *u.shape[1:])), u])
+    n = len(u)
+    return np.asarray((1 - part) * padded[1 : n + 1] + part * padded[:n])
