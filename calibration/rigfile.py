@@ -183,7 +183,9 @@ def load_rig(path: str | Path | None = None) -> Rig:
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
+        raise InputError(
+            "no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one"
+        ) from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise InputError(f"not readable as TOML ({problem})", where=str(path)) from None
     return parse_rig(data, str(path))
