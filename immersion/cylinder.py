@@ -1,0 +1,173 @@
+"""Radial conduction in a hollow disk heated at its running surface: modes, static profile, exact lag steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import j0, j1, y0, y1
+
+from calibration.disk import DiskSetup
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Bore (no flux) to running surface, one steel, and a leak through the side faces.
+
+    dT/dt = alpha (T_rr + T_r / r) - leak (T - T_fluid),  leak [1/s] = 2 U / (rho c w)
+
+    with U [W/m2K] the coefficient of each side face; zero for faces that are perfectly insulated (section 5.7).
+    """
+
+    inner_radius_m: float
+    outer_radius_m: float
+    conductivity_W_mK: float
+    heat_capacity_J_m3K: float
+    leak_1_s: float = 0.0
+
+    @classmethod
+    def from_setup(cls, setup: DiskSetup, face_W_m2K: float = 0.0) -> Cylinder:
+        """The cylinder of a disk; ``face_W_m2K`` is the heat transfer coefficient through each side face."""
+        rho_c = setup.density_kg_m3 * setup.specific_heat_J_kgK
+        leak = 2 * face_W_m2K / (rho_c * setup.width_m)
+        return cls(setup.bore_radius_m, setup.outer_radius_m, setup.conductivity_W_mK, rho_c, leak)
+
+    @property
+    def diffusivity_m2_s(self) -> float:
+        """alpha = K / (rho c) [m2/s]."""
+        return self.conductivity_W_mK / self.heat_capacity_J_m3K
+
+    @property
+    def mean_rate_K_m2_J(self) -> float:
+        """Rise of the mean temperature per heat through the surface, 2 R_o / (rho c (R_o^2 - R_i^2)) [K m2/J]."""
+        ro, ri = self.outer_radius_m, self.inner_radius_m
+        return 2 * ro / (self.heat_capacity_J_m3K * (ro**2 - ri**2))
+
+    def static_profile(self, r_m: Array) -> Array:
+        """Quasi-steady profile per unit surface flux, zero in the mean [K m2/W].
+
+        S(r) = R_o / (K (R_o^2 - R_i^2)) (r^2/2 - R_i^2 ln r - C): slope 1/K at R_o and zero at R_i.
+        """
+        ro, ri = self.outer_radius_m, self.inner_radius_m
+        area = ro**2 - ri**2
+
+        def shape(r: Array | float) -> Array:
+            return np.asarray(np.asarray(r) ** 2 / 2 - (ri**2 * np.log(np.asarray(r) / ro) if ri > 0 else 0.0))
+
+        log_mean = (-(ri**2) * np.log(ri / ro)) / area - 0.5 if ri > 0 else -0.5
+        mean = (ro**2 + ri**2) / 4 - ri**2 * log_mean
+        return np.asarray(ro / (self.conductivity_W_mK * area) * (shape(r_m) - mean))
+
+    def modes(self, r_m: Array, count: int) -> tuple[Array, Array]:
+        """Rates [1/s], shape (count,), and gains [K m2/W], shape (P, count), of the radial modes but the mean.
+
+        T(r, t) = T_0 + mean part + sum_k g_k(r) L_k q, with L_k the unit-gain lag of rate alpha lambda_k^2 + leak;
+        sum_k g_k(r) = S(r) when nothing leaks.
+        """
+        ro, ri = self.outer_radius_m, self.inner_radius_m
+        lam = np.array(_eigenvalues(ri / ro, count)) / ro
+        r = np.asarray(r_m, dtype=float)[:, None]
+
+        def phi(x: Array | float) -> Array:
+            if ri == 0:
+                return np.asarray(j0(lam * x))
+            return np.asarray(j0(lam * x) * y1(lam * ro) - y0(lam * x) * j1(lam * ro))
+
+        inner = ri**2 * phi(ri) ** 2 if ri > 0 else 0.0
+        norm = (ro**2 * phi(ro) ** 2 - inner) / 2
+        rates = self.diffusivity_m2_s * lam**2 + self.leak_1_s
+        gains = ro * phi(ro) * phi(r) / (self.heat_capacity_J_m3K * norm * rates)
+        return rates, np.asarray(gains)
+
+
+@lru_cache(maxsize=64)
+def _eigenvalues(ratio: float, count: int) -> tuple[float, ...]:
+    """Roots x = lambda R_o of J1(x ratio) Y1(x) - J1(x) Y1(x ratio) = 0 (solid disk: J1(x) = 0)."""
+
+    def f(x: float) -> float:
+        return float(j1(x)) if ratio == 0 else float(j1(x * ratio) * y1(x) - j1(x) * y1(x * ratio))
+
+    step = np.pi / (1 - ratio) / 8
+    roots: list[float] = []
+    x = step / 2
+    while len(roots) < count:
+        if f(x) * f(x + step) < 0:
+            roots.append(brentq(f, x, x + step, xtol=1e-12))
+        x += step
+    return tuple(roots)
+
+
+def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Exact step of a unit-gain lag under a linear input: y+ = decay y + old u + new u+, each of the shape of ``dt_s``.
+
+    A complex ``rate`` (one pole of a Butterworth filter) gives complex weights.
+    """
+    x = rate * np.asarray(dt_s, dtype=float)
+    decay = np.exp(-x)
+    small = np.abs(x) < 1e-4
+    safe = np.where(small, 1.0, x)
+    mean = np.where(small, 1 - x / 2 + x**2 / 6, (1 - np.exp(-safe)) / safe)
+    return decay, mean - decay, 1 - mean
+
+
+def lag_matrix(t_s: Array, rate: float) -> Array:
+    """The unit-gain lag of ``rate`` [1/s] on a grid: lower triangular (n, n), y = L u with u linear between knots.
+
+    u is zero before t_s[0] (a step of u[0] there) and y(t_s[0]) = 0. Exact for a piecewise linear u.
+    """
+    _, old, new = lag_step(np.diff(t_s), rate)
+    decay = np.exp(-rate * np.clip(t_s[:, None] - t_s[None, 1:], 0.0, None))
+    decay *= t_s[:, None] >= t_s[None, 1:] - 1e-12
+    out = np.zeros((len(t_s), len(t_s)))
+    out[:, :-1] += decay * old
+    out[:, 1:] += decay * new
+    return out
+
+
+def integral_matrix(t_s: Array) -> Array:
+    """Running trapezoid integral on a grid, lower triangular (n, n) [s]."""
+    dt = np.diff(t_s)
+    lower = (t_s[:, None] >= t_s[None, 1:] - 1e-12).astype(float)
+    out = np.zeros((len(t_s), len(t_s)))
+    out[:, :-1] += lower * dt / 2
+    out[:, 1:] += lower * dt / 2
+    return out
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What a surface flux known on a time grid does to chosen radii: T = T_0 + matrix[p] @ q + bath[p] (leak part)."""
+
+    t_s: Array
+    r_m: Array
+    matrix: Array  # (P, n, n) [K m2/W]
+    leak: Array  # (n, n): share of the bath's rise over T_0 that leaks in; zero when nothing leaks
+
+
+def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> Influence:
+    """Influence matrices of ``cylinder`` at radii ``r_m`` (P,) on the grid ``t_s`` (n,), t_s[0] the entry.
+
+    The first ``modes`` modes are stepped exactly; the rest follow the flux at once with the exact static gain.
+    """
+    rates, gains = cylinder.modes(r_m, modes)
+    n = len(t_s)
+    direct = cylinder.static_profile(r_m) - gains.sum(axis=1)
+    stack = np.empty((modes + 2, n * n))
+    for k, rate in enumerate(rates):
+        stack[k] = lag_matrix(t_s, rate).ravel()
+    leak = cylinder.leak_1_s
+    if leak > 0:
+        share = lag_matrix(t_s, leak)
+        stack[modes] = (share / leak).ravel()
+    else:
+        share = np.zeros((n, n))
+        stack[modes] = integral_matrix(t_s).ravel()
+    stack[modes + 1] = np.eye(n).ravel()
+    weights = np.column_stack([gains, np.full(len(r_m), cylinder.mean_rate_K_m2_J), direct])
+    return Influence(t_s, np.asarray(r_m, dtype=float), (weights @ stack).reshape(len(r_m), n, n), share)

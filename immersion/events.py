@@ -1,0 +1,188 @@
+"""When the disk entered the bath: the hand-pressed switch and the free thermocouple, reconciled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from calibration.errors import InputError
+
+Array = NDArray[np.float64]
+SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
+PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
+NEVER = "never moved"
+
+
+@dataclass(frozen=True)
+class EntryEvent:
+    """The instant of entry [s] on the record's clock, its standard uncertainty, and what it rests on."""
+
+    time_s: float
+    u_s: float
+    switch_s: float | None
+    probe_s: float | None
+    source: str
+    warnings: tuple[str, ...] = ()
+
+
+def switch_time(time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0) -> tuple[float | None, bool]:
+    """First closing of a switch [s] and whether it bounced; None when it never moved.
+
+    Held or momentary alike: the event is the first rise through one half. Further rises within ``hold_off_s`` are
+    bounce. A rise seen in a sample happened, on the average, half a sample earlier: that is the time given back.
+    """
+    t = np.asarray(time_s, dtype=float)
+    on = np.nan_to_num(np.asarray(switch, dtype=float), nan=0.0) > 0.5
+    rises = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+    if rises.size == 0:
+        return None, False
+    first = int(rises[0])
+    bounced = bool(np.any(t[rises[1:]] - t[first] < hold_off_s))
+    return float((t[first - 1] + t[first]) / 2), bounced
+
+
+def probe_time(time_s: ArrayLike, probe_degC: ArrayLike, fluid_degC: ArrayLike | None = None) -> float | None:
+    """Instant at which the free thermocouple began its jump into the bath [s]; None when it never jumps.
+
+    The jump is found where the probe has covered half of its way; a straight line through the samples from 5 to 50 %
+    of the way is carried back to the level before. A first-order probe starts on its steepest slope, so the line
+    meets the level within a small part of its time constant of the true instant.
+    """
+    t = np.asarray(time_s, dtype=float)
+    y = np.asarray(probe_degC, dtype=float)
+    good = np.isfinite(y)
+    if good.sum() < 20:
+        return None
+    t, y = t[good], y[good]
+    smooth = _median3(y)
+    edge = max(len(y) // 50, 5)
+    low = float(np.median(smooth[:edge]))
+    if fluid_degC is None:
+        high = float(np.median(smooth[-edge:]))
+    else:
+        high = float(np.nanmedian(np.asarray(fluid_degC, dtype=float)))
+    step = high - low
+    if abs(step) < 3.0:
+        return None
+    way = (smooth - low) / step
+    half = np.flatnonzero((way[:-1] >= 0.5) & (way[1:] >= 0.5))
+    if half.size == 0:
+        return None
+    top = int(half[0])
+    below = np.flatnonzero(way[:top] < 0.05)
+    if below.size == 0:
+        return None
+    start = int(below[-1])
+    before = t >= t[start] - 10.0
+    before &= t < t[start] - 2 * (t[1] - t[0])
+    level = float(np.median(y[before])) if before.sum() >= 5 else low
+    if top - start < 2:
+        return float((t[start] + t[min(start + 1, len(t) - 1)]) / 2)
+    rows = slice(start, top + 1)
+    slope, intercept = np.polyfit(t[rows] - t[start], smooth[rows], 1)
+    if slope * step <= 0:
+        return float(t[start])
+    return float(np.clip(t[start] + (level - intercept) / slope, t[start] - 1.0, t[top]))
+
+
+def reconcile_entry(
+    switch_s: float | None,
+    probe_s: float | None,
+    *,
+    bounced: bool = False,
+    switch_u_s: float = SWITCH_U_S,
+    probe_u_s: float = PROBE_U_S,
+    sample_s: float = 1 / 75,
+    where: str = "",
+) -> EntryEvent:
+    """One instant from two witnesses, weighted by their variances; the uncertainty is widened when they disagree.
+
+    With d the difference and u_d its standard uncertainty: beyond 2 u_d the result's u grows by |d|/(2 u_d); beyond
+    3 s (and 6 u_d) they contradict each other and InputError is raised. One witness alone serves, with a warning.
+    """
+    su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
+    pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
+    warnings = ["the entry switch bounced; its first closing was taken"] if bounced else []
+    if switch_s is None and probe_s is None:
+        raise InputError(
+            "no entry found: the switch never closes and the probe never jumps",
+            where=where,
+            expected="column switch to go to 1, or probe_degC to rise by 3 K or more, at entry",
+            remedy="give the entry time by hand",
+        )
+    if switch_s is None:
+        assert probe_s is not None
+        warnings.append("the entry switch never moved; the free thermocouple alone gives the entry time")
+        return EntryEvent(probe_s, 2 * pu, None, probe_s, "probe", tuple(warnings))
+    if probe_s is None:
+        warnings.append("the free thermocouple shows no jump; the switch alone gives the entry time")
+        return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(warnings))
+    difference, u_difference = abs(switch_s - probe_s), float(np.hypot(su, pu))
+    if difference > max(3.0, 6 * u_difference):
+        raise InputError(
+            f"switch and free thermocouple put the entry at {switch_s:.2f} s and {probe_s:.2f} s",
+            where=where,
+            expected="agreement within 3 s",
+            remedy="see which one is wrong and leave its column out",
+        )
+    weight = su**-2 / (su**-2 + pu**-2)
+    u = (su**-2 + pu**-2) ** -0.5
+    if difference > 2 * u_difference:
+        u *= difference / (2 * u_difference)
+        warnings.append(
+            f"switch and free thermocouple differ by {difference:.2f} s at entry; the uncertainty was widened to {u:.2f} s"
+        )
+    time = weight * switch_s + (1 - weight) * probe_s
+    return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(warnings))
+
+
+def find_entry(
+    time_s: ArrayLike,
+    switch: ArrayLike | None,
+    probe_degC: ArrayLike | None,
+    fluid_degC: ArrayLike | None = None,
+    where: str = "",
+) -> EntryEvent:
+    """The entry event of a log; either witness may be missing (None or all NaN)."""
+    t = np.asarray(time_s, dtype=float)
+    moved, bounced = (None, False) if switch is None else switch_time(t, switch)
+    jumped = None if probe_degC is None else probe_time(t, probe_degC, fluid_degC)
+    return reconcile_entry(moved, jumped, bounced=bounced, sample_s=float(np.median(np.diff(t))), where=where)
+
+
+def useful_end(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike, entry_s: float) -> float:
+    """End of the useful record [s]: the disk within 2 % of the bath, or taken out of it, or the record's last sample.
+
+    ``readings_degC`` (N, C). Taken out: the mean reading falls away from the bath by more than 2 % of the initial
+    difference after having come nearer; noise is put down by one-second means.
+    """
+    t = np.asarray(time_s, dtype=float)
+    y = np.nanmean(np.atleast_2d(np.asarray(readings_degC, dtype=float).T), axis=0)
+    gap = np.asarray(fluid_degC, dtype=float) - y
+    after = t >= entry_s
+    if after.sum() < 2:
+        return float(t[-1])
+    window = max(int(round(1.0 / float(np.median(np.diff(t))))), 1)
+    kernel = np.ones(window) / window
+    smooth = np.convolve(gap[after], kernel, mode="valid")
+    times = t[after][: len(smooth)] + 0.5
+    if smooth.size < 2:
+        return float(t[-1])
+    start = float(smooth[0])
+    share = smooth / start if start else smooth
+    reached = np.flatnonzero(share < 0.02)
+    best = np.minimum.accumulate(share)
+    left = np.flatnonzero(share > best + 0.02)
+    ends = [float(t[-1])]
+    if reached.size:
+        ends.append(float(times[reached[0]]))
+    if left.size:
+        ends.append(float(times[int(np.argmin(share[: left[0]]))]))
+    return min(ends)
+
+
+def _median3(y: Array) -> Array:
+    stacked = np.stack([np.r_[y[:1], y[:-1]], y, np.r_[y[1:], y[-1:]]])
+    return np.asarray(np.median(stacked, axis=0))

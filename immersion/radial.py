@@ -1,0 +1,107 @@
+"""The plunged disk: surface temperature and heat flux in time, and the temperature at each junction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_triangular
+
+from calibration.errors import InputError
+from immersion.cylinder import Cylinder, influence
+
+Array = NDArray[np.float64]
+FluxLaw = Callable[[Array], Array]  # surface temperature on the grid [degC] -> flux into the disk [W/m2]
+
+
+def plunge_grid(duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0) -> Array:
+    """Times after entry [s]: ``first_s`` apart in the first second, then ever wider up to ``longest_s``.
+
+    >>> grid = plunge_grid(300.0)
+    >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
+    True
+    """
+    times = [0.0, first_s / 8, first_s / 4, first_s / 2]
+    t = first_s
+    while t < duration_s:
+        times.append(t)
+        t += min(first_s + growth * max(t - 1.0, 0.0), longest_s)
+    times.append(max(t, duration_s))
+    return np.array(times)
+
+
+def solve_surface(
+    own: Array, offset: Array, law: FluxLaw, *, tolerance_K: float = 1e-7, limit: int = 40
+) -> tuple[Array, Array, Array]:
+    """Solve T_s = offset + own @ q, q = law(T_s) on the grid (a Volterra equation) by Newton.
+
+    ``own`` (n, n) is the surface's influence matrix, lower triangular. Returns T_s [degC], q [W/m2] and dq/dT_s, each
+    (n,). The law's derivative is a central difference of 0.01 K; each Newton step is a triangular solve.
+    Raises InputError when it does not converge (a law that is not a cooling law).
+    """
+    surface = np.array(offset, dtype=float)
+    q = np.zeros_like(surface)
+    slope = q
+    for _ in range(limit):
+        up, down = law(surface + 0.01), law(surface - 0.01)
+        slope = (up - down) / 0.02
+        # law is linearised about surface: q = middle + slope (offset + own q - surface)
+        middle = (up + down) / 2
+        matrix = np.eye(len(q)) - slope[:, None] * own
+        q = solve_triangular(matrix, middle + slope * (offset - surface), lower=True, check_finite=False)
+        new = offset + own @ q
+        change = float(np.max(np.abs(new - surface)))
+        surface = new
+        if not np.isfinite(change):
+            break
+        if change < tolerance_K:
+            return surface, q, slope
+    raise InputError("the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry")
+
+
+@dataclass(frozen=True)
+class Plunge:
+    """A simulated plunge: time after entry (n,), surface temperature, flux, h, and temperature at P depths (n, P)."""
+
+    t_s: Array
+    surface_degC: Array
+    flux_W_m2: Array
+    h_W_m2K: Array
+    junction_degC: Array
+    depth_m: Array
+
+    def at(self, time_s: ArrayLike, entry_s: float) -> Array:
+        """Junction temperatures (N, P) at ``time_s`` of a record whose entry was at ``entry_s``; initial before."""
+        t = np.asarray(time_s, dtype=float) - entry_s
+        return np.column_stack([np.interp(t, self.t_s, column) for column in self.junction_degC.T])
+
+
+def simulate_plunge_model(
+    cylinder: Cylinder,
+    depth_m: ArrayLike,
+    h_W_m2K: Callable[[Array, Array, Array], Array],
+    initial_degC: float,
+    fluid_degC: float | Callable[[Array], Array],
+    duration_s: float,
+    *,
+    grid_s: Array | None = None,
+    modes: int = 24,
+) -> Plunge:
+    """Temperatures of a disk plunged at t = 0 into a bath, conduction exact, h following the surface temperature.
+
+    K dT/dr = h(T_s, T_f, t) (T_f - T_s) at R_o, dT/dr = 0 at the bore. ``h_W_m2K(T_s, T_f, t)`` works on arrays (n,);
+    ``fluid_degC`` is a number or a function of time after entry (bath drift). Junctions lie ``depth_m`` (P,) below the
+    surface. Time is graded: fine at entry, seconds later on (``plunge_grid``).
+    """
+    t = plunge_grid(duration_s) if grid_s is None else np.asarray(grid_s, dtype=float)
+    depths = np.asarray(depth_m, dtype=float)
+    radii = cylinder.outer_radius_m - np.concatenate([[0.0], depths])
+    inf = influence(cylinder, radii, t, modes)
+    fluid = np.asarray(fluid_degC(t) if callable(fluid_degC) else np.full(len(t), float(fluid_degC)))
+    leaked = inf.leak @ (fluid - initial_degC)
+    offset = initial_degC + leaked
+    surface, q, _ = solve_surface(inf.matrix[0], offset, lambda T: h_W_m2K(T, fluid, t) * (fluid - T))
+    junctions = offset[:, None] + np.einsum("pij,j->ip", inf.matrix[1:], q)
+    return Plunge(t, surface, q, h_W_m2K(surface, fluid, t), junctions, depths)
