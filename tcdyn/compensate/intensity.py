@@ -1,0 +1,128 @@
+"""The intensity of the slope noise by likelihood: per segment, and in bursts at the events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal.windows import hann
+
+from tcdyn.chain import Chain
+from tcdyn.compensate.model import Stretch, likelihood
+from tcdyn.compensate.profile import Burst, Intensity
+
+Array = NDArray[np.float64]
+LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
+DECAYS_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+AFTER_S = 30.0  # length of the window in which a burst is sought
+FLOOR = 1e-9  # lowest corner intensity, in noise variances per second cubed: below it nothing is left to smooth
+
+
+def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
+    """Level q [K2/s3] of a long quiet stretch ``y (N,)`` by Whittle's likelihood at a given noise variance.
+
+    Expected periodogram: noise_var + q |G|^2 / (w^4 dt), Hann taper, straight line removed.
+    """
+    n = len(y)
+    t = np.linspace(-1, 1, n)
+    taper = hann(n, sym=False)
+    taper /= np.sqrt(np.sum(taper**2))
+    power = np.abs(np.fft.rfft((y - np.polyval(np.polyfit(t, y, 1), t)) * taper)) ** 2
+    f = np.fft.rfftfreq(n, dt_s)
+    keep = slice(3, int(0.45 * n))
+    power, w = power[keep], 2 * np.pi * f[keep]
+    shape = np.abs(chain.frequency_response(f[keep])) ** 2 / (w**4 * dt_s)
+    logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
+    for _ in range(3):
+        cost = [np.sum(np.log(e) + power / e) for e in (noise_var + np.exp(v) * shape for v in logs)]
+        best = int(np.argmin(cost))
+        logs = np.linspace(logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)], 9)
+    return float(np.exp(logs[4]))
+
+
+def exact_levels(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple[Array, Array]:
+    """Level q (M,) [K2/s3] and noise variance (M,) of a short stretch by the exact likelihood, noise profiled out."""
+    logs = np.tile(np.linspace(np.log(FLOOR), np.log(1e8), 14), (len(noise_var), 1))
+    for _ in range(3):
+        proposed = [[Intensity.constant(v * r) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
+        value, ratio = likelihood(stretch, noise_var, proposed)
+        if not noise_known:
+            used = (stretch.weight > 0).sum(axis=0)[:, None]
+            free = used - 2 - len(stretch.events_s)
+            value = value + 0.5 * ratio * free - 0.5 * free * (1 + np.log(np.maximum(ratio, 1e-12)))
+        best = np.argmax(value, axis=1)
+        rows = np.arange(len(best))
+        scale = np.ones(len(best)) if noise_known else ratio[rows, best]
+        step = logs[:, 1] - logs[:, 0]
+        top = logs[rows, best]
+        logs = np.clip(top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7), np.log(FLOOR), None)
+    return np.exp(top) * noise_var * scale, noise_var * scale
+
+
+def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tuple[list[Intensity], Array]:
+    """The intensity of each channel and its noise variance (M,), both by likelihood.
+
+    Segments lie between events. Long ones get their level from the spectrum beyond the burst that follows an event,
+    short ones from the exact likelihood; then each event gets the burst that the samples around it make likely.
+    """
+    n, dt = len(stretch.y), stretch.dt_s
+    cuts = [0, *sorted({int(np.ceil(e / dt)) for e in stretch.events_s if 0 < e < stretch.end_s}), n]
+    starts = [k * dt for k in cuts[:-1]]
+    levels = np.full((len(cuts) - 1, len(noise_var)), np.nan)
+    if n < LONG and len(cuts) == 2:
+        levels[0], noise_var = exact_levels(stretch, noise_var, noise_known)
+    else:
+        for k, (a, b) in enumerate(zip(cuts[:-1], cuts[1:])):
+            skip = 0 if k == 0 else int(min(AFTER_S / dt, (b - a) / 2))
+            if b - a - skip < 64:
+                continue
+            if b - a - skip >= LONG:
+                for c, chain in enumerate(stretch.chains):
+                    levels[k, c] = spectral_level(stretch.y[a + skip : b, c], dt, chain, noise_var[c])
+            else:
+                levels[k], _ = exact_levels(stretch.window(a + skip, b, ()), noise_var, True)
+        levels = _filled(levels, noise_var)
+    chosen = [Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])]
+    for event in stretch.events_s:
+        chosen = _with_burst(stretch, noise_var, chosen, event)
+    return chosen, noise_var
+
+
+def _filled(levels: Array, noise_var: Array) -> Array:
+    """Segments too short to have a level of their own take the largest of the others."""
+    known = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
+    known = np.where(np.isfinite(known), known, noise_var)
+    return np.where(np.isfinite(levels), levels, known)
+
+
+def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], event: float) -> list[Intensity]:
+    dt, n = stretch.dt_s, len(stretch.y)
+    lag = max(s.lag_s for s in stretch.sensors)
+    others = [e for e in stretch.events_s if e != event]
+    before = max([e for e in others if e < event], default=0.0)
+    after = min([e for e in others if e > event], default=stretch.end_s)
+    a = int(max(before, event - 10.0 - 5 * lag) / dt)
+    b = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
+    window = stretch.window(a, b, (event,))
+    shift, best = a * dt, [(0.0, 1.0)] * len(chosen)
+    logs: Array = np.tile(np.linspace(0, np.log(1e9), 10), (len(chosen), 1))
+    base = [Intensity(tuple(s - shift for s in q.starts_s), q.levels) for q in chosen]
+    floor = np.array([float(q.at(event)) for q in chosen])
+    decays = [DECAYS_S] * len(chosen)
+    for round_ in range(2):
+        tried = [
+            [(0.0, 1.0), *((f * np.exp(v), d) for d in ds for v in row)] for f, row, ds in zip(floor, logs, decays)
+        ]
+        proposed = [
+            [replace(q, bursts=(Burst(event - shift, h, d),) if h else ()) for h, d in pairs]
+            for q, pairs in zip(base, tried)
+        ]
+        value, _ = likelihood(window, noise_var, proposed)
+        best = [pairs[k] for pairs, k in zip(tried, np.argmax(value, axis=1))]
+        if round_ == 0:
+            top = np.log([max(h / f, 1.0) for (h, _), f in zip(best, floor)])
+            logs = top[:, None] + np.linspace(-2.0, 2.0, 5)
+            decays = [(d / 1.6, d, d * 1.6) for _, d in best]
+    return [replace(q, bursts=(*q.bursts, Burst(event, h, d))) if h else q for q, (h, d) in zip(chosen, best)]

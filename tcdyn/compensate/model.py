@@ -1,0 +1,125 @@
+"""From samples, chains and intensities to a sweep: the model of one stretch of record."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcdyn.chain import Chain
+from tcdyn.compensate.grid import FINE, Grid, corner_rad_s, gather, make_grid, transitions
+from tcdyn.compensate.profile import Intensity
+from tcdyn.compensate.sensor import Sensor
+from tcdyn.compensate.sweep import Filtered, Problem, forward
+
+Array = NDArray[np.float64]
+DIFFUSE = (
+    10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
+)
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Samples ``y (N, M)`` (finite; weight 0 where missing) every ``dt_s``, their chains and event times [s]."""
+
+    y: Array
+    weight: Array
+    dt_s: float
+    chains: tuple[Chain, ...]
+    sensors: tuple[Sensor, ...]
+    events_s: tuple[float, ...]
+
+    @property
+    def end_s(self) -> float:
+        return (len(self.y) - 1) * self.dt_s
+
+    @property
+    def start_s(self) -> float:
+        longest = max(s.delay_s for s in self.sensors)
+        return -float(np.ceil(longest / self.dt_s - 1e-9)) * self.dt_s
+
+    def window(self, first: int, last: int, events: Sequence[float] | None = None) -> Stretch:
+        """Samples first..last-1 as a stretch of its own, its clock starting at zero."""
+        shift = first * self.dt_s
+        kept = self.events_s if events is None else events
+        length = (last - first) * self.dt_s
+        inside = tuple(e - shift for e in kept if 0 <= e - shift < length)
+        return Stretch(self.y[first:last], self.weight[first:last], self.dt_s, self.chains, self.sensors, inside)
+
+
+def grid_for(stretch: Stretch, intensities: Sequence[Sequence[Intensity]], noise_var: Array) -> Grid:
+    """A grid fine enough for every intensity proposed for every channel (outer sequence: channels)."""
+    start, end, dt = stretch.start_s, stretch.end_s, stretch.dt_s
+    times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
+    for event in stretch.events_s:
+        after = event + np.geomspace(0.1 * dt, max(end - event, dt), 60)
+        times += [np.array([event - 1e-6 * dt, event]), after[after < end]]
+    t = np.unique(np.concatenate(times))
+    cell = np.full(len(t), np.inf)
+    for chain, proposed, var in zip(stretch.chains, intensities, noise_var):
+        most = np.max([q.at(t) for q in proposed], axis=0)
+        cell = np.minimum(cell, FINE / corner_rad_s(chain, most / (var * dt)))
+    return make_grid(start, end, dt, stretch.events_s, lambda at: float(np.interp(at, t, cell)))
+
+
+def problem_for(
+    stretch: Stretch,
+    grid: Grid,
+    noise_var: Array,
+    intensities: Sequence[Sequence[Intensity]],
+    jumps: Sequence[bool] | None = None,
+) -> Problem:
+    """The sweep for channels times proposals, batch index = channel * proposals + proposal."""
+    proposals = len(intensities[0])
+    dt = stretch.dt_s
+    jumps = [True] * len(stretch.events_s) if jumps is None else jumps
+    information, score, mean0, cov0, slope_var = [], [], [], [], []
+    for c, s in enumerate(stretch.sensors):
+        w = stretch.weight[:, c] / noise_var[c]
+        info_c, score_c = gather(grid, s, stretch.y[:, c], w, dt)
+        seen = stretch.y[stretch.weight[:, c] > 0, c]
+        level, span = (float(seen[0]), float(np.ptp(seen))) if len(seen) else (0.0, 1.0)
+        span = max(span, 10 * float(np.sqrt(noise_var[c])))
+        ramp = s.ramp()
+        wide = np.array([DIFFUSE * span, DIFFUSE * span / (s.lag_s + 4 * dt)]) ** 2
+        for q in intensities[c]:
+            mean0.append(level * ramp[:, 0])
+            cov0.append(ramp * wide @ ramp.T + float(q.at(0.0)) * s.ramp_scatter())
+            inside = q.between(grid.knots_s)
+            at_knot = 0.5 * (inside + np.concatenate([[0.0], inside[:-1]]))
+            for number, jump in enumerate(jumps, start=1):
+                if jump:
+                    at_knot[grid.event == number] += wide[1]
+            slope_var.append(at_knot)
+        information += [info_c] * proposals
+        score += [score_c] * proposals
+    across = np.repeat(transitions(grid, stretch.sensors), proposals, axis=1)
+    return Problem(
+        np.array(mean0),
+        np.array(cov0),
+        across,
+        grid.kind,
+        np.stack(information, axis=1),
+        np.stack(score, axis=1),
+        np.stack(slope_var, axis=1),
+    )
+
+
+def likelihood(
+    stretch: Stretch,
+    noise_var: Array,
+    intensities: Sequence[Sequence[Intensity]],
+    jumps: Sequence[bool] | None = None,
+) -> tuple[Array, Array]:
+    """Log likelihood (M, proposals) at the given noise, and the ratio by which each would scale the noise variance."""
+    grid = grid_for(stretch, intensities, noise_var)
+    done: Filtered = forward(problem_for(stretch, grid, noise_var, intensities, jumps), keep=False)
+    shape = (len(intensities), -1)
+    used = (stretch.weight > 0).sum(axis=0)
+    squares = (stretch.weight * stretch.y**2).sum(axis=0) / noise_var
+    total = done.quad.reshape(shape) + squares[:, None]
+    free = np.maximum(used - 2 - len(stretch.events_s), 1)[:, None]
+    value = -0.5 * (done.log_det.reshape(shape) + total + (used * np.log(noise_var))[:, None])
+    return value, total / free
