@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,8 @@ from calibration.errors import InputError
 if TYPE_CHECKING:
     import control
 
+    from tcdyn.identify.realise import Rational
+
 Hold = Literal["foh", "zoh"]
 NO_CONDITIONING = Conditioning(poles=0)
 
@@ -23,7 +25,10 @@ NO_CONDITIONING = Conditioning(poles=0)
 class Chain:
     """G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s), with G(0) = 1.
 
-    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B.
+    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B. Two more factors are
+    there when asked for: ``pair`` = (Tw [s], zeta) divides by 1 + 2 zeta Tw s + (Tw s)^2 (complex poles), and
+    ``cement_s`` divides by cosh(sqrt(cement s)): heat diffusing through a layer of cement of diffusion time
+    ``cement_s`` = thickness^2/diffusivity onto an insulated junction, a half-order lag with first moment cement/2.
 
     >>> Chain((0.6, 0.1), conditioning=Conditioning(4.0, 2)).lag_s.__round__(4)
     0.7796
@@ -33,30 +38,45 @@ class Chain:
     zero_s: float = 0.0
     delay_s: float = 0.0
     conditioning: Conditioning = field(default_factory=Conditioning)
+    pair: tuple[float, float] | None = None
+    cement_s: float = 0.0
 
     def __post_init__(self) -> None:
         if any(tau < 0 for tau in self.taus_s) or self.delay_s < 0:
             raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
+        if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
+            raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
 
     @property
     def lag_s(self) -> float:
         """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
-        return self.delay_s + sum(self.taus_s) - self.zero_s + conditioning_lag_s(self.conditioning)
+        own = self.delay_s + sum(self.taus_s) - self.zero_s + self.cement_s / 2
+        if self.pair is not None:
+            own += 2 * self.pair[1] * self.pair[0]
+        return own + conditioning_lag_s(self.conditioning)
 
     def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in descending powers of s, the dead time left out."""
+        num: NDArray[Any]
+        den: NDArray[Any]
         num, den = conditioning_polynomials(self.conditioning)
         if self.zero_s:
             num = np.polymul(num, [self.zero_s, 1.0])
         for tau in self.taus_s:
             if tau > 0:
                 den = np.polymul(den, [tau, 1.0])
+        if self.pair is not None:
+            den = np.polymul(den, [self.pair[0] ** 2, 2 * self.pair[1] * self.pair[0], 1.0])
+        for share in cement_lags() if self.cement_s else ():
+            den = np.polymul(den, [self.cement_s * share, 1.0])
         return np.atleast_1d(num), np.atleast_1d(den)
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The chain as a ``control.TransferFunction``; a dead time enters by its Pade form of ``pade_order``."""
         import control
 
+        num: NDArray[Any]
+        den: NDArray[Any]
         num, den = self.polynomials()
         if self.delay_s:
             pade_num, pade_den = control.pade(self.delay_s, pade_order)
@@ -66,8 +86,9 @@ class Chain:
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
         """G(2 pi i f), dead time exact; same shape as ``frequency_Hz``."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        num, den = self.polynomials()
-        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * np.exp(-self.delay_s * s))
+        num, den = replace(self, cement_s=0.0).polynomials()
+        cement = 1 / np.cosh(np.sqrt(self.cement_s * s))
+        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * cement * np.exp(-self.delay_s * s))
 
     def response(
         self,
@@ -79,18 +100,35 @@ class Chain:
         """What the chain writes for an input sampled every ``dt_s`` seconds.
 
         ``u`` has shape (N,) or (N, M), one column a channel; the answer has the same shape. Between samples the
-        input is a straight line (``foh``) or held (``zoh``), and the discretisation is exact under that hold. The
-        record starts in equilibrium with its first sample, or from zero.
+        input is a straight line (``foh``) or held (``zoh``); lags and dead time, whole samples or not, are exact under
+        that hold. The record starts in equilibrium with its first sample, or from zero.
         """
+        from tcdyn.identify.realise import realise
+        from tcdyn.identify.simulate import simulate_rows
+
         u = np.asarray(u, dtype=float)
-        start = u[0] if initial == "equilibrium" else np.zeros_like(u[0])
-        x = delayed(u, self.delay_s / dt_s, hold, start)
-        b, a = self.discrete(dt_s, hold)
-        if len(a) == 1:
-            return np.asarray(x * b[0])
-        zi = signal.lfilter_zi(b, a)
-        zi = zi.reshape(-1, *(1,) * (u.ndim - 1)) * start
-        return np.asarray(signal.lfilter(b, a, x, axis=0, zi=zi)[0])
+        system = realise(self.rational(), sensitivities=False)
+        table = u.reshape(len(u), -1)
+        answers = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
+        return np.stack(answers, axis=1).reshape(u.shape)
+
+    def rational(self) -> Rational:
+        """The chain as factors, the form that the identification's exact simulation takes."""
+        from tcdyn.identify.realise import Factor, Rational
+
+        _, den = conditioning_polynomials(self.conditioning)
+        factors = [Factor.lag(tau) for tau in self.taus_s if tau > 0]
+        if self.pair is not None:
+            factors.append(Factor.polynomial(np.array([1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2])))
+        if self.cement_s:
+            factors += [Factor.lag(self.cement_s * share) for share in cement_lags()]
+        if self.conditioning.shape == "cascade":
+            cutoff = 2 * np.pi * self.conditioning.cutoff_Hz
+            factors += [Factor.lag(1 / cutoff)] * self.conditioning.poles
+        elif len(den) > 1:
+            factors.append(Factor.polynomial(den[::-1]))
+        num = np.array([1.0, self.zero_s] if self.zero_s else [1.0])
+        return Rational(num, tuple(factors), self.delay_s)
 
     def discrete(self, dt_s: float, hold: Hold = "foh") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in powers of z^-1, exact under ``hold``, dead time left out."""
@@ -103,8 +141,18 @@ class Chain:
 
     def with_lag_shift(self, shift_s: float) -> Chain:
         """The same chain with its largest lag longer by ``shift_s`` (never below zero)."""
-        taus = sorted(self.taus_s, reverse=True)
+        taus = sorted(self.taus_s, reverse=True) or [0.0]
         return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
+
+
+def cement_lags() -> tuple[float, ...]:
+    """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the rest in three equal lags.
+
+    cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first moment. Four poles and
+    the rest keep the step response within 2e-3 of the exact one.
+    """
+    shares = [1 / ((k - 0.5) ** 2 * np.pi**2) for k in range(1, 5)]
+    return (*shares, *[(0.5 - sum(shares)) / 3] * 3)
 
 
 def conditioning_polynomials(b: Conditioning) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

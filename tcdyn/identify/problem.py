@@ -1,0 +1,210 @@
+"""The fitting problem: parameters in a vector, runs cut at missing inputs, residuals with their exact Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from calibration.errors import InputError
+from tcdyn.identify.data import IOData, Run
+from tcdyn.identify.models import Model
+from tcdyn.identify.realise import Array, Rational, Realisation, realise
+from tcdyn.identify.simulate import free_rows, simulate_rows
+
+Initial = Literal["equilibrium", "zero", "estimated"]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured."""
+
+    u: Array
+    y: Array
+    seen: np.ndarray
+    run: int
+    start_s: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One input, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
+    the offset(s), then the initial states of every segment when they are estimated."""
+
+    model: Model
+    segments: tuple[Segment, ...]
+    dt_s: float
+    hold: Literal["zoh", "foh"]
+    initial: Initial
+    time_scale_s: float = 1.0
+
+    @property
+    def n_model(self) -> int:
+        """Free model parameters."""
+        return len(self.model.free)
+
+    @property
+    def n_offsets(self) -> int:
+        """Free output offsets."""
+        return {"free": 1, "per run": len(self.segments), "none": 0}[self.model.offset]
+
+    @property
+    def n_states(self) -> int:
+        """Free initial-state coefficients of one segment."""
+        if self.initial != "estimated":
+            return 0
+        return self.model.order + self.model.integrators + len(self.model.known.den) - 1
+
+    @property
+    def size(self) -> int:
+        """Length of x."""
+        return self.n_model + self.n_offsets + self.n_states * len(self.segments)
+
+    @property
+    def n_seen(self) -> int:
+        """Measured output samples."""
+        return int(sum(s.seen.sum() for s in self.segments))
+
+    def theta(self, x: Array) -> dict[str, float]:
+        """All model parameters by name."""
+        values = {n: float(np.exp(v)) if self.model.positive(n) else float(v) for n, v in zip(self.model.free, x)}
+        return self.model.full(values)
+
+    def vector(self, theta: Mapping[str, float]) -> Array:
+        """x for the model parameters; offsets and initial states zero."""
+        x = np.zeros(self.size)
+        for i, n in enumerate(self.model.free):
+            x[i] = np.log(max(theta[n], 1e-12)) if self.model.positive(n) else theta[n]
+        return x
+
+    def natural_scale(self, x: Array) -> Array:
+        """d(natural parameter)/dx along the diagonal."""
+        scale = np.ones(self.size)
+        for i, n in enumerate(self.model.free):
+            if self.model.positive(n):
+                scale[i] = np.exp(x[i])
+        return scale
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
+        lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        length = max(len(s.u) for s in self.segments) * self.dt_s
+        for i, n in enumerate(self.model.free):
+            if n == "Td":
+                lower[i], upper[i] = 0.0, self.model.delay_max_s or 0.5 * length
+            elif n == "Zeta":
+                lower[i], upper[i] = np.log(1e-3), np.log(20.0)
+            elif self.model.positive(n):
+                lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * length)
+        return lower, upper
+
+    def state_polynomial(self, q: Array) -> Array:
+        """Ascending numerator of the free response from its scaled coefficients."""
+        return q * self.time_scale_s ** np.arange(1, len(q) + 1)
+
+    def outputs(self, x: Array, jacobian: bool = True) -> list[tuple[Array, Array]] | None:
+        """Per segment the model output (N,) and its Jacobian (N, size); None where the model is unstable."""
+        theta = self.theta(x)
+        rational = self.model.rational(theta)
+        if not rational.stable:
+            return None
+        system = realise(rational, jacobian)
+        start: Literal["equilibrium", "zero"] = "zero" if self.initial == "zero" else "equilibrium"
+        answers = []
+        for k, segment in enumerate(self.segments):
+            rows = simulate_rows(system, segment.u, self.dt_s, rational.delay_s, self.hold, start)
+            y = rows[0]
+            if self.n_offsets:
+                y = y + x[self.n_model + (k if self.model.offset == "per run" else 0)]
+            j = np.zeros((len(y), self.size if jacobian else 0))
+            free, at = None, self.n_model + self.n_offsets + k * self.n_states
+            if self.n_states:
+                free = self.free_response(rational, x[at : at + self.n_states], len(y))
+                y = y + free[0]
+            if jacobian:
+                self.fill(j, rows, free, theta, x, k, at)
+            answers.append((y, j))
+        return answers
+
+    def free_response(self, rational: Rational, q: Array, n: int) -> Array:
+        """Rows of the initial-state response: its value, d/dnumerator, d/dfactor coefficients."""
+        model = replace(rational, num=self.state_polynomial(q), delay_s=0.0)
+        system: Realisation = realise(model)
+        return free_rows(system, n, self.dt_s)
+
+    def fill(
+        self, j: Array, rows: Array, free: Array | None, theta: Mapping[str, float], x: Array, k: int, at: int
+    ) -> None:
+        """Write the Jacobian of one segment into ``j``."""
+        rule = self.model.chain_rule(theta)
+        j[:, : self.n_model] = rows[1:].T @ rule
+        if free is not None:
+            skip = rule.shape[0] - 1 - (len(free) - 2 - self.n_states)
+            j[:, : self.n_model] += free[1 + self.n_states : -1].T @ rule[skip:-1]
+            scale = self.state_polynomial(np.ones(self.n_states))
+            j[:, at : at + self.n_states] = (free[1 : 1 + self.n_states] * scale[:, None]).T
+        j[:, : self.n_model] *= self.natural_scale(x)[: self.n_model]
+        if self.n_offsets:
+            j[:, self.n_model + (k if self.model.offset == "per run" else 0)] = 1.0
+
+    def evaluate(self, x: Array) -> tuple[Array, Array] | None:
+        """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian."""
+        answers = self.outputs(x)
+        if answers is None:
+            return None
+        r = [y[s.seen] - s.y[s.seen] for s, (y, _) in zip(self.segments, answers)]
+        residual = np.concatenate(r)
+        if not np.all(np.isfinite(residual)):
+            return None
+        return residual, np.vstack([j[s.seen] for s, (_, j) in zip(self.segments, answers)])
+
+
+def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
+    """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
+    known = np.isfinite(run.u[:, 0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
+    pieces = []
+    for a, b in edges.reshape(-1, 2):
+        y = run.y[a:b, 0]
+        if b - a >= min(8, run.n) and np.isfinite(y).any():
+            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s))
+    return pieces
+
+
+def pose(data: IOData, model: Model, initial: Initial) -> Problem:
+    """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt from."""
+    where = data.name or "identify"
+    if len(data.input_names) != 1 or len(data.output_names) != 1:
+        raise InputError(
+            f"the data hold {len(data.input_names)} inputs and {len(data.output_names)} outputs",
+            where=where,
+            remedy="choose one of each: data.select(input=.., output=..)",
+        )
+    segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
+    if not segments:
+        column = data.output_names[0] if all(np.isfinite(r.u).any() for r in data.runs) else data.input_names[0]
+        raise InputError(f"column {column} holds no number at all (NaN everywhere)", where=where)
+    if all(np.ptp(s.u) == 0 for s in segments) and len({float(s.u[0]) for s in segments}) == 1:
+        raise InputError(
+            f"input {data.input_names[0]} is constant ({segments[0].u[0]:g})",
+            where=where,
+            expected="an input that moves: without a change there is no dynamics to see",
+        )
+    if data.hold == "zoh" and model.has_delay and model.order + model.integrators + len(model.known.den) == 1:
+        raise InputError(
+            f"{model.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
+            remedy="add a lag (P1D)",
+        )
+    problem = Problem(model, segments, data.dt_s, data.hold, initial)
+    if problem.n_seen < max(2 * problem.size, 8):
+        raise InputError(
+            f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",
+            where=where,
+            expected=f"at least {max(2 * problem.size, 8)}",
+            remedy="record longer or choose a smaller model",
+        )
+    if all(np.nanstd(s.y) == 0 for s in segments):
+        raise InputError(f"output {data.output_names[0]} never moves", where=where, remedy="check the channel")
+    return problem

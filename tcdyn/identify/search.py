@@ -1,0 +1,47 @@
+"""The prediction-error search: a few short descents from the best starts, the winner taken to convergence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.errors import InputError
+from tcdyn.identify.optimise import Evaluate, Optimum, least_squares
+from tcdyn.identify.problem import Problem
+from tcdyn.identify.realise import Array
+from tcdyn.identify.start import starts
+
+
+def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | None = None) -> Optimum:
+    """The least-squares optimum of ``problem``; ``evaluate`` replaces its residuals (filtered or weighted ones)."""
+    evaluate = evaluate or problem.evaluate
+    lower, upper = problem.bounds()
+    candidates = [start] if start is not None else starts(problem)[:3]
+    best: Optimum | None = None
+    short = 12 if len(candidates) > 1 else 60
+    for x0 in candidates:
+        found = least_squares(evaluate, x0, lower, upper, max_iterations=short, tolerance=1e-7)
+        if found is not None and np.isfinite(found.cost) and (best is None or found.cost < best.cost):
+            best = found
+    if best is None:
+        raise InputError(
+            f"no stable {problem.model.name} was found from any start",
+            expected="data in which the output follows the input",
+            remedy="plot the record, check that input and output are not exchanged, or give start=",
+        )
+    final = least_squares(evaluate, best.x, lower, upper, max_iterations=80)
+    assert final is not None
+    return ordered(problem, final)
+
+
+def ordered(problem: Problem, optimum: Optimum) -> Optimum:
+    """The same optimum with Tp1 >= Tp2 >= Tp3."""
+    free = list(problem.model.free)
+    lags = [free.index(n) for n in ("Tp1", "Tp2", "Tp3") if n in free]
+    if "Tw" in free or len(lags) < 2:
+        return optimum
+    order = [lags[i] for i in np.argsort(-optimum.x[lags], kind="stable")]
+    index = np.arange(len(optimum.x))
+    index[lags] = order
+    return replace(optimum, x=optimum.x[index], jacobian=optimum.jacobian[:, index])
