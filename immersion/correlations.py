@@ -93,9 +93,17 @@ CORRELATIONS: dict[str, Correlation] = {
     for c in (
         Correlation("mcadams", "(5.2)", nu_mcadams, "width", (1e4, 1e9), 0.10, _HOLMAN),
         Correlation("similarity", "(5.3)", nu_similarity, "width", (1e4, 1e9), 0.10, _HOLMAN),
-        Correlation("churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), 0.08, _HOLMAN),
         Correlation(
-            "churchill-chu", "all Ra", nu_churchill_chu, "width", (1e-1, 1e12), 0.10, "Churchill and Chu (1975) eq. 9"
+            "churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), 0.08, _HOLMAN
+        ),
+        Correlation(
+            "churchill-chu",
+            "all Ra",
+            nu_churchill_chu,
+            "width",
+            (1e-1, 1e12),
+            0.10,
+            "Churchill and Chu (1975) eq. 9",
         ),
         Correlation(
             "horizontal-cylinder",

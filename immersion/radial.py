@@ -33,15 +33,21 @@ def plunge_grid(duration_s: float, first_s: float = 0.02, growth: float = 0.025,
 
 
 def solve_surface(
-    own: Array, offset: Array, law: FluxLaw, *, tolerance_K: float = 1e-7, limit: int = 40
+    own: Array,
+    offset: Array,
+    law: FluxLaw,
+    *,
+    start: Array | None = None,
+    tolerance_K: float = 1e-7,
+    limit: int = 40,
 ) -> tuple[Array, Array, Array]:
     """Solve T_s = offset + own @ q, q = law(T_s) on the grid (a Volterra equation) by Newton.
 
     ``own`` (n, n) is the surface's influence matrix, lower triangular. Returns T_s [degC], q [W/m2] and dq/dT_s, each
-    (n,). The law's derivative is a central difference of 0.01 K; each Newton step is a triangular solve.
+    (n,). ``start`` is a first guess of T_s. The law's derivative is a central difference of 0.01 K; each Newton step is a triangular solve.
     Raises InputError when it does not converge (a law that is not a cooling law).
     """
-    surface = np.array(offset, dtype=float)
+    surface = np.array(offset if start is None else start, dtype=float)
     q = np.zeros_like(surface)
     slope = q
     for _ in range(limit):
@@ -58,7 +64,9 @@ def solve_surface(
             break
         if change < tolerance_K:
             return surface, q, slope
-    raise InputError("the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry")
+    raise InputError(
+        "the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry"
+    )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,204 @@
+"""Grey-box identification of a disk's measurement chains from its plunges, all channels and runs at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibration.disk import DiskSetup
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from immersion.correlations import THESIS_THREE, Bath, Correlation, Validity, check_validity
+from immersion.correlations import correlation as find_correlation
+from tcdyn.chain import Chain, conditioning_lag_s
+from tcdyn.identify.plunge_layout import STRUCTURES, Layout, Structure, stages
+from tcdyn.identify.plunge_map import Optimum, fit_map
+from tcdyn.identify.plunge_prior import PlungePriors
+from tcdyn.identify.plunge_result import ModelForm, PlungeFit, conditional_u, lag_shares, split_lags
+from tcdyn.identify.plunge_run import Blocks, PlungeRun, make_blocks
+
+Array = NDArray[np.float64]
+
+
+def identify_plunges(
+    runs: Sequence[PlungeRun],
+    setup: DiskSetup,
+    *,
+    correlation: str | Correlation = "churchill-chu-laminar",
+    structure: Structure = "P2",
+    priors: PlungePriors | None = None,
+    alternatives: Sequence[str] = THESIS_THREE,
+    face_W_m2K: float = 0.0,
+) -> PlungeFit:
+    """Chains of the channels of one disk from one or more plunges.
+
+    Model: radial conduction from bore to running surface, h = s (|dT|/dT_0)^m h_correlation (1 + A exp(-(t/tau)^p)),
+    junction -> chain (structure, with the known conditioning filter) -> static line. Per run s, m, A, tau, p, entry
+    time, initial and bath temperature are free within ``priors``; per channel the lag, its split, depth and static
+    remainders; the conductivity is common. The answer is the most probable parameter set, its covariance the inverse
+    Hessian with the noise judged from the residuals. Each of ``alternatives`` is fitted too; the spread of the lags
+    between correlations is added to their covariance. ``face_W_m2K`` is a leak through each side face.
+
+    Raises InputError when runs have different channels or too little data.
+    """
+    if not runs:
+        raise InputError("no plunge was given", expected="one immersion log or more")
+    channels = runs[0].channels
+    if any(r.channels != channels for r in runs):
+        raise InputError("the plunges have different channels", expected=", ".join(channels))
+    if structure not in STRUCTURES:
+        raise InputError(f"unknown chain structure {structure!r}", expected=", ".join(STRUCTURES))
+    priors = priors or PlungePriors()
+    chosen = find_correlation(correlation)
+    blocks = [make_blocks(r) for r in runs]
+    layout = Layout(len(runs), channels, structure)
+    initial = [_initial(b) for b in blocks]
+    mean, sd = layout.prior(priors, [r.entry.u_s for r in runs], initial)
+    for r, (run, b) in enumerate(zip(runs, blocks)):
+        known = _bath(run, chosen, setup).property_u_rel(initial[r], float(b.bath_degC[0]))["total"]
+        sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
+    best = fit_map(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K=face_W_m2K)
+    others = {
+        name: fit_map(
+            runs,
+            blocks,
+            setup,
+            layout,
+            find_correlation(name),
+            mean,
+            sd,
+            start=best.theta,
+            face_W_m2K=face_W_m2K,
+            passes=1,
+        )
+        for name in alternatives
+        if find_correlation(name).name != chosen.name
+    }
+    form = _model_form({chosen.name: best, **others}, layout, conditioning_lag_s(setup.conditioning))
+    return _result(runs, blocks, setup, chosen, layout, priors, best, form)
+
+
+def _result(
+    runs: Sequence[PlungeRun],
+    blocks: Sequence[Blocks],
+    setup: DiskSetup,
+    chosen: Correlation,
+    layout: Layout,
+    priors: PlungePriors,
+    best: Optimum,
+    form: ModelForm,
+) -> PlungeFit:
+    channels = layout.channels
+    own = conditioning_lag_s(setup.conditioning)
+    lag = best.theta[layout.lag] + own
+    covariance = best.covariance[layout.lag, layout.lag] + form.covariance
+    common, differential = split_lags(lag, covariance, channels)
+    u = np.sqrt(np.diag(covariance))
+    validity = tuple(
+        check_validity(_bath(r, chosen, setup), s.temperature_degC, m.bath_degC)
+        for r, s, m in zip(runs, best.surfaces, best.problem.models)
+    )
+    return PlungeFit(
+        disk=setup.name,
+        structure=layout.structure,
+        correlation=chosen.name,
+        channels=channels,
+        chains={c: _chain(best.theta, layout, j, setup) for j, c in enumerate(channels)},
+        lag_s={c: Estimate.normal(lag[j], u[j]) for j, c in enumerate(channels)},
+        lag_covariance=covariance,
+        common_lag_s=common,
+        differential_lag_s=differential,
+        nuisances=_nuisances(best),
+        budget=lag_shares(best, form),
+        model_form=form,
+        validity=validity,
+        warnings=_warnings(runs, blocks, best, validity),
+        sentence=_sentence(best, common, len(runs)),
+        converged=best.converged,
+        priors=priors,
+        setup=setup,
+        runs=tuple(runs),
+        optimum=best,
+    )
+
+
+def _initial(blocks: Blocks) -> float:
+    return float(np.nanmean(blocks.readings_degC[blocks.time_s < 0]))
+
+
+def _bath(run: PlungeRun, chosen: Correlation, setup: DiskSetup) -> Bath:
+    return Bath(run.fluid, chosen, setup.width_m, 2 * setup.outer_radius_m)
+
+
+def _chain(theta: Array, layout: Layout, j: int, setup: DiskSetup) -> Chain:
+    taus, delay = stages(
+        layout.structure, float(theta[layout.lag][j]), float(theta[layout.common_split] + theta[layout.split][j])
+    )
+    return Chain(tuple(float(t) for t in taus), delay_s=float(delay), conditioning=setup.conditioning)
+
+
+def _model_form(fits: dict[str, Optimum], layout: Layout, own_lag_s: float) -> ModelForm:
+    lags = np.array([f.theta[layout.lag] + own_lag_s for f in fits.values()])
+    c = lags.shape[1]
+    covariance = np.cov(lags.T, ddof=1).reshape(c, c) if len(fits) > 1 else np.zeros((c, c))
+    common = {
+        name: Estimate.normal(float(row.mean()), float(np.sqrt(f.covariance[layout.lag, layout.lag].mean())))
+        for (name, f), row in zip(fits.items(), lags)
+    }
+    cost = {name: f.cost for name, f in fits.items()}
+    return ModelForm(common, cost, covariance, float(np.sqrt(max(covariance.mean(), 0.0))))
+
+
+def _nuisances(best: Optimum) -> pd.DataFrame:
+    problem = best.problem
+    return pd.DataFrame(
+        {
+            "parameter": problem.layout.names(),
+            "value": best.theta,
+            "u": np.sqrt(np.diag(best.covariance)),
+            "prior_mean": np.where(np.isfinite(problem.sd), problem.mean, np.nan),
+            "prior_sd": np.where(np.isfinite(problem.sd), problem.sd, np.nan),
+        }
+    )
+
+
+def _sentence(best: Optimum, common: Estimate, runs: int) -> str:
+    known = conditional_u(best, "ln_burst", "entry_")
+    text = f"{'One plunge gives' if runs == 1 else f'{runs} plunges give'} a common lag of {common.value:.2f} s +- {common.u:.2f} s"
+    if common.u <= max(0.05, 0.10 * common.value):
+        return text + "; the entry burst is told apart from it."
+    return (
+        text
+        + f"; with the entry burst and the entry time known it would be +- {known:.2f} s, so these data cannot "
+        "separate the lag from the burst: take the differences between channels from here and the common lag from an "
+        "unloading."
+    )
+
+
+def _warnings(
+    runs: Sequence[PlungeRun], blocks: Sequence[Blocks], best: Optimum, validity: Sequence[Validity]
+) -> tuple[str, ...]:
+    out: list[str] = []
+    if not best.converged:
+        out.append("the plunge fit stopped before it converged")
+    problem = best.problem
+    pull = np.where(np.isfinite(problem.sd), (best.theta - problem.mean) / problem.sd, 0.0)
+    for name, p in zip(problem.layout.names(), pull):
+        if abs(p) > 3:
+            out.append(f"{name} lies {abs(p):.1f} prior standard deviations from what was expected")
+    for run, b, v, factor in zip(runs, blocks, validity, problem.inflation):
+        out += [f"{run.name}: {w}" for w in (*run.entry.warnings, *v.warnings)]
+        if b.spikes:
+            out.append(f"{run.name}: {b.spikes} spikes were left out")
+        if factor.common > 4 or factor.differential > 4:
+            out.append(
+                f"{run.name}: residuals are coloured (variance factors {factor.common:.1f} common, "
+                f"{factor.differential:.1f} differential); the uncertainties were widened for it"
+            )
+    for j, c in enumerate(problem.layout.channels):
+        if best.theta[problem.layout.lag][j] < 0.01:
+            out.append(f"channel {c}: the lag ran into zero; its interval is not to be trusted")
+    return tuple(dict.fromkeys(out))

@@ -1,0 +1,74 @@
+"""Lags on a grid of unequal steps, and reading the grid at the blocks' times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.linalg import solve_banded
+
+from calibration.disk import Conditioning
+from immersion.cylinder import lag_step
+
+Array = NDArray[np.float64]
+
+
+def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.float64] | NDArray[np.complex128]:
+    """Unit-gain lag of ``rate`` [1/s] of deviations ``u`` (n, M) from equilibrium, linear between knots.
+
+    Exact for that input; y[0] = 0, as before the first knot nothing had changed.
+    """
+    decay, old, new = lag_step(dt_s, rate)
+    drive = np.zeros(u.shape, dtype=np.result_type(u, decay))
+    drive[1:] = old[:, None] * u[:-1] + new[:, None] * u[1:]
+    bands = np.ones((2, len(u)), dtype=decay.dtype)
+    bands[1, :-1] = -decay
+    bands[1, -1] = 0.0
+    return np.asarray(solve_banded((1, 0), bands, drive, check_finite=False, overwrite_b=True))
+
+
+def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
+    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid."""
+    if filter_.poles == 0:
+        return u
+    rate = 2 * np.pi * filter_.cutoff_Hz
+    if filter_.shape == "cascade":
+        for _ in range(filter_.poles):
+            u = np.asarray(lag_on_grid(u, dt_s, rate))
+        return u
+    num, den = signal.butter(filter_.poles, rate, analog=True)
+    residues, poles, _ = signal.residue(num, den)
+    parts = [(r / -p) * lag_on_grid(u, dt_s, complex(-p)) for r, p in zip(residues, poles)]
+    return np.asarray(np.real(np.sum(parts, axis=0)))
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where block times fall on the grid: interval, share of the way through it, and whether after the entry."""
+
+    interval: NDArray[np.intp]
+    share: Array
+    width_s: Array
+    after: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, grid_s: Array, times_s: Array) -> Reading:
+        """For times after entry ``times_s`` (B,); earlier ones read the initial state."""
+        interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
+        width = np.diff(grid_s)[interval]
+        after = times_s > 0
+        share = np.where(after, (times_s - grid_s[interval]) / width, 0.0)
+        return cls(interval, share, width, after)
+
+    def value(self, y: Array) -> Array:
+        """Deviation ``y`` (n, ...) at the blocks: straight lines between knots, zero before entry."""
+        w = (self.share * self.after).reshape(-1, *(1,) * (y.ndim - 1))
+        keep = self.after.reshape(w.shape)
+        return np.asarray(keep * y[self.interval] + w * (y[self.interval + 1] - y[self.interval]))
+
+    def slope(self, y: Array) -> Array:
+        """Time derivative at the blocks [1/s]."""
+        keep = (self.after / self.width_s).reshape(-1, *(1,) * (y.ndim - 1))
+        return np.asarray(keep * (y[self.interval + 1] - y[self.interval]))
