@@ -1,0 +1,124 @@
+"""A whole campaign of the synthetic rig in one folder: oven, plunges, EHL tests, rig file and truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from joblib import Parallel, delayed
+
+from calibration.rigfile import Rig, load_rig, rig_toml
+from tcdyn.rig.convection import FluidName
+from tcdyn.rig.ehl import EhlOptions, simulate_ehl
+from tcdyn.rig.files import write_json, write_log, write_traces
+from tcdyn.rig.oven import simulate_oven
+from tcdyn.rig.plunge import PlungeOptions, simulate_plunge
+from tcdyn.rig.programme import ehl_test
+from tcdyn.rig.truth import RigTruth, draw_truth, truth_as_dict
+
+Progress = Callable[[str, int, int], None]  # (what is done, jobs done, jobs in all)
+
+
+@dataclass(frozen=True)
+class Plunge:
+    """One planned plunge: the bath and its temperature [degC]."""
+
+    bath_degC: float
+    fluid: FluidName = "mobil-jet-ii"
+
+
+DEFAULT_PLUNGES = (Plunge(110.0), Plunge(138.0))
+
+
+@dataclass(frozen=True)
+class CampaignFiles:
+    """Where a campaign's files are; plunges and ovens by disk, EHL logs and traces by test."""
+
+    folder: Path
+    rig: Path
+    ovens: dict[str, Path]
+    plunges: dict[str, tuple[Path, ...]]
+    ehl: dict[str, Path]
+    truth: Path
+    traces: dict[str, Path]
+
+
+def simulate_campaign(
+    out_dir: str | Path,
+    seed: int = 0,
+    tests: Sequence[str] = ("B3",),
+    plunges: Sequence[Plunge] = DEFAULT_PLUNGES,
+    *,
+    rig: Rig | None = None,
+    truth: RigTruth | None = None,
+    uncertain: bool = False,
+    ehl_options: EhlOptions | None = None,
+    plunge_options: PlungeOptions | None = None,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+) -> CampaignFiles:
+    """Write a campaign into ``out_dir``: rig.toml, oven_<disk>.csv, plunge_<disk>_<k>.csv, EHL_<test>.csv and truth/.
+
+    ``rig`` is what people believe (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as
+    stated unless ``uncertain``. A file depends on the seed and its own name only, whatever else is written. ``progress``
+    is called after each job with its name and the counts. Truth is beside the logs for people and tests, never for fits.
+    """
+    for test in tests:
+        ehl_test(test)
+    folder = Path(out_dir)
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    believed = rig or load_rig()
+    true = truth or draw_truth(seed, believed, uncertain=uncertain)
+    (folder / "rig.toml").write_text(rig_toml(believed), encoding="utf-8")
+
+    jobs: list[_Job] = []
+    for disk in ("fast", "slow"):
+        jobs.append(_Job(f"oven_{disk}", simulate_oven, (disk, seed, true)))
+        for run, plunge in enumerate(plunges, 1):
+            arguments = (disk, seed, plunge.fluid, plunge.bath_degC, run, true, plunge_options)
+            jobs.append(_Job(f"plunge_{disk}_{run}", simulate_plunge, arguments))
+    jobs += [_Job(f"EHL_{t.upper()}", simulate_ehl, (t, seed, true, ehl_options)) for t in tests]
+
+    scalars: dict[str, Any] = {}
+    done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(job, folder) for job in jobs)
+    for number, (name, values) in enumerate(done, 1):
+        scalars[name] = values
+        if progress:
+            progress(name, number, len(jobs))
+    files = campaign_files(folder)
+    ehl = {name.removeprefix("EHL_"): v for name, v in scalars.items() if name.startswith("EHL_")}
+    others = {name: v for name, v in scalars.items() if not name.startswith("EHL_")}
+    write_json({"seed": seed, **truth_as_dict(true), "tests": ehl, **others}, files.truth)
+    return files
+
+
+def campaign_files(folder: str | Path) -> CampaignFiles:
+    """Find a campaign's files by their names."""
+    root = Path(folder)
+    disks = ("fast", "slow")
+    return CampaignFiles(
+        folder=root,
+        rig=root / "rig.toml",
+        ovens={d: root / f"oven_{d}.csv" for d in disks},
+        plunges={d: tuple(sorted(root.glob(f"plunge_{d}_*.csv"))) for d in disks},
+        ehl={p.stem.removeprefix("EHL_"): p for p in sorted(root.glob("EHL_*.csv")) if "." not in p.stem},
+        truth=root / "truth" / "truth.json",
+        traces={p.stem.removesuffix("_traces"): p for p in sorted((root / "truth").glob("*_traces.parquet"))},
+    )
+
+
+@dataclass(frozen=True)
+class _Job:
+    name: str
+    simulate: Callable[..., tuple[pd.DataFrame, dict[str, Any]]]
+    arguments: tuple[Any, ...]
+
+
+def _run(job: _Job, folder: Path) -> tuple[str, dict[str, Any]]:
+    frame, truth = job.simulate(*job.arguments)
+    write_log(frame, folder / f"{job.name}.csv")
+    write_traces(truth["traces"], folder / "truth" / f"{job.name}_traces.parquet")
+    return job.name, {k: v for k, v in truth.items() if k != "traces"}
