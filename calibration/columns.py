@@ -1,0 +1,186 @@
+"""The canonical columns of each kind of log, and how the names in a file are matched to them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Literal
+
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
+
+Kind = Literal["oven", "immersion", "ehl", "hole"]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What one kind of log must hold, may hold, and is called in sentences."""
+
+    name: str
+    required: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Required and optional columns, in canonical order."""
+        return self.required + self.optional
+
+
+DISK_CHANNELS = tuple(f"{c}_degC" for c in CHANNELS)
+EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
+
+LAYOUTS: dict[str, Layout] = {
+    "oven": Layout("an oven log", ("prt_degC", *DISK_CHANNELS), ("repeat", "setpoint_degC")),
+    "immersion": Layout("an immersion log", ("time_s", "switch", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)),
+    "ehl": Layout(
+        "an EHL log",
+        ("time_s", "load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
+        + (*EHL_CHANNELS, "ambient_degC"),
+        ("oil_degC",),
+    ),
+    "hole": Layout("a hole-comparison log", ("time_s",), ("switch", "probe_degC", "fluid_degC")),
+}
+ORDER: dict[str, tuple[str, ...]] = {
+    "oven": ("repeat", "setpoint_degC", "prt_degC", *DISK_CHANNELS),
+    "immersion": ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS),
+    "ehl": LAYOUTS["ehl"].all,
+    "hole": LAYOUTS["hole"].all,
+}
+KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.all))
+
+
+def recognise(names: Iterable[str]) -> str | None:
+    """The kind of log that these column names make, or None; the hole kind is never guessed.
+
+    >>> recognise(["repeat", "prt_degC", "a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC"])
+    'oven'
+    """
+    have = set(names)
+    for kind in ("ehl", "oven", "immersion"):
+        if set(LAYOUTS[kind].required) <= have:
+            return kind
+    signs = {"ehl": {"load_N", "friction_N", "contact", "fast_a_degC"}, "oven": {"prt_degC", "setpoint_degC"}}
+    signs["immersion"] = {"switch", "fluid_degC", "probe_degC"}
+    score = {kind: len(sign & have) for kind, sign in signs.items()}
+    best = max(score, key=lambda kind: score[kind])
+    return best if score[best] >= 2 else None
+
+
+def match_columns(
+    names: tuple[str, ...], kind: str, where: str, mapping: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Canonical name -> name in the file, in canonical order.
+
+    ``mapping`` is rig.toml's ``[columns]``. A mapped name that the file lacks is no error while the canonical name
+    itself is there. For the hole kind every further column ending in ``_degC`` is a channel.
+
+    Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
+    """
+    layout = LAYOUTS[kind]
+    mapping = dict(mapping or {})
+    _check_mapping(mapping)
+    chosen: dict[str, str] = {}
+    wanted = ORDER[kind]
+    if kind == "hole":
+        taken = set(mapping.values()) | set(wanted)
+        wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in taken)
+    for canonical in wanted:
+        for candidate in (mapping.get(canonical), canonical):
+            if candidate is not None and candidate in names:
+                _check_once(names, candidate, where)
+                chosen[canonical] = candidate
+                break
+    if kind != "oven" and "time_s" not in chosen and "time" in names:
+        _check_once(names, "time", where)
+        chosen = {"time_s": "time", **chosen}
+    missing = [c for c in layout.required if c not in chosen]
+    if missing:
+        raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping)
+    channels = [c for c in chosen if c.endswith("_degC") and c not in layout.all]
+    if kind == "hole" and len(channels) < 2:
+        raise InputError(
+            f"has {len(channels)} thermocouple column(s)",
+            where=where,
+            expected="at least two columns whose names end in _degC",
+            remedy="rename the columns or map them in rig.toml [columns]",
+        )
+    return chosen
+
+
+def normalised(name: str) -> str:
+    """A name with case, unit brackets, degree signs and separators taken away, to find near misses.
+
+    >>> normalised("Fast A [°C]"), normalised("fast_a_degC")
+    ('fasta', 'fasta')
+    """
+    text = re.sub(r"[\[(].*?[\])]", "", name.lower()).replace("°", "deg")
+    text = re.sub(r"[^a-z0-9]+", "_", text).strip("_")
+    text = re.sub(r"_(deg_?c|deg|degc|celsius|c|s|sec|seconds|n|rpm)$", "", text)
+    return text.replace("_", "")
+
+
+def suggestion(missing: str, names: Iterable[str]) -> str | None:
+    """The name in the file that most looks like ``missing``, if any looks like it at all."""
+    by_key: dict[str, str] = {}
+    for name in names:
+        by_key.setdefault(normalised(name), name)
+    key = normalised(missing)
+    if key in by_key:
+        return by_key[key]
+    close = get_close_matches(key, by_key, n=1, cutoff=0.75)
+    return by_key[close[0]] if close else None
+
+
+def _check_mapping(mapping: Mapping[str, str]) -> None:
+    for key in mapping:
+        if key not in KNOWN and not key.endswith("_degC"):
+            close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
+            raise InputError(
+                f"{key!r} is not a canonical column",
+                where="rig.toml [columns]",
+                expected='canonical name = "name in the log file"',
+                remedy=f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}",
+            )
+
+
+def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
+    if names.count(name) > 1:
+        at = [i + 1 for i, n in enumerate(names) if n == name]
+        raise InputError(
+            f"column {name!r} stands {len(at)} times (columns {', '.join(map(str, at))})",
+            where=where,
+            expected="each column once",
+            remedy="delete or rename the copies",
+        )
+
+
+def _missing(
+    missing: list[str], names: tuple[str, ...], have: set[str], kind: str, where: str, mapping: Mapping[str, str]
+) -> InputError:
+    layout = LAYOUTS[kind]
+    looks = recognise(have)
+    if looks is not None and looks != kind and len(missing) >= 2:
+        return InputError(
+            f"this looks like {LAYOUTS[looks].name} (it lacks {_listed(missing)})",
+            where=where,
+            expected=layout.name,
+            remedy=f"give {layout.name} here",
+        )
+    free = [n for n in names if n not in KNOWN or n not in layout.all]
+    near = {m: s for m in missing if (s := suggestion(m, free)) is not None}
+    mapped = [f"{m} = {mapping[m]!r} is mapped, but the file has no such column" for m in missing if m in mapping]
+    if near:
+        pairs = ", ".join(f'{m} = "{s}"' for m, s in list(near.items())[:4])
+        remedy = f"did you mean {', '.join(repr(s) for s in list(near.values())[:4])}? write {pairs} in rig.toml [columns]"
+    else:
+        shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
+        remedy = f"map it in rig.toml [columns]; the file has {shown}"
+    is_are = "column is" if len(missing) == 1 else "columns are"
+    what = f"{_listed(missing)}: {is_are} missing" + (f" ({mapped[0]})" if mapped else "")
+    return InputError(what, where=where, expected=layout.name, remedy=remedy)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

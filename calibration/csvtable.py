@@ -1,0 +1,251 @@
+"""Text tables: every row's fields counted, numbers parsed exactly, clock times and on/off words understood."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from pyarrow import csv as pacsv
+
+from calibration.dialect import ABSENT, CLOCK, FLAGS, HEAD_BYTES, Dialect, is_number, sniff
+from calibration.errors import InputError
+from calibration.table import Columns, FloatArray, RowNumbers
+
+_NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A text table whose dialect is known; ``body`` replaces the file where the text had to be rewritten."""
+
+    path: Path
+    where: str
+    dialect: Dialect
+    names: tuple[str, ...]
+    metadata: dict[str, str]
+    body: bytes | None = None
+
+    @classmethod
+    def open(cls, path: Path, where: str, known: Collection[str] = ()) -> CsvTable:
+        """Find out the dialect from the head of the file."""
+        with open(path, "rb") as stream:
+            head = stream.read(HEAD_BYTES)
+        dialect = sniff(head, where, known)
+        body = None
+        if dialect.encoding.startswith("utf-16"):
+            try:
+                body = path.read_bytes().decode(dialect.encoding).encode("utf-8")
+            except UnicodeDecodeError as problem:
+                raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
+        return cls(path, where, dialect, _named(dialect, where), dialect.metadata, body)
+
+    def stream(self) -> IO[bytes]:
+        """The text from its first byte."""
+        return open(self.path, "rb") if self.body is None else io.BytesIO(self.body)
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """The wanted columns; see ``Columns``."""
+        with self.stream() as stream:
+            blank, rows = check_rows(stream, self.dialect, self.where)
+        if rows == 0:
+            raise InputError("no rows below the header", where=self.where)
+        numbers = RowNumbers(self.dialect.skip + 1, blank)
+        return _assemble(self, [self._arrow(wanted)], wanted, numbers)
+
+    def chunks(self, wanted: Sequence[str], block_bytes: int = 1 << 24) -> Iterator[Columns]:
+        """The wanted columns piece by piece, in bounded memory; rows are checked by the parser as they come."""
+        first = self.dialect.skip + 1
+        with self.stream() as stream:
+            reader = self._stream_reader(stream, wanted, block_bytes)
+            while True:
+                try:
+                    batch = reader.read_next_batch()
+                except StopIteration:
+                    return
+                except pa.ArrowInvalid as problem:
+                    raise _arrow_error(problem, self.where) from None
+                if batch.num_rows:
+                    yield _assemble(self, [pa.Table.from_batches([batch])], wanted, RowNumbers(first))
+                    first += batch.num_rows
+
+    def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int) -> Any:
+        read, parse, convert = self._options(wanted, as_text=False)
+        read.block_size = block_bytes
+        return pacsv.open_csv(stream, read_options=read, parse_options=parse, convert_options=convert)
+
+    def _options(self, wanted: Sequence[str], as_text: bool) -> tuple[Any, Any, Any]:
+        d = self.dialect
+        keys = {f"c{self.names.index(name)}": name for name in wanted}
+        types = {k: pa.string() if as_text or self._is_text(n) else pa.float64() for k, n in keys.items()}
+        read = pacsv.ReadOptions(
+            skip_rows=d.skip, column_names=[f"c{i}" for i in range(d.fields)], block_size=1 << 22
+        )
+        parse = pacsv.ParseOptions(delimiter=d.separator)
+        convert = pacsv.ConvertOptions(
+            include_columns=list(keys),
+            column_types=types,
+            decimal_point=d.decimal,
+            null_values=_NULLS,
+            check_utf8=False,
+        )
+        return read, parse, convert
+
+    def _is_text(self, name: str) -> bool:
+        at = self.names.index(name)
+        cell = self.dialect.first_row[at] if at < len(self.dialect.first_row) else ""
+        return not is_number(cell, self.dialect.decimal) and cell.lower() not in ABSENT
+
+    def _arrow(self, wanted: Sequence[str]) -> pa.Table:
+        for as_text in (False, True):
+            read, parse, convert = self._options(wanted, as_text)
+            try:
+                with self.stream() as stream:
+                    return pacsv.read_csv(stream, read_options=read, parse_options=parse, convert_options=convert)
+            except pa.ArrowInvalid as problem:
+                if as_text:
+                    raise _arrow_error(problem, self.where) from None
+        raise AssertionError("unreachable")
+
+
+def _assemble(table: CsvTable, tables: list[pa.Table], wanted: Sequence[str], rows: RowNumbers) -> Columns:
+    data: dict[str, FloatArray] = {}
+    notes: list[str] = []
+    arrow = tables[0]
+    for name, key in zip(wanted, arrow.column_names):
+        column = arrow.column(key)
+        if pa.types.is_floating(column.type):
+            data[name] = np.array(column.to_numpy(), dtype=np.float64)
+        else:
+            texts = [_decoded(v) for v in column.cast(pa.binary()).to_pylist()]
+            data[name] = text_column(texts, table.dialect.decimal, name, table.where, rows, notes)
+    return Columns(data, tuple(notes), rows)
+
+
+def _decoded(value: bytes | None) -> str:
+    return "" if value is None else value.decode("utf-8", errors="replace").strip().strip('"').strip()
+
+
+def text_column(
+    texts: list[str], decimal: str, name: str, where: str, rows: RowNumbers, notes: list[str]
+) -> FloatArray:
+    """Numbers from cells of text: clock times to seconds, on/off words to 1 and 0, anything else to NaN with a note.
+
+    Raises InputError when more than one cell in a hundred (and more than three) is no number.
+    """
+    full = [t for t in texts if t.lower() not in ABSENT]
+    if full and sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full):
+        return clock_seconds(texts, name, where, rows, notes)
+    out = np.full(len(texts), np.nan)
+    bad: list[int] = []
+    for i, text in enumerate(texts):
+        low = text.lower()
+        if is_number(text, decimal):
+            out[i] = float(text.replace(",", "."))
+        elif low in FLAGS:
+            out[i] = FLAGS[low]
+        elif low not in ABSENT:
+            bad.append(i)
+        elif "inf" in low:
+            out[i] = np.inf
+    if bad:
+        place = f"column {name}, row {rows.of(bad[0])}: {texts[bad[0]][:40]!r} is no number"
+        if len(bad) > max(3, 0.01 * len(texts)):
+            raise InputError(
+                f"{place} ({len(bad)} of {len(texts)} cells)",
+                where=where,
+                expected=f"numbers with decimal {'comma' if decimal == ',' else 'point'}",
+            )
+        notes.append(f"{place}" + (f" (and {len(bad) - 1} more)" if len(bad) > 1 else "") + "; taken as missing")
+    return out
+
+
+def clock_seconds(texts: list[str], name: str, where: str, rows: RowNumbers, notes: list[str]) -> FloatArray:
+    """Clock times (with or without a date) as seconds since the first one; midnight may pass.
+
+    >>> clock_seconds(["23:59:59.5", "00:00:00,25"], "time", "x.csv", RowNumbers(), [])
+    array([0.  , 0.75])
+    """
+    series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
+    parts = series.str.extract(r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?")
+    hour = pd.to_numeric(parts["h"]).to_numpy(dtype=float)
+    afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
+    morning = (parts["half"] == "AM").to_numpy(dtype=bool)
+    hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
+    minute = pd.to_numeric(parts["m"]).to_numpy(dtype=float)
+    second = hour * 3600 + minute * 60 + pd.to_numeric(parts["s"]).to_numpy(dtype=float)
+    if not np.isfinite(second[0]):
+        raise InputError(f"column {name}, row {rows.of(0)}: {texts[0]!r} is no clock time", where=where)
+    steps = np.diff(second, prepend=second[0])
+    wraps = np.cumsum(np.where(steps < -43200.0, 1.0, 0.0))
+    if wraps[-1]:
+        notes.append(f"column {name}: the clock passes midnight; the time runs on")
+    return np.asarray(np.round(second + 86400.0 * wraps - second[0], 9))
+
+
+def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> tuple[tuple[int, ...], int]:
+    """Count the fields of every row: a short or long row is refused by its number, a last short one as truncated.
+
+    Returns the numbers of blank lines and the number of rows of data.
+    """
+    separator = dialect.separator.encode()
+    want = dialect.fields - 1
+    blank: list[int] = []
+    rows, last = 0, b"\n"
+    short: tuple[int, int] | None = None
+    for number, line in enumerate(stream, 1):
+        if number <= dialect.skip:
+            continue
+        if short is not None and line.strip():
+            raise _row_error(short, dialect.fields, where)
+        count = line.count(separator)
+        if count == want:
+            rows, last = rows + 1, line
+        elif not line.strip():
+            blank.append(number)
+        elif count < want:
+            short = (number, count + 1)
+        elif b'"' not in line:
+            raise _row_error((number, count + 1), dialect.fields, where)
+        if b"\x00" in line:
+            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+    if short is not None:
+        raise InputError(
+            f"row {short[0]}, the last, has {short[1]} of {dialect.fields} fields: the file is truncated",
+            where=where,
+            expected="a whole last row",
+            remedy="copy the file again, or delete the last row",
+        )
+    return tuple(blank), rows
+
+
+def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
+    return InputError(
+        f"row {row[0]} has {row[1]} fields",
+        where=where,
+        expected=f"{fields} as in the first row",
+        remedy="repair or delete that row",
+    )
+
+
+def _arrow_error(problem: Exception, where: str) -> InputError:
+    text = str(problem).splitlines()[0][:160]
+    return InputError(f"the table cannot be read ({text})", where=where)
+
+
+def _named(dialect: Dialect, where: str) -> tuple[str, ...]:
+    names = list(dialect.names)
+    while len(names) > dialect.fields and not names[-1]:
+        names.pop()
+    if len(names) > dialect.fields:
+        raise InputError(
+            f"the header has {len(names)} names but row {dialect.skip + 1} has {dialect.fields} fields",
+            where=where,
+            expected="one name for each column",
+        )
+    return tuple(names + [""] * (dialect.fields - len(names)))

@@ -1,0 +1,163 @@
+"""What dialect a text log is written in: encoding, separator, decimal mark, header blocks, metadata lines."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+from calibration.errors import InputError
+
+NUMBER = {
+    ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
+    ",": re.compile(r"\s*[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?\s*"),
+}
+CLOCK = re.compile(
+    r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
+)
+ABSENT = frozenset(
+    {"", "nan", "+nan", "-nan", "null", "na", "n/a", "#n/a", "none", "inf", "-inf", "+inf", "1.#qnan", "-1.#ind"}
+)
+HEAD_BYTES = 1 << 17
+FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How to read a text log; ``skip`` lines stand before the first row of data."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    skip: int
+    fields: int
+    first_row: tuple[str, ...]
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
+    """The dialect of a text log from its first bytes.
+
+    ``known`` are the names that a header may hold: among several lines of text above the first numbers (titles,
+    header blocks, units) the one that holds most of them is the header. Lines that start with ``#`` and hold a colon
+    are metadata.
+
+    Raises InputError when the bytes are no text, or no header with rows of numbers below can be found.
+    """
+    if not head.strip(b"\x00 \r\n\t"):
+        raise InputError("the file is empty", where=where, expected="a header row and rows of numbers")
+    encoding = _encoding(head, where)
+    text = head.decode(encoding, errors="replace")
+    lines = text.splitlines()
+    if len(head) >= HEAD_BYTES and len(lines) > 1:
+        lines = lines[:-1]  # the last one may be cut
+    metadata = _metadata(lines)
+    best: tuple[float, Dialect] | None = None
+    for separator in ("\t", ";", ","):
+        for decimal in (".", ",") if separator != "," else (".",):
+            found = _try(lines, separator, decimal, encoding, metadata, {k.lower() for k in known})
+            if found is not None and (best is None or found[0] > best[0]):
+                best = found
+    if best is None:
+        shown = next((line for line in lines if line.strip() and not line.startswith("#")), "")[:80]
+        raise InputError(
+            f"no table found (the text begins {shown!r})",
+            where=where,
+            expected="a header row, then rows of numbers separated by comma, semicolon or tab",
+        )
+    dialect = best[1]
+    if not dialect.names:
+        raise InputError(
+            f"row {dialect.skip + 1} is numbers and no header row stands above it",
+            where=where,
+            expected="a header row with the column names",
+            remedy="write the names into the first row",
+        )
+    return dialect
+
+
+def is_number(text: str, decimal: str = ".") -> bool:
+    """Whether ``text`` is one number with this decimal mark."""
+    return NUMBER[decimal].fullmatch(text) is not None
+
+
+def _encoding(head: bytes, where: str) -> str:
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    if head.startswith(codecs.BOM_UTF8):
+        return "utf-8-sig"
+    zeros = head.count(0)
+    if zeros:
+        if zeros > 0.3 * len(head) and head[1:200:2].count(0) > 80:
+            return "utf-16-le"
+        line = head[: head.index(0)].count(b"\n") + 1
+        raise InputError(
+            f"a zero byte in row {line}: this is not text, or the file is damaged",
+            where=where,
+            expected="a text table (or the ending .tdms, .lvm or .parquet)",
+        )
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _metadata(lines: list[str]) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for line in lines:
+        text = line.lstrip("\ufeff").strip()
+        if text.startswith("#"):
+            key, colon, value = text.lstrip("#").partition(":")
+            if colon and key.strip():
+                found[key.strip()] = value.strip()
+        elif text:
+            break
+    return found
+
+
+def split(line: str, separator: str) -> list[str]:
+    """The fields of one line, outer quotes and spaces taken away."""
+    return [part.strip().strip('"').strip() for part in line.split(separator)]
+
+
+def _is_cell(text: str, decimal: str) -> bool:
+    low = text.lower()
+    return is_number(text, decimal) or low in ABSENT or low in FLAGS or CLOCK.fullmatch(text) is not None
+
+
+def _is_data(parts: list[str], decimal: str) -> bool:
+    full = [p for p in parts if p.lower() not in ABSENT]
+    if not full:
+        return False
+    good = sum(is_number(p, decimal) or CLOCK.fullmatch(p) is not None or p.lower() in FLAGS for p in full)
+    return good >= max(1.0, 0.6 * len(full)) and any(is_number(p, decimal) for p in full)
+
+
+def _try(
+    lines: list[str], separator: str, decimal: str, encoding: str, metadata: dict[str, str], known: set[str]
+) -> tuple[float, Dialect] | None:
+    rows = [
+        (i, split(line, separator)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")
+    ]
+    data = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and _is_data(parts, decimal)]
+    if not data:
+        return None
+    counts = [len(rows[k][1]) for k in data]
+    fields = max(set(counts), key=counts.count)
+    first = next(k for k in data if len(rows[k][1]) == fields)
+    exact = sum(len(rows[k][1]) == fields and all(_is_cell(p, decimal) for p in rows[k][1]) for k in data)
+    marks = sum(decimal in p for k in data[:50] for p in rows[k][1])
+    score = exact / len(data) + 0.01 * fields + (0.001 if marks else 0.0)
+    names: tuple[str, ...] = ()
+    titles = [parts for _, parts in rows[:first] if len(parts) > 1 and abs(len(parts) - fields) <= 1]
+    titles = [t for t in titles if not _is_data(t, decimal)]
+    if titles:
+        names = tuple(max(titles, key=lambda t: sum(n.lower() in known for n in t)))
+    elif first > 0 and len(rows[first - 1][1]) > 1:
+        names = tuple(rows[first - 1][1])
+    return score, Dialect(
+        encoding, separator, decimal, names, rows[first][0], fields, tuple(rows[first][1]), metadata
+    )

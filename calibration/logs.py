@@ -1,0 +1,217 @@
+"""Log files read, checked and made canonical; every doubt is an error or a warning with file, column, row and time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from calibration.checkkind import check_contact, check_oven, check_swapped, check_switch, two_level
+from calibration.checktemp import Place, check_group, check_temperature
+from calibration.checktime import check_time, spread, spread_time
+from calibration.columns import KNOWN, LAYOUTS, Kind, match_columns
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
+from calibration.logwrite import write_log
+from calibration.rigfile import Rig, load_rig
+from calibration.table import Columns, open_table, shown
+from calibration.write import sha256
+
+__all__ = ["COMPENSATED", "Log", "read_log", "write_log"]
+
+COMPENSATED = "compensated"
+SWITCHES = ("switch", "contact")
+ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
+
+
+@dataclass(frozen=True)
+class Log:
+    """One log: canonical columns (temperatures as logged, before the static lines), and where they come from.
+
+    ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN in
+    ``frame`` and named in ``warnings``; the time is even.
+    """
+
+    frame: pd.DataFrame
+    kind: Kind
+    path: Path
+    sha256: str
+    dt_s: float | None
+    metadata: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The junctions' columns."""
+        skip = {*ROOM_AND_BATH, "prt_degC", "setpoint_degC"}
+        return tuple(n for n in self.frame.columns if n.endswith("_degC") and n not in skip)
+
+    def filled(self) -> pd.DataFrame:
+        """The frame with its few missing samples replaced by straight lines between their neighbours."""
+        if not self.frame.isna().to_numpy().any():
+            return self.frame
+        return self.frame.interpolate(method="linear", limit_direction="both")
+
+
+def read_log(
+    path: str | Path,
+    kind: Kind,
+    rig: Rig | None = None,
+    disk: str | None = None,
+    *,
+    allow_compensated: bool = False,
+) -> Log:
+    """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it.
+
+    CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
+    ``disk`` where given). Row numbers in messages are lines of the file.
+
+    Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a warning.
+    """
+    file = Path(path)
+    where = shown(file)
+    if kind not in LAYOUTS:
+        raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
+    tables = (rig or load_rig()).tables(disk or "")
+    mapping = dict(tables.columns)
+    table = open_table(file, (*KNOWN, *mapping.values()))
+    if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
+        raise InputError(
+            "is compensated already",
+            where=where,
+            expected="a log as the logger wrote it",
+            remedy="give the raw log; static lines and chain must not be applied twice",
+        )
+    chosen = match_columns(table.names, kind, where, mapping)
+    raw = table.read(list(dict.fromkeys(chosen.values())))
+    notes = list(raw.notes)
+    columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
+    missing = [n for n in LAYOUTS[kind].optional if n not in columns]
+    if kind == "oven":
+        frame, dt_s = _oven_frame(columns, raw, where, notes), None
+    else:
+        frame, dt_s = _trace_frame(columns, kind, raw, where, notes)
+        _swapped(frame, kind, {d: _depths(rig, d, disk) for d in (*DISKS, "")}, notes)
+    notes += [f"column {name} is missing" for name in missing if not (kind == "hole" or name in frame)]
+    return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
+
+
+def _trace_frame(
+    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str]
+) -> tuple[pd.DataFrame, float]:
+    time, sampling = check_time(columns["time_s"], raw.rows, where)
+    notes.extend(sampling.notes)
+    place = Place(where, raw.rows, time, sampling.dt_s)
+    checked: dict[str, np.ndarray] = {}
+    for name, values in columns.items():
+        if name == "time_s":
+            continue
+        if name in SWITCHES:
+            checked[name], said = two_level(values, name, place)
+        elif name.endswith("_degC"):
+            checked[name], said = check_temperature(values, name, place, junction=name not in ROOM_AND_BATH)
+        else:
+            checked[name], said = _plain(values, name, place)
+        notes.extend(said)
+    _check_groups(checked, kind, place, notes)
+    if kind == "ehl":
+        notes.extend(check_contact(pd.DataFrame(checked, copy=False), place))
+    elif "switch" in checked:
+        notes.extend(check_switch(checked["switch"], "switch", place))
+    if sampling.place[-1] + 1 == len(time):
+        return pd.DataFrame({"time_s": time, **checked}, copy=False), sampling.dt_s
+    even = {"time_s": spread_time(time, sampling)}
+    for name, values in checked.items():
+        even[name] = spread(values, sampling.place)
+        if name in SWITCHES:
+            even[name] = pd.Series(even[name]).ffill().to_numpy()
+    return pd.DataFrame(even), sampling.dt_s
+
+
+def _check_groups(checked: Mapping[str, np.ndarray], kind: str, place: Place, notes: list[str]) -> None:
+    reference = [float(np.nanmedian(checked[n])) for n in ROOM_AND_BATH if n in checked]
+    warmest = max(reference) if reference else None
+    if kind == "ehl":
+        groups = [{n: v for n, v in checked.items() if n.startswith(f"{d}_")} for d in DISKS]
+        room = float(np.nanmedian(checked["ambient_degC"]))
+        if room > 55.0:
+            raise InputError(
+                f"column ambient_degC is about {room:.3g}: no room is that warm; degrees Fahrenheit?",
+                where=place.where,
+                expected="degrees Celsius",
+            )
+        warmest = room
+    else:
+        groups = [{n: v for n, v in checked.items() if n.endswith("_degC") and n not in ROOM_AND_BATH}]
+    for group in groups:
+        notes.extend(check_group(group, place, warmest))
+
+
+def _plain(values: np.ndarray, name: str, place: Place) -> tuple[np.ndarray, list[str]]:
+    out = values.copy()
+    with np.errstate(invalid="ignore"):
+        bad = ~np.isfinite(out) | (np.abs(out) > 1e6)
+    if not bad.any():
+        return out, []
+    i = int(np.argmax(bad))
+    if bad.mean() > 0.05:
+        raise InputError(
+            f"{place.at(name, i)}: {out[i]:.4g}; {100 * bad.mean():.0f} % of the column is missing or impossible",
+            where=place.where,
+        )
+    note = f"{place.at(name, i)}: {int(bad.sum())} value(s) missing or impossible; taken as missing"
+    out[bad] = np.nan
+    return out, [note]
+
+
+def _depths(rig: Rig | None, disk: str, given: str | None) -> dict[str, float]:
+    junctions = (rig or load_rig()).tables(disk or given or "").thermocouples
+    return {c: junctions[c].depth_mm for c in CHANNELS}
+
+
+def _swapped(frame: pd.DataFrame, kind: str, depths: Mapping[str, dict[str, float]], notes: list[str]) -> None:
+    if kind == "ehl":
+        contact = frame["contact"].to_numpy() > 0.5
+        first = int(np.argmax(contact))
+        late = contact & (np.arange(len(contact)) > first + 0.2 * contact.sum())
+        for disk in DISKS:
+            notes.extend(check_swapped(frame, f"{disk}_", depths[disk], late))
+    elif kind == "immersion":
+        mean = frame[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
+        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
+        if end - start > 10.0:
+            rise = (mean - start) / (end - start)
+            notes.extend(check_swapped(frame, "", depths[""], (rise > 0.05) & (rise < 0.35)))
+
+
+def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes: list[str]) -> pd.DataFrame:
+    place = Place(where, raw.rows)
+    checked = {}
+    for name, values in columns.items():
+        if name.endswith("_degC") and name != "setpoint_degC":
+            checked[name], said = check_temperature(values, name, place)
+            notes.extend(said)
+        else:
+            checked[name] = values
+    empty = ~np.isfinite(checked["prt_degC"])
+    if empty.any():
+        notes.append(
+            f"{place.at('prt_degC', int(np.argmax(empty)))}: {int(empty.sum())} row(s) without PRT left out"
+        )
+    for name in (f"{c}_degC" for c in CHANNELS):
+        gaps = ~np.isfinite(checked[name]) & ~empty
+        if gaps.any():
+            notes.append(f"{place.at(name, int(np.argmax(gaps)))}: {int(gaps.sum())} value(s) missing")
+    frame = pd.DataFrame(checked)
+    notes.extend(check_oven(frame, place))
+    frame = frame.loc[~empty].reset_index(drop=True)
+    if "setpoint_degC" not in frame:
+        frame["setpoint_degC"] = 5.0 * np.rint(frame["prt_degC"] / 5.0)
+        notes.append("column setpoint_degC is missing; the PRT to the nearest 5 degC stands in")
+    if "repeat" not in frame:
+        frame["repeat"] = frame.groupby("setpoint_degC").cumcount() + 1.0
+        notes.append("column repeat is missing; rows at one set point are numbered in their order")
+    return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]]

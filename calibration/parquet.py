@@ -1,0 +1,65 @@
+"""Parquet logs: columns of numbers, metadata from the file's key-value pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from pyarrow import parquet as pq
+
+from calibration.csvtable import text_column
+from calibration.errors import InputError
+from calibration.table import Columns, FloatArray, RowNumbers
+
+
+@dataclass
+class ParquetTable:
+    """A Parquet file; samples are numbered from 1 in errors."""
+
+    path: Path
+    where: str
+    names: tuple[str, ...] = ()
+    metadata: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        try:
+            schema = pq.read_schema(self.path)
+        except (pa.ArrowException, OSError, ValueError) as problem:
+            raise InputError(
+                f"not readable as Parquet ({str(problem).splitlines()[0][:120]})", where=self.where
+            ) from None
+        self.names = tuple(schema.names)
+        for key, value in (schema.metadata or {}).items():
+            name = key.decode("utf-8", "replace")
+            if name not in ("pandas", "ARROW:schema"):
+                self.metadata[name] = value.decode("utf-8", "replace")
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """The wanted columns; see ``Columns``."""
+        try:
+            table = pq.read_table(self.path, columns=list(dict.fromkeys(wanted)))
+        except (pa.ArrowException, OSError, ValueError, MemoryError) as problem:
+            raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
+        if table.num_rows == 0:
+            raise InputError("no rows", where=self.where)
+        notes: list[str] = []
+        return Columns({n: self._floats(table.column(n), n, notes) for n in wanted}, tuple(notes))
+
+    def _floats(self, column: pa.ChunkedArray, name: str, notes: list[str]) -> FloatArray:
+        kind = column.type
+        if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
+            if pa.types.is_boolean(kind):
+                column = column.cast(pa.int8())
+            return np.array(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+        if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
+            stamp = pd.Series(column.to_pandas())
+            delta = stamp - stamp.iloc[0]
+            return np.asarray(delta.dt.total_seconds(), dtype=np.float64)
+        if pa.types.is_string(kind) or pa.types.is_large_string(kind):
+            texts = ["" if v is None else str(v).strip() for v in column.to_pylist()]
+            return text_column(texts, ".", name, self.where, RowNumbers(), notes)
+        raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)

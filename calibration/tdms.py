@@ -1,0 +1,122 @@
+"""TDMS logs: channels that may differ in start and rate, or lack a time track."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nptdms import TdmsFile
+
+from calibration.align import Track, align
+from calibration.errors import InputError
+from calibration.table import Columns, FloatArray
+
+logging.getLogger("nptdms").setLevel(logging.ERROR)
+
+
+@dataclass
+class TdmsTable:
+    """A TDMS file; a ``time_s`` made from the channels' own tracks stands in where the file has no such channel."""
+
+    path: Path
+    where: str
+    names: tuple[str, ...] = ()
+    metadata: dict[str, str] = field(default_factory=dict)
+    made_time: bool = False
+
+    def __post_init__(self) -> None:
+        with self._open() as file:
+            self._check_size(file)
+            channels = [c for group in file.groups() for c in group.channels()]
+            names = [str(c.name).strip() for c in channels]
+            for owner in (file, *file.groups()):
+                for key, value in owner.properties.items():
+                    self.metadata.setdefault(str(key)[:200], str(value)[:2000])
+        if not names:
+            raise InputError("holds no channels", where=self.where, expected="a TDMS log")
+        self.made_time = "time_s" not in names and "time" not in names
+        self.names = tuple(["time_s", *names] if self.made_time else names)
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """The wanted channels on one time grid; see ``align``."""
+        with self._open() as file:
+            channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
+            tracks = {n: self._track(channels[n]) for n in wanted if n in channels}
+        made = self.made_time and "time_s" in wanted
+        clock = [n for n in tracks if n in ("time_s", "time")]
+        if clock:
+            lengths = {len(t.values) for t in tracks.values()}
+            if len(lengths) > 1:
+                raise InputError(
+                    f"channels have {min(lengths)} to {max(lengths)} samples beside one column {clock[0]}",
+                    where=self.where,
+                    expected="channels as long as the time, or a wf_increment on each",
+                )
+            return Columns({n: t.values for n, t in tracks.items()})
+        time, data, notes = align(tracks, self.where)
+        if made:
+            if time is None:
+                raise InputError(
+                    "no channel has a time track (wf_increment)",
+                    where=self.where,
+                    expected="a channel time_s or wf_increment",
+                )
+            data = {"time_s": time, **data}
+        return Columns(data, tuple(notes))
+
+    def _open(self) -> Any:
+        try:
+            return TdmsFile.open(self.path)
+        except Exception as problem:  # npTDMS raises many kinds on damaged files
+            raise self._damaged(problem) from None
+
+    def _damaged(self, problem: BaseException) -> InputError:
+        text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
+        return InputError(f"not readable as TDMS ({text})", where=self.where, expected="a whole TDMS file")
+
+    def _check_size(self, file: Any) -> None:
+        status = getattr(file, "file_status", None)
+        if status is not None and status.incomplete_final_segment:
+            raise InputError(
+                "the last segment is cut: the file is truncated", where=self.where, remedy="copy the file again"
+            )
+        promised = 0
+        for group in file.groups():
+            for channel in group.channels():
+                size = getattr(channel.data_type, "size", None) or 1
+                promised += len(channel) * int(size)
+        if promised > 16 * self.path.stat().st_size + 4096:
+            raise InputError(
+                f"promises {promised} bytes of samples but has {self.path.stat().st_size}: it is damaged",
+                where=self.where,
+            )
+
+    def _track(self, channel: Any) -> Track:
+        try:
+            values = channel[:]
+            props = channel.properties
+        except Exception as problem:  # npTDMS raises many kinds on damaged files
+            raise self._damaged(problem) from None
+        numbers = _floats(values, str(channel.name), self.where)
+        step = props.get("wf_increment")
+        start = props.get("wf_start_time")
+        offset = float(props.get("wf_start_offset", 0.0) or 0.0)
+        if start is not None:
+            offset += float((np.datetime64(start, "us") - np.datetime64("2000-01-01", "us")).astype(float)) * 1e-6
+        good = step is not None and np.isfinite(float(step)) and float(step) > 0
+        return Track(numbers, offset, float(step) if good else None)
+
+
+def _floats(values: Any, name: str, where: str) -> FloatArray:
+    array = np.asarray(values)
+    if np.issubdtype(array.dtype, np.datetime64):
+        return np.asarray((array - array[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
+    if array.dtype.kind not in "fiub":
+        raise InputError(f"channel {name} holds {array.dtype}, not numbers", where=where)
+    if len(array) == 0:
+        raise InputError(f"channel {name} is empty", where=where)
+    return np.asarray(array, dtype=np.float64)
