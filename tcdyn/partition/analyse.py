@@ -1,0 +1,258 @@
+"""One EHL test from prepared traces to all ways to beta and their cross-check."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.disk import DISKS
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.rigfile import UncertaintyTable
+from tcdyn.chain import Chain
+from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.smoother import smooth
+from tcdyn.conduction.rim import Profile
+from tcdyn.partition.budget import Budget, monte_carlo
+from tcdyn.partition.cooling import CoolingFit, cooling_fit
+from tcdyn.partition.crosscheck import CrossCheck, cross_check
+from tcdyn.partition.equalise import equalised
+from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
+from tcdyn.partition.lines import DiskLine, disk_line
+from tcdyn.partition.nuisance import Nuisances, nuisances
+from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.shift import FitShift
+from tcdyn.partition.steady import SpeedLawPoint, speed_law
+from tcdyn.partition.surface import Surface, surface_temperatures
+from tcdyn.partition.window import OUTER, DiskWindow, chained_power, disk_window, stretch_of
+
+WINDOW_S = 5.0
+JOINT_WINDOW_S = 10.0
+EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
+
+
+@dataclass(frozen=True)
+class Partition:
+    """All ways to the heat partition of one test.
+
+    ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
+    lag refined by the joint fit); ``draws`` of the budget hold every quantity with its correlations.
+    """
+
+    test: EhlTest
+    rows: slice
+    lines: Mapping[str, DiskLine]
+    speed: SpeedLawPoint
+    cooling: Mapping[str, CoolingFit]
+    joint: Mapping[str, DiskFit]
+    both: BothFit
+    budget: Budget
+    crosscheck: CrossCheck
+    surface: Surface
+    chains: Mapping[str, tuple[Chain, ...]]
+    compensated: Mapping[str, Compensated]
+    windows: Mapping[str, DiskWindow]
+    warnings: tuple[str, ...]
+
+    @property
+    def ways(self) -> dict[str, float]:
+        """beta of the fast disk by each way."""
+        out = {"speed law": self.speed.beta}
+        out |= {f"cooling {d}": self.cooling[d].beta for d in DISKS}
+        return out | {f"joint {d}": self.joint[d].beta for d in DISKS}
+
+    def estimate(self, key: str, value: float) -> Estimate:
+        """``value`` with the uncertainty of the budget's draws of ``key``."""
+        return Estimate.normal(value, float(np.std(self.budget.draws[key])))
+
+
+def analyse(
+    test: EhlTest,
+    u: UncertaintyTable,
+    *,
+    window_s: float = WINDOW_S,
+    profile: Profile = "modal",
+    weights: NDArray[np.float64] = EQUAL_WEIGHTS,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Partition:
+    """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
+
+    ``u``: uncertainties of what nobody measured; ``window_s``: cooling used by the h-only fit. Raises InputError when
+    the log ends too early, the window is shorter than the lag, or the data contradict the model.
+    """
+    lag = max(d.common_lag_s for d in test.disks.values())
+    if window_s < lag:
+        raise InputError(
+            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
+            expected=f"at least {lag:.2f} s",
+            remedy="ask for a longer window",
+        )
+    cooled = test.time_s[-1] - test.events.unload_s
+    length = max(window_s, min(JOINT_WINDOW_S, cooled))
+    rows = stretch_of(test, length)
+    warnings = list(test.warnings)
+    progress("steady lines")
+    lines = {d: _line(test, test.disks[d], rows, u, profile, weights) for d in DISKS}
+    speed = speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
+    progress("joint fits")
+    start = {
+        "fast": (speed.beta, max(speed.h_fast, 50.0)),
+        "slow": (1 - speed.beta, max(speed.h_slow, 50.0)),
+    }
+    joint, both = joint_fits(test, start, u, min(JOINT_WINDOW_S, cooled), profile)
+    progress("compensation")
+    chains = {d: refined_chains(test.disks[d], joint[d]) for d in DISKS}
+    compensated, windows, cooling, shifts = {}, {}, {}, {}
+    for d in DISKS:
+        disk = test.disks[d]
+        compensated[d] = compensate_stretch(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
+        windows[d] = _compensated_window(test, disk, rows, compensated[d], profile)
+        noise = float(np.median(compensated[d].sd_noise[:, OUTER]))
+        cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
+        progress(f"cooling fit, {d} disk")
+        shifts[d] = _cooling_shift(test, disk, rows, chains[d], joint[d], lines[d], cooling[d], u, profile, window_s)
+        warnings += _lag_warnings(d, disk, joint[d])
+    budget = monte_carlo(
+        {d: lines[d].line for d in DISKS},
+        {d: lines[d].shift for d in DISKS},
+        {d: (cooling[d].share, cooling[d].h_W_m2K) for d in DISKS},
+        shifts,
+        {d: (joint[d].share, joint[d].h_W_m2K) for d in DISKS},
+        {d: joint[d].shift for d in DISKS},
+        test.speed_ratio,
+        test.speed_exponent,
+        u,
+        seed,
+    )
+    ways = {"speed law": speed.beta}
+    ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
+    ways |= {f"joint {d}": joint[d].beta for d in DISKS}
+    steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
+    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady)
+    surface = surface_temperatures(test, rows, speed, windows)
+    return Partition(
+        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains, compensated, windows,
+        tuple(warnings),
+    )  # fmt: skip
+
+
+def _line(
+    test: EhlTest, disk: DiskTraces, rows: slice, u: UncertaintyTable, profile: Profile, weights: NDArray[np.float64]
+) -> DiskLine:
+    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
+    window = lagged_window(test, disk, rows, readings, profile)
+
+    def at(share: float, h: float) -> Nuisances:
+        return nuisances(window, disk, readings, test.dt_s, share, h, u)
+
+    return disk_line(window, test.events.unload_s, weights, at)
+
+
+def lagged_window(
+    test: EhlTest, disk: DiskTraces, rows: slice, readings: NDArray[np.float64], profile: Profile
+) -> DiskWindow:
+    """Window of the equalised, still lagged readings, with the power seen through the same chain."""
+    from tcdyn.conduction.bank import lag_bank
+
+    window = disk_window(test, disk, readings, rows, disk.noise_K, profile)
+    power = chained_power(test, rows, disk.mean_chain)
+    return window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
+
+
+def refined_chains(disk: DiskTraces, fit: DiskFit) -> tuple[Chain, ...]:
+    """The record's chains with the common part that the joint fit found, channel differences kept."""
+    mean = disk.mean_chain
+    out = []
+    for chain in disk.chains:
+        difference = chain.lag_s - mean.lag_s
+        taus = sorted(fit.chain.taus_s, reverse=True)
+        out.append(replace(fit.chain, taus_s=(max(taus[0] + difference, 1e-3), *taus[1:])))
+    return tuple(out)
+
+
+def compensate_stretch(
+    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float
+) -> Compensated:
+    """The six traces of one disk over ``rows``, smoothed with the parting as a known kink."""
+    y = np.where(disk.spikes[rows], np.nan, disk.readings_degC[rows])
+    event = test.events.unload_s - test.time_s[rows][0]
+    m = y.shape[1]
+    centre = np.eye(m) - 1.0 / m
+    covariance = centre @ disk.lag_covariance_s2 @ centre.T + lag_u_s**2
+    return smooth(
+        y,
+        test.dt_s,
+        chains,
+        noise_sd=disk.noise_K,
+        events_s=(float(event),),
+        lag_covariance=covariance,
+        static_u=disk.static_u_K,
+    )
+
+
+def _compensated_window(
+    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile
+) -> DiskWindow:
+    return disk_window(test, disk, done.temperature, rows, disk.noise_K, profile)
+
+
+def _cooling_shift(
+    test: EhlTest,
+    disk: DiskTraces,
+    rows: slice,
+    chains: tuple[Chain, ...],
+    joint: DiskFit,
+    line: DiskLine,
+    fit: CoolingFit,
+    u: UncertaintyTable,
+    profile: Profile,
+    window_s: float,
+) -> FitShift:
+    """How (share, h) of the cooling fit move with the nuisances, through the traces and through the line."""
+    window = _compensated_window(test, disk, rows, compensate_with(test, disk, rows, chains, 0.0), profile)
+    temperatures = disk.readings_degC[rows]
+    nuis = nuisances(window, disk, temperatures, test.dt_s, fit.share, fit.h_W_m2K, u)
+    slope = line.line.slope
+    per_sd = []
+    for q, name in enumerate(nuis.names):
+        k = line.shift.names.index(name)
+        share_moves = float(line.shift.per_sd[k] @ np.array([1.0, fit.h_W_m2K]))
+        change = fit.pull(nuis.effect[q] * nuis.sd[q] + share_moves * fit.power)
+        per_sd.append((share_moves + slope * change, change))
+    lag_u = joint.estimates["lag_s"].u
+    step = 0.02
+    longer = _compensated_window(test, disk, rows, compensate_with(test, disk, rows, chains, step), profile)
+    change = -fit.pull(longer.y - window.y) * lag_u / step
+    per_sd.append((slope * change, change))
+    noise_h = fit.h_noise
+    share_noise = float(np.sqrt(line.shift.noise[0, 0]))
+    noise = np.array(
+        [
+            [(slope * noise_h) ** 2 + share_noise**2, slope * noise_h**2],
+            [slope * noise_h**2, noise_h**2],
+        ]
+    )
+    return FitShift((*nuis.names, "common lag"), (*nuis.shared, False), np.array(per_sd), noise)
+
+
+def compensate_with(
+    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], longer_s: float
+) -> Compensated:
+    """As ``compensate_stretch`` with every lag longer by ``longer_s``."""
+    return compensate_stretch(test, disk, rows, tuple(c.with_lag_shift(longer_s) for c in chains), 0.0)
+
+
+def _lag_warnings(name: str, disk: DiskTraces, fit: DiskFit) -> list[str]:
+    lag = fit.estimates["lag_s"]
+    spread = float(np.hypot(max(disk.common_lag_u_s, 0.02), lag.u))
+    z = abs(lag.value - disk.common_lag_s) / spread
+    if z > 3:
+        return [
+            f"{name} disk: the unloading gives a common lag of {lag.value:.3f} s, the record {disk.common_lag_s:.3f} "
+            f"+- {disk.common_lag_u_s:.3f} s ({z:.1f} standard deviations apart)"
+        ]
+    return []

@@ -1,0 +1,133 @@
+"""Where the uncertainty of beta comes from: Monte Carlo by source over both ways and both disks (GUM Supplement 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.rigfile import UncertaintyTable
+from tcdyn.partition.shift import FitShift
+from tcdyn.partition.steady import Line, speed_law_beta
+
+DRAWS = 4000
+MODEL_FORM_REL = 0.004  # of the share: the rim's inner profile and mesh against full-disk solutions
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    source: str
+    u_beta_steady: float
+    u_beta_transient: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """``rows`` by source; ``draws`` of every quantity, all sources together, each (draws,)."""
+
+    rows: tuple[BudgetRow, ...]
+    draws: dict[str, NDArray[np.float64]]
+
+
+def source_of(nuisance: str) -> str:
+    """The line of the budget that a nuisance belongs to.
+
+    >>> source_of("depth e"), source_of("static b"), source_of("washer")
+    ('junction depth', 'static lines', 'washer')
+    """
+    head = nuisance.split()[0]
+    return {
+        "depth": "junction depth",
+        "static": "static lines",
+        "lag": "chain",
+        "common": "chain",
+        "heat": "heat capacity",
+        "model": "rim model form",
+    }.get(head, nuisance)
+
+
+def monte_carlo(
+    lines: Mapping[str, Line],
+    shifts: Mapping[str, FitShift],
+    cooling: Mapping[str, tuple[float, float]],
+    cooling_shifts: Mapping[str, FitShift],
+    joint: Mapping[str, tuple[float, float]],
+    joint_shifts: Mapping[str, FitShift],
+    speed_ratio: float,
+    exponent: float,
+    u: UncertaintyTable,
+    seed: int = 0,
+    draws: int = DRAWS,
+) -> Budget:
+    """Draw all sources, push them through lines, speed law and transient fits, and read off each source's part.
+
+    ``lines``: steady line of "fast" and "slow"; ``cooling`` and ``joint``: (share, h) of each disk. Shared nuisances
+    move both disks together. The exponent n is drawn evenly from its stated range, moved so that its middle is the
+    exponent in use; everything else is normal.
+    """
+    names = sorted({(d if not sh else "both", n) for d, s in shifts.items() for n, sh in zip(s.names, s.shared)})
+    names += [(d, own) for d in ("fast", "slow") for own in ("common lag", "lag shape", "model form")]
+    rng = np.random.default_rng(seed)
+    normal = {key: rng.standard_normal(draws) for key in names}
+    uniform = rng.uniform(u.speed_exponent_low, u.speed_exponent_high, draws)
+    uniform = uniform + (exponent - 0.667) * (abs(exponent - 0.667) > 1e-9)
+    noise = {d: rng.standard_normal((draws, 6)) for d in ("fast", "slow")}
+
+    def run(active: str | None) -> dict[str, NDArray[np.float64]]:
+        n = uniform if active in (None, "speed exponent") else np.full(draws, exponent)
+        moved: dict[str, NDArray[np.float64]] = {}
+        coefficient = {}
+        for d in ("fast", "slow"):
+            s = shifts[d]
+            change = np.zeros((draws, 2))
+            for q, (name, shared) in enumerate(zip(s.names, s.shared)):
+                if active in (None, source_of(name)):
+                    change += normal[("both" if shared else d, name)][:, None] * s.per_sd[q]
+            if active in (None, "noise"):
+                change += noise[d][:, :2] @ _root(s.noise).T
+            line = lines[d]
+            coefficient[d] = (line.intercept + change[:, 0], line.slope + change[:, 1])
+            if active in (None, "rim model form"):
+                grow = 1 + MODEL_FORM_REL * normal[(d, "model form")]
+                coefficient[d] = (coefficient[d][0] * grow, coefficient[d][1] * grow)
+            for kind, centre, shift, at in (
+                ("cooling", cooling.get(d), cooling_shifts.get(d), 2),
+                ("joint", joint.get(d), joint_shifts.get(d), 4),
+            ):
+                if centre is None or shift is None:
+                    continue
+                value = np.zeros((draws, 2))
+                for q, (name, shared) in enumerate(zip(shift.names, shift.shared)):
+                    if active in (None, source_of(name)):
+                        value += normal[("both" if shared else d, name)][:, None] * shift.per_sd[q]
+                if active in (None, "noise"):
+                    value += noise[d][:, at : at + 2] @ _root(shift.noise).T
+                if active in (None, "rim model form"):
+                    value[:, 0] += centre[0] * MODEL_FORM_REL * normal[(d, "model form")]
+                share = centre[0] + value[:, 0]
+                moved[f"{kind} {d}"] = share if d == "fast" else 1 - share
+                moved[f"h {kind} {d}"] = centre[1] + value[:, 1]
+        (a, b), (c, dd) = coefficient["fast"], coefficient["slow"]
+        moved["speed law"] = np.asarray(speed_law_beta(a, b, c, dd, speed_ratio**n))  # type: ignore[arg-type]
+        moved["h_fast"] = (moved["speed law"] - a) / b
+        moved["h_slow"] = (1 - moved["speed law"] - c) / dd
+        moved["fast intercept"], moved["fast slope"], moved["slow intercept"], moved["slow slope"] = a, b, c, dd
+        return moved
+
+    everything = run(None)
+    sources = sorted({source_of(n) for _, n in names} | {"speed exponent", "noise", "rim model form"})
+    rows = []
+    for source in sources:
+        one = run(source)
+        transient = [float(np.std(one[f"cooling {d}"])) for d in ("fast", "slow") if f"cooling {d}" in one]
+        rows.append(BudgetRow(source, float(np.std(one["speed law"])), max(transient, default=0.0)))
+    rows.sort(key=lambda r: -max(r.u_beta_steady, r.u_beta_transient))
+    return Budget(tuple(rows), everything)
+
+
+def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A square root of a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))

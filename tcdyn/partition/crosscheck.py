@@ -1,0 +1,78 @@
+"""Do the speed law, the cooling and the joint fits agree, their uncertainties and correlations counted?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration.estimate import Estimate
+
+SUSPECT_Z = 3.0
+
+
+@dataclass(frozen=True)
+class CrossCheck:
+    """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference."""
+
+    z: float
+    agree: bool
+    sentence: str
+    pair: tuple[str, str]
+    p_value: float
+    pairs: tuple[tuple[str, str, float, float], ...]
+
+
+def cross_check(values: dict[str, float], draws: dict[str, NDArray[np.float64]], steady: Estimate) -> CrossCheck:
+    """Compare the ways to beta, given Monte Carlo ``draws`` of each that share their common errors.
+
+    ``values`` and ``draws`` have the same keys. The difference of two ways is judged against the spread of the
+    difference of their draws, so an error that moves both alike does not count. With several pairs the largest z is
+    judged by the chance that any of so many would be as large (``p_value`` from the draws themselves).
+    """
+    names = list(values)
+    pairs, zs = [], []
+    for i, one in enumerate(names):
+        for other in names[i + 1 :]:
+            gap = values[one] - values[other]
+            spread = float(np.std(draws[one] - draws[other]))
+            z = abs(gap) / max(spread, 1e-12)
+            pairs.append((one, other, float(gap), float(z)))
+            centred = draws[one] - draws[other]
+            zs.append(np.abs(centred - centred.mean()) / max(spread, 1e-12))
+    worst = max(pairs, key=lambda row: row[3])
+    largest = np.max(np.stack(zs), axis=0)
+    p = float(np.mean(largest >= worst[3]))
+    if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
+        p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
+    agree = worst[3] < SUSPECT_Z
+    return CrossCheck(worst[3], agree, _sentence(agree, worst, values, steady, p), (worst[0], worst[1]), p, tuple(pairs))
+
+
+def _sentence(
+    agree: bool, worst: tuple[str, str, float, float], values: dict[str, float], steady: Estimate, p: float
+) -> str:
+    one, other, gap, z = worst
+    spread = f"{min(values.values()):.3f} to {max(values.values()):.3f}"
+    if agree:
+        return (
+            f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
+            f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations."
+        )
+    return (
+        f"The ways to beta do NOT agree: {one} and {other} differ by {abs(gap):.3f}, {z:.1f} standard deviations of "
+        f"their difference; suspect {_suspect(one, other)}."
+    )
+
+
+def _suspect(one: str, other: str) -> str:
+    words = {one, other}
+    if words == {"joint fast", "joint slow"}:
+        return "a junction depth, a static line or the friction scale: the two disks' shares do not add to one"
+    if any(w.startswith("cooling") for w in words) and any(w.startswith("joint") for w in words):
+        return "the chain's lag or the instant of parting: compensated and commuted forms should give the same"
+    if any(w.startswith("cooling") for w in words):
+        return "the lag that was compensated, or the speed exponent"
+    return "the speed exponent, or a junction depth"

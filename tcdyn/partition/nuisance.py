@@ -1,0 +1,160 @@
+"""What nobody measured in this test, with its standard uncertainty and its effect on the predicted outer row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
+from calibration.rigfile import UncertaintyTable
+from tcdyn.conduction.bank import lag_bank
+from tcdyn.conduction.modal import RimGains
+from tcdyn.partition.prepare import DiskTraces
+from tcdyn.partition.window import (
+    GRADIENT_STEP_M,
+    INNER,
+    NOMINAL,
+    DiskWindow,
+    Perturbation,
+    perturbed_gains,
+)
+
+MATERIAL_STEP = 0.01
+SMOOTH_RATE_S = 0.5
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """``names`` (Q,), ``sd`` (Q,) in the unit of each, ``shared`` marks those that both disks have in common.
+
+    ``effect`` (Q, R, 3): change of the predicted reading per unit of the nuisance [K per unit], at the share and h
+    at which it was worked out.
+    """
+
+    names: tuple[str, ...]
+    sd: NDArray[np.float64]
+    effect: NDArray[np.float64]
+    shared: tuple[bool, ...]
+
+
+def nuisances(
+    window: DiskWindow,
+    disk: DiskTraces,
+    stretch_readings: NDArray[np.float64],
+    dt_s: float,
+    share: float,
+    h_W_m2K: float,
+    u: UncertaintyTable,
+) -> Nuisances:
+    """All nuisances of one disk about the point (share, h).
+
+    ``stretch_readings`` (N, 6): the temperatures that drove ``window``. Static lines of all six channels, depths of
+    all six junctions, differential lags, steel, washer, half-width of the contact, friction scale and ambient.
+    """
+    gains = window.gains(h_W_m2K)
+    rest, power = window.answer(gains)
+    base = rest + share * power
+    static = gains.direct + gains.gains.sum(axis=2)  # (5, 3): response to a lasting unit of each input
+    names: list[str] = []
+    sd: list[float] = []
+    effect: list[NDArray[np.float64]] = []
+    shared: list[bool] = []
+
+    def add(name: str, spread: float, change: NDArray[np.float64], both: bool = False) -> None:
+        if spread > 0:
+            names.append(name)
+            sd.append(spread)
+            effect.append(np.broadcast_to(change, base.shape))
+            shared.append(both)
+
+    for j, ch in enumerate(OUTER_ROW):
+        one = np.zeros(3)
+        one[j] = 1.0
+        add(f"static {ch}", float(disk.static_u_K[CHANNELS.index(ch)]), one)
+    for i, ch in enumerate(INNER_ROW):
+        add(f"static {ch}", float(disk.static_u_K[CHANNELS.index(ch)]), -static[1 + i])
+    for name, p, spread, both in _material(u):
+        moved = window.answer(window.gains(h_W_m2K, p))
+        add(name, spread, (moved[0] + share * moved[1] - base) / MATERIAL_STEP, both)
+    for j, ch in enumerate(OUTER_ROW):
+        shift = [0.0, 0.0, 0.0]
+        shift[j] = 0.05e-3
+        moved = window.answer(window.gains(h_W_m2K, replace(NOMINAL, depth_m=tuple(shift))))
+        add(f"depth {ch}", u.depth_mm * 1e-3, (moved[0] + share * moved[1] - base) / shift[j])
+    slopes = boundary_gradient(window, stretch_readings, share, h_W_m2K)
+    for i, ch in enumerate(INNER_ROW):
+        add(f"depth {ch}", u.depth_mm * 1e-3, _through_boundary(window, slopes[:, i], dt_s, gains, i))
+    add("friction", u.friction_rel, share * power, True)
+    add("ambient", u.ambient_K, static[4], True)
+    _lags(window, disk, stretch_readings, dt_s, base, gains, add)
+    return Nuisances(tuple(names), np.array(sd), np.stack(effect), tuple(shared))
+
+
+def _material(u: UncertaintyTable) -> Sequence[tuple[str, Perturbation, float, bool]]:
+    e = MATERIAL_STEP
+    return (
+        ("conductivity", Perturbation(conductivity=e), u.conductivity_rel, True),
+        ("heat capacity", Perturbation(heat_capacity=e), u.heat_capacity_rel, True),
+        ("washer", Perturbation(washer=e), u.washer_rel, True),
+        ("half-width", Perturbation(half_width=e), u.half_width_rel, True),
+    )
+
+
+def boundary_gradient(
+    window: DiskWindow, readings: NDArray[np.float64], share: float, h_W_m2K: float
+) -> NDArray[np.float64]:
+    """Rise of temperature with radius at d, b, f over the stretch, (N, 3) [K/m], from the model itself.
+
+    A junction that lies deeper than stated reads too low for the model's inner radius by this slope times its error.
+    Worked out on block means and held between them.
+    """
+    setup = window.setup
+    extra = tuple((setup.junctions[c].depth_m - GRADIENT_STEP_M, setup.junctions[c].z_m) for c in INNER_ROW)
+    g = perturbed_gains(setup, h_W_m2K, window.half_width_m, window.rates_1_s, NOMINAL, window.profile, extra)
+    rest, power = window.answer(g)
+    rise = (rest + share * power)[:, 3:] - window.inputs[:, 1:4]
+    smooth = np.column_stack([np.interp(window.time_s, window.blocks.time_s, r) for r in rise.T])
+    return smooth / GRADIENT_STEP_M
+
+
+def _through_boundary(
+    window: DiskWindow, signal: NDArray[np.float64], dt_s: float, gains: RimGains, i: int
+) -> NDArray[np.float64]:
+    """Answer of the outer row to an addition ``signal`` (N,) to boundary reading i; (R, 3)."""
+    bank = window.blocks.mean(lag_bank(signal, dt_s, window.rates_1_s))
+    return np.asarray(window.blocks.mean(signal)[:, None] * gains.direct[1 + i][None] + bank @ gains.gains[1 + i].T)
+
+
+def _lags(
+    window: DiskWindow,
+    disk: DiskTraces,
+    readings: NDArray[np.float64],
+    dt_s: float,
+    base: NDArray[np.float64],
+    gains: RimGains,
+    add: Callable[[str, float, NDArray[np.float64]], None],
+) -> None:
+    """Errors of the differential lags: a reading that lags by more than stated shows its own past."""
+    u_diff = differential_lag_u_s(disk.lag_covariance_s2)
+    width = max(int(round(SMOOTH_RATE_S / dt_s)), 1)
+    kernel = np.ones(width) / width
+    rate = np.gradient(base, window.blocks.time_s, axis=0)
+    for j, ch in enumerate(OUTER_ROW):
+        change = np.zeros_like(base)
+        change[:, j] = -rate[:, j]
+        add(f"lag {ch}", float(u_diff[CHANNELS.index(ch)]), change)
+    for i, ch in enumerate(INNER_ROW):
+        padded = np.pad(readings[:, INNER[i]], width, mode="edge")
+        smooth = np.convolve(padded, kernel, mode="same")[width:-width]
+        slope = np.gradient(smooth, dt_s)
+        add(f"lag {ch}", float(u_diff[CHANNELS.index(ch)]), _through_boundary(window, slope, dt_s, gains, i))
+
+
+def differential_lag_u_s(covariance_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard uncertainty of each channel's lag less the mean of all, from their covariance; (M, M) -> (M,)."""
+    m = len(covariance_s2)
+    centre = np.eye(m) - 1.0 / m
+    return np.sqrt(np.clip(np.diag(centre @ covariance_s2 @ centre.T), 0.0, None))

@@ -1,0 +1,246 @@
+"""From an EHL log and two disk records to what the heat-partition fits need, in SI units and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from calibration.disk import CHANNELS, DISKS, DiskSetup
+from calibration.errors import InputError
+from calibration.logs import Log
+from calibration.record import DiskRecord
+from calibration.rigfile import Rig
+from calibration.static import apply_static, static_u
+from tcdyn.chain import Chain
+from tcdyn.partition.events import Events, find_events
+from tcdyn.partition.friction import contact_force
+from tcdyn.rig.contact import half_width_m
+
+SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
+SPIKE_SIGMA = 6.0
+
+
+@dataclass(frozen=True)
+class DiskTraces:
+    """One disk in one test: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
+
+    ``noise_K`` (6,): white noise of each channel; ``static_u_K`` (6,): standard uncertainty of the static lines at
+    the steady temperature; ``lag_u_s``: standard uncertainty of the common lag; ``lag_covariance_s2`` (6, 6).
+    """
+
+    name: str
+    setup: DiskSetup
+    readings_degC: NDArray[np.float64]
+    spikes: NDArray[np.bool_]
+    chains: tuple[Chain, ...]
+    noise_K: NDArray[np.float64]
+    static_u_K: NDArray[np.float64]
+    lag_covariance_s2: NDArray[np.float64]
+
+    @property
+    def common_lag_s(self) -> float:
+        return float(np.mean([c.lag_s for c in self.chains]))
+
+    @property
+    def common_lag_u_s(self) -> float:
+        return float(np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)))
+
+    @property
+    def mean_chain(self) -> Chain:
+        """The chain with the mean of the channels' parameters."""
+        taus = np.mean([sorted(c.taus_s, reverse=True) for c in self.chains], axis=0)
+        return replace(
+            self.chains[0],
+            taus_s=tuple(float(x) for x in taus),
+            zero_s=float(np.mean([c.zero_s for c in self.chains])),
+            delay_s=float(np.mean([c.delay_s for c in self.chains])),
+        )
+
+
+@dataclass(frozen=True)
+class EhlTest:
+    """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
+
+    ``power_W`` is the whole frictional power F u_s; ``speeds_m_s`` (fast, slow) are the surface speeds under load.
+    """
+
+    time_s: NDArray[np.float64]
+    dt_s: float
+    events: Events
+    power_W: NDArray[np.float64]
+    ambient_degC: NDArray[np.float64]
+    load_N: float
+    friction_N: float
+    speeds_m_s: tuple[float, float]
+    half_width_m: float
+    speed_exponent: float
+    disks: Mapping[str, DiskTraces]
+    warnings: tuple[str, ...]
+
+    @property
+    def sliding_speed_m_s(self) -> float:
+        """u_s = u_f - u_s, eq. (2.1)."""
+        return self.speeds_m_s[0] - self.speeds_m_s[1]
+
+    @property
+    def entraining_speed_m_s(self) -> float:
+        """Mean of the surface speeds, eq. (2.2)."""
+        return 0.5 * sum(self.speeds_m_s)
+
+    @property
+    def speed_ratio(self) -> float:
+        return self.speeds_m_s[0] / self.speeds_m_s[1]
+
+    def rows(self, start_s: float, stop_s: float) -> slice:
+        """The samples from ``start_s`` to before ``stop_s``."""
+        return slice(int(np.searchsorted(self.time_s, start_s)), int(np.searchsorted(self.time_s, stop_s)))
+
+
+def prepare(log: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> EhlTest:
+    """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
+
+    Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
+    """
+    where = log.path.name
+    if log.metadata.get("tcdyn") == "compensated":
+        raise InputError(
+            "this log is already compensated", where=where, remedy="give the log as it was recorded: the fits compensate it"
+        )
+    missing = [d for d in DISKS if d not in records]
+    if missing:
+        raise InputError(f"no record of the {missing[0]} disk", remedy=f"add --record {missing[0]}.disk.json")
+    frame = log.frame
+    t = frame["time_s"].to_numpy(dtype=float)
+    dt = float(np.median(np.diff(t)))
+    events = find_events(frame, where)
+    warnings = [*log.warnings, *events.warnings]
+    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
+    rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
+    speeds = (_surface_speed(rpm[0], radius[0]), _surface_speed(rpm[1], radius[1]))
+    if not speeds[0] > speeds[1] > 0:
+        raise InputError(
+            f"surface speeds {speeds[0]:.2f} (fast) and {speeds[1]:.2f} m/s (slow)",
+            where=where,
+            expected="a fast disk that is faster than the slow one",
+            remedy="check speed_fast_rpm and speed_slow_rpm, or the [columns] of rig.toml",
+        )
+    ratio, nominal = speeds[0] / speeds[1], rig.common.contact.gear_ratio
+    if abs(ratio / nominal - 1) > 0.05:
+        warnings.append(f"the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {nominal:.3f}: the log is used")
+    load = contact_force(t, frame["load_N"].to_numpy(dtype=float), events)
+    friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
+    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
+    load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
+    if load_N <= 0 or friction_N <= 0:
+        raise InputError(
+            f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact", where=where, expected="both above zero"
+        )
+    if not 0.002 < friction_N / load_N < 0.2:
+        warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
+    setups = [rig.disk_setup(d) for d in DISKS]
+    half_width = half_width_m(load_N, setups[0].outer_radius_m, setups[0].crown_radius_m)
+    return EhlTest(
+        time_s=t,
+        dt_s=dt,
+        events=events,
+        power_W=friction * (speeds[0] - speeds[1]),
+        ambient_degC=_filled(frame["ambient_degC"].to_numpy(dtype=float)),
+        load_N=load_N,
+        friction_N=friction_N,
+        speeds_m_s=speeds,
+        half_width_m=half_width,
+        speed_exponent=rig.common.contact.speed_exponent,
+        disks={d: disk_traces(frame, d, rig.disk_setup(d), records[d], steady, warnings, where) for d in DISKS},
+        warnings=tuple(warnings),
+    )
+
+
+def disk_traces(
+    frame: pd.DataFrame,
+    disk: str,
+    setup: DiskSetup,
+    record: DiskRecord,
+    steady: NDArray[np.bool_],
+    warnings: list[str],
+    where: str,
+) -> DiskTraces:
+    """Static lines, spikes and noise of one disk; adds to ``warnings`` what a user should know."""
+    if record.disk not in (disk, setup.name):
+        raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
+    columns, spikes, static = [], [], []
+    for ch in CHANNELS:
+        line = record.static[ch]
+        raw = frame[f"{disk}_{ch}_degC"].to_numpy(dtype=float)
+        values, marked = despiked(np.asarray(apply_static(raw, line), dtype=float))
+        if np.mean(marked) > 0.05:
+            warnings.append(f"{disk}_{ch}: {100 * np.mean(marked):.1f} % of the samples are spikes or missing")
+        mean = float(np.mean(values[steady]))
+        low, high = line.range_degC
+        if not low - 2 <= mean <= high + 2:
+            warnings.append(
+                f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated range {low:.0f} to {high:.0f} degC (extrapolated)"
+            )
+        columns.append(values)
+        spikes.append(marked)
+        static.append(float(static_u(line, mean)))
+    y = np.column_stack(columns)
+    return DiskTraces(
+        name=disk,
+        setup=setup,
+        readings_degC=y,
+        spikes=np.column_stack(spikes),
+        chains=record_chains(record, setup),
+        noise_K=white_noise(y),
+        static_u_K=np.array(static),
+        lag_covariance_s2=np.asarray(record.chain.covariance, dtype=float),
+    )
+
+
+def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
+    """The chains of channels a..f as the record states them."""
+    return tuple(
+        Chain(
+            taus_s=(c.tau1_s, c.tau2_s),
+            zero_s=c.zero_s,
+            delay_s=c.delay_s,
+            conditioning=setup.conditioning,
+        )
+        for c in (record.chain.channels[ch] for ch in CHANNELS)
+    )
+
+
+def despiked(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
+    missing = ~np.isfinite(y)
+    filled = _filled(y)
+    away = np.abs(filled - median_filter(filled, SPIKE_SAMPLES, mode="nearest"))
+    noise = float(white_noise(filled[:, None])[0])
+    marked = missing | (away > SPIKE_SIGMA * max(noise, 1e-6))
+    if not marked.any():
+        return filled, marked
+    rows = np.arange(len(y))
+    return np.interp(rows, rows[~marked], filled[~marked]), marked
+
+
+def white_noise(y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard deviation of the white noise of each column, from third differences and their median; (N, M) -> (M,)."""
+    d = np.diff(y, n=3, axis=0)
+    return np.asarray(1.4826 * np.median(np.abs(d - np.median(d, axis=0)), axis=0) / np.sqrt(20.0))
+
+
+def _filled(y: NDArray[np.float64]) -> NDArray[np.float64]:
+    good = np.isfinite(y)
+    if good.all():
+        return y
+    rows = np.arange(len(y))
+    return np.interp(rows, rows[good], y[good])
+
+
+def _surface_speed(rpm: float, radius_m: float) -> float:
+    return rpm * 2 * np.pi / 60 * radius_m
