@@ -16,7 +16,7 @@ from tcdyn.rig.ehl import EhlOptions, simulate_ehl
 from tcdyn.rig.files import write_json, write_log, write_traces
 from tcdyn.rig.oven import simulate_oven
 from tcdyn.rig.plunge import PlungeOptions, simulate_plunge
-from tcdyn.rig.programme import ehl_test
+from tcdyn.rig.programme import PROGRAMME, ehl_test
 from tcdyn.rig.truth import RigTruth, draw_truth, truth_as_dict
 
 Progress = Callable[[str, int, int], None]  # (what is done, jobs done, jobs in all)
@@ -30,6 +30,7 @@ class Plunge:
     fluid: FluidName = "mobil-jet-ii"
 
 
+ALL_TESTS = tuple(PROGRAMME)
 DEFAULT_PLUNGES = (Plunge(110.0), Plunge(138.0))
 
 
@@ -60,11 +61,13 @@ def simulate_campaign(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> CampaignFiles:
-    """Write a campaign into ``out_dir``: rig.toml, oven_<disk>.csv, plunge_<disk>_<k>.csv, EHL_<test>.csv and truth/.
+    """Write a campaign into ``out_dir``: rig.toml, ovens, plunges, EHL tests and, in truth/, what really happened.
 
-    ``rig`` is what people believe (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as
-    stated unless ``uncertain``. A file depends on the seed and its own name only, whatever else is written. ``progress``
-    is called after each job with its name and the counts. Truth is beside the logs for people and tests, never for fits.
+    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv. ``rig`` is what people believe
+    (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as stated unless ``uncertain``.
+    A file depends on the seed and its own name only, whatever else is written. ``progress`` is called after each
+    job with its name and the counts. Truth is there for people and tests, never for fits. Raises InputError for
+    an unknown test.
     """
     for test in tests:
         ehl_test(test)

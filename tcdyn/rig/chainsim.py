@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def chain_matrices(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> tuple[Array, Array, Array]:
-    """Companion form (A, B, C) of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter, unit static gain."""
+    """State space (A, B, C) of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter, unit static gain."""
     poles: list[complex] = [complex(-1 / tau) for tau in (tau1_s, tau2_s) if tau > 0]
     if conditioning.poles and conditioning.shape == "butterworth":
         poles += butterworth_poles(conditioning)
@@ -52,10 +52,10 @@ def chain_matrices(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> 
 def through_chains(
     fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
 ) -> Array:
-    """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; every ``every``-th sample comes back.
+    """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; each ``every``-th sample comes back.
 
-    The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest with
-    its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel, all with as many poles.
+    The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest
+    with its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel, all with as many poles.
     """
     steps = (len(fine) - 1) // every
     count = fine.shape[1]

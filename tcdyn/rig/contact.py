@@ -40,8 +40,8 @@ def hertz_contact(
 ) -> HertzContact:
     """Contact of two equal crowned disks under ``load_N``.
 
-    With E* = E / (2 (1 - nu^2)), relative curvatures 1/R + 1/R (rolling) and 1/R_c + 1/R_c (axial), e^2 = 1 - (a/b)^2
-    and complete elliptic integrals K, E of e::
+    With E* = E / (2 (1 - nu^2)), relative curvatures 1/R + 1/R (rolling) and 1/R_c + 1/R_c (axial),
+    e^2 = 1 - (a/b)^2 and complete elliptic integrals K, E of e::
 
         R_c / R = ((b/a)^2 E - K) / (K - E)
         1 / R_c = (p0 / E*) (a / (b^2 e^2)) (K - E),   p0 = 3 W / (2 pi a b)

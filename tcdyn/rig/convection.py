@@ -25,7 +25,8 @@ class FluidState:
 def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
     """Properties of the bath at a film temperature; oil 15 to 200 degC, water 5 to 95 degC.
 
-    Oil: viscosity through 27.6 mm2/s at 40 and 5.1 mm2/s at 100 degC (Walther), 1003.5 kg/m3 at 15 degC, 2000 J/kgK.
+    Oil: viscosity through 27.6 mm2/s at 40 and 5.1 mm2/s at 100 degC (Walther), 1003.5 kg/m3 at 15 degC, heat
+    capacity 2000 J/kgK.
 
     >>> round(fluid_state("mobil-jet-ii", 40.0).viscosity_m2_s * 1e6, 1)
     27.6

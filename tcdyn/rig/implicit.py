@@ -1,9 +1,10 @@
-"""Integration in time for the synthetic disk: an L-stable method of order four with few step sizes, dense output."""
+"""Integration in time for the synthetic disk: an L-stable method of order four with few step sizes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,16 +80,16 @@ def integrate(
 ) -> Solution:
     """March C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``.
 
-    ``edges_s`` (ascending) are the ends and the instants between at which power or ambient may jump or kink; inside
-    each piece the signals are read strictly within it. Stage equations (C + h gamma S) k = load - S (y + h sum a k) share one
-    factorisation per step size.
+    ``edges_s`` (ascending) are the ends and the instants between at which power or ambient may jump or kink;
+    inside each piece the signals are read strictly within it. The stage equations
+    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size.
     """
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
     times: list[float] = []
     values, rates, pieces = [], [], []
     y = start
-    for begin, end in zip(edges_s[:-1], edges_s[1:]):
+    for begin, end in pairwise(edges_s):
         steps = step_sizes(end - begin, stepping)
         t_steps = begin + np.concatenate([[0.0], np.cumsum(steps)])
         t_steps[-1] = end

@@ -29,8 +29,8 @@ def contact_conductance_W_m2K(
 ) -> float:
     """Conductance of a pressed joint, h = 0.170 (P/H)^0.693 m k / sigma [W/m2K] (6.2).
 
-    ``hardness_Pa`` is the micro-hardness H, ``roughness_m`` the standard deviation sigma of the roughness, ``slope`` the
-    asperity slope m [-]. Source: Leung et al. (1998) as quoted by the thesis; measured in vacuum.
+    ``hardness_Pa`` is the micro-hardness H, ``roughness_m`` the standard deviation sigma of the roughness,
+    ``slope`` the asperity slope m [-]. Source: Leung et al. (1998) as quoted by the thesis; measured in vacuum.
 
     >>> low, high = (contact_conductance_W_m2K(p, 2.7e9, 1e-6, 0.1, 16) for p in (1e6, 45.6e6))
     >>> round(high / low, 1)  # table 6.6: about 14

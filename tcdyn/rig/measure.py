@@ -32,7 +32,8 @@ def log_disk(
 ) -> tuple[Array, Array]:
     """Log all channels of a disk for ``duration_s`` at 75 Hz.
 
-    ``truth_at`` maps times (M,) to the true temperatures (M, channels). Returns what is logged and what was true, both (N, channels).
+    ``truth_at`` maps times (M,) to the true temperatures (M, channels). Returns what is logged and
+    what was true, both (N, channels).
     ``spikes``: whether the signals pass slip rings (EHL tests).
     """
     names = sorted(disk.channels)

@@ -11,6 +11,7 @@ from scipy import sparse
 from tcdyn.rig.truth import DiskTruth
 
 Array = NDArray[np.float64]
+Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
 SHAFT_LENGTH_m = 0.12  # free length to the bearing on each side (assumed)
 SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wires (assumed)
 
@@ -29,8 +30,9 @@ class DiskMesh:
 class DiskSystem:
     """C dT/dt = -S T + source_power P + source_ambient T_A + source_const; readings are ``sample @ T``.
 
-    ``P`` [W] is the heat that enters the running track; the unknowns are the disk's cells (r slow, z fast), then the
-    shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of ``channels``.
+    ``P`` [W] is the heat that enters the running track; the unknowns are the disk's cells (r slow, z fast), then
+    the shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of
+    ``channels``.
     """
 
     capacity: Array
@@ -65,76 +67,110 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     """Assemble the whole disk, bore to running surface, with washers, shaft and cooled running surface.
 
     ``half_width_m`` is half the width of the running track; conduction between neighbouring cells uses the exact
-    logarithmic resistance in r. Washer faces and the running surface lose heat to ambient through half a cell of steel.
+    logarithmic resistance in r. Washer faces and the running surface lose heat to ambient through half a cell of
+    steel; the heat of the track enters at the surface itself, so a part of it leaves again through h at once.
     """
+    g = _grid(disk, mesh)
     s = disk.setup
-    k, rho_c = s.conductivity_W_mK, s.density_kg_m3 * s.specific_heat_J_kgK
-    r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
-    z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
-    r, z = 0.5 * (r_edges[1:] + r_edges[:-1]), 0.5 * (z_edges[1:] + z_edges[:-1])
-    dr, dz = np.diff(r_edges), np.diff(z_edges)
-    nr, nz = len(r), len(z)
-    face_area = np.pi * np.diff(r_edges**2)  # of one cell, seen along z
-    zs_edges, first = _shaft_edges(s.width_m, z_edges, mesh.shaft_side)
-    ns = len(zs_edges) - 1
-    n = nr * nz + ns
-    index = np.arange(nr * nz).reshape(nr, nz)
-    shaft = nr * nz + np.arange(ns)
+    skin = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK  # half a surface cell
+    surface = h_W_m2K / (1 + h_W_m2K * skin)
+    to_ambient = _faces_to_ambient(disk, g)
+    to_ambient[g.cells[-1]] += surface * 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
 
-    links: list[tuple[Array, Array, Array]] = []
-    g_r = 2 * np.pi * k * dz[None, :] / np.log(r[1:] / r[:-1])[:, None]
-    links.append((index[:-1], index[1:], g_r))
-    g_z = k * face_area[:, None] / (0.5 * (dz[1:] + dz[:-1]))[None, :]
-    links.append((index[:, :-1], index[:, 1:], g_z))
-    bore_area = 2 * np.pi * s.bore_radius_m * dz
-    bore_resistance = 1 / (disk.bore_conductance_W_m2K * bore_area) + np.log(r[0] / s.bore_radius_m) / (
-        2 * np.pi * k * dz
-    )
-    under = shaft[first : first + nz]
-    links.append((index[0], under, 1 / bore_resistance))
-    section = SHAFT_SECTION * np.pi * s.bore_radius_m**2
-    dzs = np.diff(zs_edges)
-    links.append((shaft[:-1], shaft[1:], k * section / (0.5 * (dzs[1:] + dzs[:-1]))))
+    ends = g.shaft[[0, -1]]
+    to_bearing = np.zeros(g.size)
+    to_bearing[ends] = g.shaft_conductance / (0.5 * np.diff(g.shaft_edges)[[0, -1]])
+    constant = np.zeros(g.size)
+    constant[ends] = to_bearing[ends] * np.asarray(disk.bearing_offset_K)
+    power = np.zeros(g.size)
+    power[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m) * (1 - surface * skin)
 
-    ambient = np.zeros(n)
-    surface = 1 / (1 / h_W_m2K + np.log(s.outer_radius_m / r[-1]) * s.outer_radius_m / k) if h_W_m2K > 0 else 0.0
-    ambient[index[-1]] += surface * 2 * np.pi * s.outer_radius_m * dz
-    if s.washer_W_m2K > 0:
-        ambient[index[:, 0]] += face_area / (1 / s.washer_W_m2K + 0.5 * dz[0] / k)
-        ambient[index[:, -1]] += face_area / (1 / s.washer_W_m2K + 0.5 * dz[-1] / k)
-    outside = np.ones(ns, dtype=bool)
-    outside[first : first + nz] = False
-    ambient[shaft[outside]] += disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * dzs[outside]
-    ends = np.zeros(n)
-    ends[[shaft[0], shaft[-1]]] = k * section / (0.5 * dzs[[0, -1]])
-    constant = np.zeros(n)
-    constant[[shaft[0], shaft[-1]]] = ends[[shaft[0], shaft[-1]]] * np.asarray(disk.bearing_offset_K)
-
-    power = np.zeros(n)
-    power[index[-1]] = hertz_shares(z_edges, half_width_m)
-    # Heat enters at the surface itself; half a cell of steel lets part of it leave again to ambient.
-    if h_W_m2K > 0:
-        power *= 1 - surface * np.log(s.outer_radius_m / r[-1]) * s.outer_radius_m / k
-    capacity = np.concatenate([rho_c * (face_area[:, None] * dz[None, :]).ravel(), rho_c * section * dzs])
+    rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return DiskSystem(
-        capacity=capacity,
-        conductance=_laplacian(links, ambient + ends, n),
+        capacity=rho_c
+        * np.concatenate(
+            [
+                np.outer(g.face_area, np.diff(g.z_edges)).ravel(),
+                g.shaft_conductance / s.conductivity_W_mK * np.diff(g.shaft_edges),
+            ]
+        ),
+        conductance=_laplacian(_links(disk, g), to_ambient + to_bearing, g.size),
         source_power=power,
-        source_ambient=ambient + ends,
+        source_ambient=to_ambient + to_bearing,
         source_const=constant,
-        sample=_sampler(disk, r, z, n),
+        sample=_sampler(disk, g.r, g.z, g.size),
         channels=tuple(sorted(s.junctions)),
     )
 
 
-def _shaft_edges(width: float, z_edges: Array, side: int) -> tuple[Array, int]:
-    first = float(z_edges[1] - z_edges[0])
-    right = graded_edges(width, width + SHAFT_LENGTH_m, first, side)
-    left = (width - right)[::-1]
-    return np.concatenate([left[:-1], z_edges, right[1:]]), side
+@dataclass(frozen=True)
+class _Grid:
+    """Cell centres and edges [m], and the numbers of the unknowns in the disk (r, z) and along the shaft."""
+
+    r: Array
+    r_edges: Array
+    z: Array
+    z_edges: Array
+    shaft_edges: Array
+    cells: NDArray[np.int64]
+    shaft: NDArray[np.int64]
+    first_under: int  # of the shaft cells under the disk
+    face_area: Array  # of one cell, seen along z [m2]
+    shaft_conductance: float  # conductivity times section [W m/K]
+
+    @property
+    def size(self) -> int:
+        return self.cells.size + self.shaft.size
 
 
-def _laplacian(links: list[tuple[Array, Array, Array]], to_ground: Array, n: int) -> sparse.csc_matrix:
+def _grid(disk: DiskTruth, mesh: DiskMesh) -> _Grid:
+    s = disk.setup
+    r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
+    z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
+    right = graded_edges(s.width_m, s.width_m + SHAFT_LENGTH_m, float(z_edges[1]), mesh.shaft_side)
+    shaft_edges = np.concatenate([(s.width_m - right)[:0:-1], z_edges, right[1:]])
+    cells = np.arange(mesh.radial * mesh.axial).reshape(mesh.radial, mesh.axial)
+    return _Grid(
+        r=0.5 * (r_edges[1:] + r_edges[:-1]),
+        r_edges=r_edges,
+        z=0.5 * (z_edges[1:] + z_edges[:-1]),
+        z_edges=z_edges,
+        shaft_edges=shaft_edges,
+        cells=cells,
+        shaft=cells.size + np.arange(len(shaft_edges) - 1),
+        first_under=mesh.shaft_side,
+        face_area=np.pi * np.diff(r_edges**2),
+        shaft_conductance=s.conductivity_W_mK * SHAFT_SECTION * np.pi * s.bore_radius_m**2,
+    )
+
+
+def _links(disk: DiskTruth, g: _Grid) -> list[Link]:
+    """Conduction in r, in z, through the press fit into the shaft, and along the shaft."""
+    s = disk.setup
+    k, dz, dzs = s.conductivity_W_mK, np.diff(g.z_edges), np.diff(g.shaft_edges)
+    fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m) + np.log(g.r[0] / s.bore_radius_m) / k
+    under = g.shaft[g.first_under : g.first_under + len(dz)]
+    return [
+        (g.cells[:-1], g.cells[1:], np.outer(2 * np.pi * k / np.log(g.r[1:] / g.r[:-1]), dz)),
+        (g.cells[:, :-1], g.cells[:, 1:], np.outer(k * g.face_area, 2 / (dz[1:] + dz[:-1]))),
+        (g.cells[0], under, 2 * np.pi * dz / fit),
+        (g.shaft[:-1], g.shaft[1:], g.shaft_conductance * 2 / (dzs[1:] + dzs[:-1])),
+    ]
+
+
+def _faces_to_ambient(disk: DiskTruth, g: _Grid) -> Array:
+    """Conductances to ambient [W/K] of the washer faces and of the shaft outside the disk."""
+    s, out = disk.setup, np.zeros(g.size)
+    if s.washer_W_m2K > 0:
+        for face, step in ((0, g.z[0]), (-1, s.width_m - g.z[-1])):
+            out[g.cells[:, face]] += g.face_area / (1 / s.washer_W_m2K + step / s.conductivity_W_mK)
+    per_cell = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
+    per_cell[g.first_under : g.first_under + len(g.z)] = 0.0
+    out[g.shaft] += per_cell
+    return out
+
+
+def _laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
     i = np.concatenate([np.ravel(a) for a, _, _ in links]).astype(int)
     j = np.concatenate([np.ravel(b) for _, b, _ in links]).astype(int)
     g = np.concatenate([np.ravel(c) for _, _, c in links])

@@ -26,8 +26,9 @@ def simulate_oven(
     """Hold one disk at each setpoint, in ``repeats`` runs, and write a row for each steady minute.
 
     The PRT is wrong by up to ``prt_limit_K`` at each hold (uniform, the same for the minutes of that hold); the
-    channels' rows are means of one second. Returns the log (canonical oven columns) and its truth: gain, offset_degC
-    per channel with T = gain * logged + offset, ``prt_error_K`` per hold and ``"traces"``, the true temperature of each row.
+    channels' rows are means of one second. Returns the log (canonical oven columns) and its truth: gain,
+    offset_degC per channel with T = gain * logged + offset, ``prt_error_K`` per hold and ``"traces"``, the true
+    temperature of each row.
     """
     rig = truth or draw_truth(seed)
     how = rig.imperfections

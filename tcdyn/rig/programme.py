@@ -91,9 +91,10 @@ def ehl_test(name: str) -> EhlCondition:
 
 
 def traction_trend_N(load_N: float, sliding_speed_m_s: float) -> float:
-    """Traction force on the trend lines of figure 6.33: linear in load, interpolated between the speed families [N].
+    """Traction force on the trend lines of figure 6.33: linear in load, interpolated between families [N].
 
-    The lines are least squares through table 7.2; outside 10 to 20 m/s the nearest family is used. Valid 850 to 2320 N.
+    The lines are least squares through table 7.2, a family for each sliding speed; outside 10 to 20 m/s the
+    nearest family is used. Valid 850 to 2320 N.
 
     >>> traction_trend_N(2320.0, 10.0) > traction_trend_N(2320.0, 20.0) > traction_trend_N(850.0, 20.0)
     True

@@ -46,8 +46,8 @@ def heat_radially(
 ) -> Heating:
     """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath - T_wall).
 
-    Finite volumes, finer towards the surface; backward differentiation of variable order with a banded Jacobian. The wall
-    temperature is found from half a surface cell of steel in series with h of the last wall guess.
+    Finite volumes, finer towards the surface; backward differentiation of variable order with a banded Jacobian.
+    The wall temperature is found from half a surface cell of steel in series with h of the last wall guess.
     """
     r_edges = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, cells)[::-1]
     r = 0.5 * (r_edges[1:] + r_edges[:-1])

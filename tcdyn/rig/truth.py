@@ -17,8 +17,8 @@ from calibration.rigfile import Rig, UncertaintyTable, load_rig
 class Imperfections:
     """What the rig does to the truth before it reaches the file; ``CLEAN`` switches all of it off but the chain.
 
-    ``static``: gain and offset errors; ``drift``: wander of friction, ambient, oil and bath; ``timing``: switches and
-    load cell that miss the instant of contact by up to 0.03 s.
+    ``static``: gain and offset errors; ``drift``: wander of friction, ambient, oil and bath; ``timing``: switches
+    and load cell that miss the instant of contact by up to 0.02 s, and the hand by more.
     """
 
     noise: bool = True
@@ -35,7 +35,7 @@ CLEAN = Imperfections(noise=False, spikes=False, quantise=False, static=False, d
 
 @dataclass(frozen=True)
 class ChannelTruth:
-    """One channel: two lags [s], the static line T = gain * logged + offset, white noise [K], spikes per second."""
+    """One channel: two lags [s], the line T = gain * logged + offset, white noise [K], spikes per second."""
 
     tau1_s: float
     tau2_s: float
@@ -102,10 +102,10 @@ def draw_truth(
 ) -> RigTruth:
     """Draw a rig.
 
-    Chains, static lines and noise always differ from rig to rig. ``uncertain=False`` leaves steel, washers, depths, track
-    width, friction transducer and ambient sensor as ``rig`` states them; True draws them from rig's [uncertainty] table
-    (normal; steel and washers common to both disks, depths one by one) and n uniformly from its stated range. Otherwise
-    n is normal, 0.667 +- 0.02 about rig's own; ``exponent`` sets it exactly.
+    Chains, static lines and noise always differ from rig to rig. ``uncertain=False`` leaves steel, washers,
+    depths, track width, friction transducer and ambient sensor as ``rig`` states them; True draws them from rig's
+    [uncertainty] table (normal; steel and washers common to both disks, depths one by one) and n uniformly from
+    its stated range. Otherwise n is normal, rig's own +- 0.02; ``exponent`` sets it exactly.
 
     >>> a, b = draw_truth(3), draw_truth(3)
     >>> a == b, 0.6 < a.fast.common_lag_s < 0.9
@@ -183,7 +183,7 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
         setup=setup,
         channels=channels,
         bore_conductance_W_m2K=float((900.0 if name == "fast" else 1600.0) * rng.uniform(0.8, 1.25)),
-        shaft_W_m2K=float((60.0 if name == "fast" else 60.0) * rng.uniform(0.85, 1.15)),
+        shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
         bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
     )
 
