@@ -1,4 +1,4 @@
-"""The lag bank: a record filtered once by unit-gain lags of fixed rates, from which every rim's output is a weighted sum."""
+"""The lag bank: a record filtered once by lags of fixed rates; every rim's output is a weighted sum of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NODES = 40
 
 @dataclass(frozen=True)
 class Switch:
-    """A held input that jumps inside a sample: in ``[t_index, t_index+1)`` it is ``before`` for ``fraction`` of it."""
+    """A held input that jumps in ``[t_index, t_index+1)``: ``before`` for ``fraction`` of it, then ``after``."""
 
     index: int
     fraction: float
@@ -45,13 +45,13 @@ def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_P
 def _barycentric(count: int) -> tuple[Array, Array, Array]:
     """Nodes on [-1, 1], barycentric weights and the differentiation matrix D (l_k' = sum_j l_j D_jk)."""
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
-    w = (-1.0) ** np.arange(count)
+    w: Array = np.where(np.arange(count) % 2, -1.0, 1.0)
     w[[0, -1]] /= 2
     gap = x[:, None] - x[None, :] + np.eye(count)
     d = (w[None, :] / w[:, None]) / gap
     np.fill_diagonal(d, 0.0)
     np.fill_diagonal(d, -d.sum(axis=1))
-    return x, w, d
+    return x, w, np.asarray(d)
 
 
 def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
@@ -87,8 +87,8 @@ def lag_bank(
     """Exact response (N, K) of the lags 1/(1 + s/rate_k) to ``u`` (N,) sampled every ``dt_s``.
 
     Between samples ``u`` is a straight line ("foh") or held at its earlier sample ("zoh"), where ``switches`` say
-    when inside a sample a held input jumps. ``initial``: in equilibrium with ``u[0]``, zero, or the K states at the
-    first sample. The state at sample k knows nothing of what a held input does from then on.
+    when inside a sample a held input jumps. ``initial``: in equilibrium with ``u[0]``, zero, or the K states at
+    the first sample. The state at sample k knows nothing of what a held input does from then on.
 
     >>> lag_bank([0.0, 0.0, 1.0, 1.0], 1.0, np.array([2.0]), "zoh").round(4).ravel()
     array([0.    , 0.    , 0.    , 0.8647])

@@ -106,20 +106,11 @@ def stack(items: list[Any]) -> Any:
     return Dual(np.stack([plain(a) for a in items]), np.stack(slopes, axis=1))
 
 
-def scatter(items: dict[int, Any], n: int) -> Any:
-    """A row of n numbers, zero but for ``items`` at their places."""
-    if not any(isinstance(a, Dual) for a in items.values()):
-        row = np.zeros(n)
-        row[list(items)] = list(items.values())
-        return row
-    return stack([items.get(i, 0.0) for i in range(n)])
-
-
 def inverse(a: Any) -> Any:
     """Matrix inverse; d(A^-1) = -A^-1 dA A^-1."""
     if not isinstance(a, Dual):
         return np.linalg.inv(a)
-    inv = np.linalg.inv(a.value)
+    inv = np.asarray(np.linalg.inv(a.value), dtype=np.float64)
     return Dual(inv, -inv @ a.slope @ inv)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
 from tcdyn.conduction.modal import forcing, readings, rim_gains, spectrum
-from tcdyn.conduction.rim import Flux, Mesh, Point, Profile, Rim
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
 Array = NDArray[np.float64]
 CHUNK = 8192  # samples filtered at a time: bounds the memory of a map
@@ -20,7 +20,7 @@ CHUNK = 8192  # samples filtered at a time: bounds the memory of a map
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives a rim, sampled every dt_s: heat into this disk if beta were 1 [W] and temperatures [degC], (N,) each.
+    """What drives a rim, sampled every dt_s: heat into this disk at share one [W], temperatures [degC], (N,) each.
 
     Between samples ``power_W`` is held and ``switches`` say when it jumps inside one; temperatures are straight
     lines. ``ambient_d_side`` and ``ambient_f_side`` default to ``ambient_degC``.
@@ -73,12 +73,12 @@ def simulate_rim(
     share: float = 1.0,
     profile: Profile = "modal",
     flux: Flux = "hertz",
-    mesh: Mesh = Mesh(),
+    mesh: Mesh = MESH_IV,
     start_field: Array | None = None,
 ) -> Array:
     """Temperatures (N, P) [degC] at ``points`` when this disk takes ``share`` (beta, or 1 - beta) of the power.
 
-    Starts in steady state with the first sample, or from ``start_field`` (nr-1, nz) on the mesh's nodes outside R_i.
+    Starts in steady state with the first sample, or from ``start_field`` (nr-1, nz): the nodes outside R_i.
     """
     rates = node_rates(drive.dt_s)
     gains = rim_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, drive.split)
@@ -138,7 +138,7 @@ def fields_at(
     share: float = 1.0,
     profile: Profile = "modal",
     flux: Flux = "hertz",
-    mesh: Mesh = Mesh(),
+    mesh: Mesh = MESH_IV,
 ) -> Array:
     """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
     rates = node_rates(drive.dt_s)
@@ -168,9 +168,9 @@ def map_beta_h(
     *,
     profile: Profile = "modal",
     flux: Flux = "hertz",
-    mesh: Mesh = Mesh(),
+    mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Temperatures (H, B, P, N) [degC] for every h and every share of the power: the thesis's map (section 3.5).
+    """Temperatures (H, B, P, N) [degC] for every h and share of the power: the thesis's map (section 3.5).
 
     Linear in the share, so each h costs two weighted sums of a bank that all of them have in common.
     """

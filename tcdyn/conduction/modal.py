@@ -1,8 +1,8 @@
-"""The rim as a small linear filter: weights of the lag bank for every input and point, exact in space for the scheme.
+"""The rim as a small linear filter: weights of the lag bank for every input and point.
 
 The scheme's operator is ``A_r x I + I x A_z``, so its field is a sum of products of r-modes and z-modes, each a
-first-order lag of rate ``lambda_r + lambda_z`` driven by every input. The lags are written on the bank's fixed rates
-(``bank.cardinal``), so a record is filtered once and any (h, K, rho c, depth) is a handful of weights.
+first-order lag of rate ``lambda_r + lambda_z`` driven by every input. The lags are written on the bank's fixed
+rates (``bank.cardinal``), so a record is filtered once and any (h, K, rho c, depth) is a handful of weights.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.errors import InputError
 from tcdyn.conduction import operators as op
 from tcdyn.conduction.dual import eigen_tridiagonal, einsum, node_weights, plain, stack
-from tcdyn.conduction.rim import Flux, Mesh, Point, Profile, Rim
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
 Array = NDArray[np.float64]
 INPUTS = ("power_W", "d", "b", "f", "ambient")
@@ -83,8 +83,12 @@ def spectrum(
     mesh: Mesh,
     parameters: dict[str, Any] | None = None,
 ) -> Spectrum:
-    """Modes and projections of the scheme. r forcings: power at R_o, T at R_i, 1, ambient at R_o; z forcings: flux,
-    the shapes of d, b, f, the rest 1 - sum, one, face d, face f, and the rest split between the two sides."""
+    """Modes and projections of the scheme.
+
+    Forcings in r: power at R_o, temperature at R_i, everywhere, ambient at R_o. Forcings in z: flux, the shapes of
+    d, b and f, what they leave to the air, one, face d, face f, and what they leave to the air on either side.
+    ``parameters`` replaces conductivity, heat_capacity, washer or inner_radius, with derivatives.
+    """
     given = parameters or {}
     if parameters is None:
         axial = _axial_cached(rim, half_width, profile, flux, mesh)
@@ -122,9 +126,8 @@ def _axial(rim: Rim, half_width: Any, profile: Profile, flux: Flux, mesh: Mesh, 
     reading = np.stack([op.reading_weights(p / w * (n - 1), n) for p in rim.boundary_z_m])
     basis = op.profile_basis(profile, z, rim.boundary_z_m, w, shape[:, :3], reading)
     biot = washer * w / k
-    d_side = (1 + biot) / (2 + biot) - biot / (2 + biot) * (
-        z / w
-    )  # steady slab: air at 1 behind d's face, 0 at f's
+    # the steady slab between air at one behind the washer of face d and at zero behind that of face f
+    d_side = (1 + biot) / (2 + biot) - biot / (2 + biot) * (z / w)
     rest_d, rest_f = _beyond(basis, d_side, reading), _beyond(basis, 1 - d_side, reading)
     face = op.face_source(w, n, alpha, k, washer) * np.ones(n)
     first, last = np.eye(n)[0], np.eye(n)[-1]
@@ -183,7 +186,7 @@ def assemble(s: Spectrum, read_r: Any, read_z: Array, rates: Array, split: bool 
     lam = s.lam_r[:, None] + s.lam_z[None, :]
     if plain(lam).min() < rates[0]:
         raise InputError(
-            f"the rim's slowest mode ({plain(lam).min():.3g} 1/s) is slower than the bank's slowest lag {rates[0]:.3g} 1/s",
+            f"the rim's slowest mode {plain(lam).min():.3g} 1/s is below the bank's lowest {rates[0]:.3g}",
             remedy="give node_rates a smaller slowest_per_s",
         )
     at_r = einsum("pj,jm->pm", read_r[:, 1:], s.shape_r)
@@ -194,11 +197,11 @@ def assemble(s: Spectrum, read_r: Any, read_z: Array, rates: Array, split: bool 
     gains = einsum("ipx,xk->ipk", seen[..., slow], weights)
     last = np.eye(len(rates))[-1]
     gains = gains + einsum("ipx->ip", seen[..., ~slow])[:, :, None] * last
-    shapes = _boundary_shapes(s, split, read_z)
+    shapes = boundary_shapes(s, split, read_z)
     return gains, read_r[:, 0] * shapes
 
 
-def _boundary_shapes(s: Spectrum, split: bool, read_z: Array) -> Any:
+def boundary_shapes(s: Spectrum, split: bool, read_z: Array) -> Any:
     """Boundary temperature (I, P) at the points' z for a unit of every input."""
     at = einsum("sz,pz->sp", s.profile, read_z)
     zero = 0 * at[0]
@@ -214,7 +217,7 @@ def rim_gains(
     rates: Array,
     profile: Profile = "modal",
     flux: Flux = "hertz",
-    mesh: Mesh = Mesh(),
+    mesh: Mesh = MESH_IV,
     split_ambient: bool = False,
 ) -> RimGains:
     """The rim's answer at ``points`` (depth, z) [m] to power, d, b, f and ambient, on the lags of ``rates``.

@@ -1,4 +1,4 @@
-"""What the rim model is made of: geometry and steel (``Rim``), and the mesh of its difference scheme (``Mesh``)."""
+"""What the rim model is made of: geometry and steel (``Rim``), and the nodes of its scheme (``Mesh``)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MAX_LENGTH_M = 10.0
 
 @dataclass(frozen=True)
 class Mesh:
-    """Nodes in r (inner radius to running surface, both included) and in z (face to face); mesh IV of table 3.1."""
+    """Nodes in r (R_i to running surface, both counted) and z (face to face); default: mesh IV of table 3.1."""
 
     nr: int = 65
     nz: int = 105
@@ -31,9 +31,12 @@ class Mesh:
             raise InputError(f"Mesh: at least 7 nodes each way are needed; got {self.nr} x {self.nz}")
 
 
+MESH_IV = Mesh()
+
+
 @dataclass(frozen=True)
 class Rim:
-    """The rim ``R_i <= r <= R_o``, ``0 <= z <= w``, its steel, and where along z the boundary junctions d, b, f sit.
+    """The rim ``R_i <= r <= R_o``, ``0 <= z <= w``, its steel, and where along z junctions d, b and f sit.
 
     ``washer_W_m2K`` is K_c / w_c, the washers' conductance (section 3.4.4.3).
 
@@ -54,12 +57,12 @@ class Rim:
     def __post_init__(self) -> None:
         if not 0 <= self.inner_radius_m < self.outer_radius_m <= MAX_LENGTH_M:
             raise InputError(
-                f"Rim: 0 <= inner radius < outer radius is needed; got {self.inner_radius_m}, {self.outer_radius_m} m"
+                f"Rim: the inner radius {self.inner_radius_m} m must be below the outer {self.outer_radius_m} m"
             )
         zd, zb, zf = self.boundary_z_m
         if not 0 <= zd < zb < zf <= self.width_m:
             raise InputError(
-                f"Rim: d, b and f must lie in this order across the width {self.width_m} m; got {self.boundary_z_m}",
+                f"Rim: d, b, f must lie in this order across the width {self.width_m} m; got {self.boundary_z_m}",
                 remedy="z_mm counts from the face next to d",
             )
         for name in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK"):

@@ -1,0 +1,117 @@
+"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import InputError
+from tcdyn.conduction import operators as op
+from tcdyn.conduction.bank import cardinal
+from tcdyn.conduction.modal import (
+    INPUTS,
+    SPLIT_INPUTS,
+    RimGains,
+    Spectrum,
+    boundary_shapes,
+    forcing,
+    readings,
+    spectrum,
+    terms,
+)
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
+
+Array = NDArray[np.float64]
+BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
+
+
+def film_in_steps(width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int) -> Array:
+    """Film coefficient of each z node (nz,): steps of ``values`` between ``edges``, averaged over each node's cell.
+
+    >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
+    array([200., 200., 200., 200., 300., 400., 400., 400., 400.])
+    """
+    if len(values_W_m2K) != len(edges_m) + 1 or list(edges_m) != sorted(edges_m):
+        raise InputError("film_in_steps: ascending edges and one more value than edges are needed")
+    if min(values_W_m2K) < 0 or (len(edges_m) and not 0 < edges_m[0] <= edges_m[-1] < width_m):
+        raise InputError("film_in_steps: values must not be negative and edges must lie inside the width")
+    dz = width_m / (nz - 1)
+    cells = np.clip((np.arange(nz + 1) - 0.5) * dz, 0.0, width_m)
+    knots = np.concatenate([[0.0], np.asarray(edges_m, dtype=float), [width_m]])
+    total = np.concatenate([[0.0], np.cumsum(np.diff(knots) * np.asarray(values_W_m2K, dtype=float))])
+    return np.asarray(np.diff(np.interp(cells, knots, total)) / np.diff(cells))
+
+
+def rim_gains_nonuniform(
+    rim: Rim,
+    film_W_m2K: Array,
+    points: Sequence[Point],
+    half_width_m: float,
+    rates: Array,
+    profile: Profile = "modal",
+    flux: Flux = "hertz",
+    mesh: Mesh = MESH_IV,
+    split_ambient: bool = False,
+) -> RimGains:
+    """``rim_gains`` for a film that varies along z, one value per z node (``film_in_steps``).
+
+    Modes of the mean film are the basis. The steady answer is exact: the film's variation couples z-modes only
+    through the surface, a system of nz unknowns. The slowest ``BASIS`` modes are coupled and diagonalised anew for
+    the dynamics; what remains of the steady answer follows within a millisecond and goes to the fastest lag.
+    """
+    film = np.asarray(film_W_m2K, dtype=float)
+    if film.shape != (mesh.nz,) or film.min() < 0:
+        raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
+    s, coupling, rows = _coupled(rim, film, half_width_m, profile, flux, mesh, split_ambient)
+    surface = s.shape_r[-1] * np.sqrt(_surface_weight(rim, mesh))  # last entry of each unit-norm r-mode
+    lam = s.lam_r[:, None] + s.lam_z
+    exact = _steady(rows / lam, surface, lam, coupling)
+    read_r, read_z = readings(rim, points, mesh, rim.inner_radius_m)
+    seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
+    keep = lam <= np.sort(lam, axis=None)[min(BASIS, lam.size) - 1]
+    m, n = np.nonzero(keep)
+    reduced = np.diag(lam[keep]) + np.outer(surface[m], surface[m]) * coupling[np.ix_(n, n)]
+    rate, turn = np.linalg.eigh(reduced)
+    answer = ((rows[:, keep] @ turn) / rate)[:, None, :] * (seen[:, keep] @ turn)[None]
+    gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
+    gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
+    direct = read_r[:, 0] * boundary_shapes(s, split_ambient, read_z)
+    return RimGains(SPLIT_INPUTS if split_ambient else INPUTS, tuple(points), rates, gains, direct)
+
+
+def _surface_weight(rim: Rim, mesh: Mesh) -> float:
+    """Weight of the outermost node in the scheme's inner product."""
+    dr = rim.thickness_m / (mesh.nr - 1)
+    return (rim.outer_radius_m - dr / 2) / 2
+
+
+def _coupled(
+    rim: Rim, film: Array, half_width: float, profile: Profile, flux: Flux, mesh: Mesh, split: bool
+) -> tuple[Spectrum, Array, Array]:
+    """Modes of the mean film, the film's variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
+    mean = float(film.mean())
+    s = spectrum(rim, mean, half_width, profile, flux, mesh)
+    source = op.outer_source(
+        rim.inner_radius_m, rim.outer_radius_m, mesh.nr, rim.diffusivity_m2_s, rim.conductivity_W_mK
+    )
+    weight = np.ones(mesh.nz)
+    weight[[0, -1]] = 0.5
+    unit = s.shape_z * np.sqrt(weight)[:, None]
+    varying = source * (film - mean)
+    coupling = unit.T @ (varying[:, None] * unit)
+    rows = forcing(s, split) * (s.lam_r[:, None] + s.lam_z)
+    ambient = terms(split)[4][0]
+    surface = s.shape_r[-1] * np.sqrt(_surface_weight(rim, mesh))
+    scale = np.sqrt(_surface_weight(rim, mesh))
+    rows[ambient] += np.outer(surface * scale, (varying * np.sqrt(weight)) @ unit)
+    return s, coupling, rows
+
+
+def _steady(free: Array, surface: Array, lam: Array, coupling: Array) -> Array:
+    """Amplitudes x with (lam + v v' x C) x = lam free: c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam."""
+    compliance = (surface[:, None] ** 2 / lam).sum(axis=0)
+    at_surface = np.einsum("m,imn->in", surface, free)
+    solved = np.linalg.solve(np.eye(len(coupling)) + compliance[:, None] * coupling, at_surface.T).T
+    return np.asarray(free - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :])
