@@ -13,7 +13,7 @@ from calibration.table import FloatArray
 
 @dataclass(frozen=True)
 class Track:
-    """One channel: values of shape (N,), its start [s] and sample interval [s]; ``dt_s`` None where nobody wrote it."""
+    """One channel: values (N,), its start [s] and sample interval [s]; ``dt_s`` None where nobody wrote it."""
 
     values: FloatArray
     start_s: float = 0.0
@@ -64,14 +64,14 @@ def align(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray | None, d
             notes.append(f"channel {name} has no time track; that of {twin} is assumed")
     if len({t.same_as for t in full.values()}) == 1:
         track = next(iter(full.values()))
-        time = np.arange(len(track.values)) * float(track.dt_s or 1.0)
+        time = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0), dtype=np.float64)
         return time, {name: t.values for name, t in full.items()}, notes
     time, data = _onto_grid(full, where)
     late = max(full, key=lambda n: full[n].start_s)
     spread = full[late].start_s - min(t.start_s for t in full.values())
     rates = sorted({round(1 / t.dt_s, 6) for t in full.values() if t.dt_s})
     notes.append(
-        f"channels start up to {spread:.6g} s apart ({late} last) and have rates {', '.join(f'{r:g}' for r in rates)} Hz; "
+        f"channels start up to {spread:.6g} s apart ({late} last), rates {', '.join(f'{r:g}' for r in rates)} Hz; "
         "all put on the fastest one's samples by straight lines"
     )
     return time, data, notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from calibration.checktemp import Place
 from calibration.disk import CHANNELS, DISKS
@@ -16,7 +17,7 @@ BOUNCE_S = 0.2
 def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, list[str]]:
     """A switch as 0 and 1; missing samples keep the state before them.
 
-    Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more than two levels.
+    Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
     """
     notes: list[str] = []
     out = values.copy()
@@ -26,13 +27,13 @@ def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, 
     if missing.any():
         if missing.mean() > 0.05:
             raise InputError(
-                f"{place.at(name, int(np.argmax(missing)))}: {100 * missing.mean():.0f} % of the switch is missing",
+                f"{place.at(name, int(np.argmax(missing)))}: {100 * missing.mean():.0f} % of it is missing",
                 where=place.where,
             )
         notes.append(
             f"{place.at(name, int(np.argmax(missing)))}: {int(missing.sum())} value(s) missing; state kept"
         )
-        out = pd.Series(out).where(~missing).ffill().bfill().to_numpy(copy=True)
+        out = np.array(pd.Series(out).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.unique(out)
     if len(levels) > 2:
         i = int(np.argmax((out != levels[0]) & (out != levels[-1])))
@@ -106,7 +107,9 @@ def check_contact(frame: pd.DataFrame, place: Place) -> list[str]:
     return notes + _speeds(frame, contact, place)
 
 
-def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: FloatArray) -> list[str]:
+def check_swapped(
+    frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: NDArray[np.bool_]
+) -> list[str]:
     """Junctions nearer a heated surface must be warmer: pairs that stand the other way round are named.
 
     ``hot`` marks the samples where heat flows in; the start of the record takes out static offsets.

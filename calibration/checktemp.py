@@ -145,7 +145,7 @@ def check_group(columns: dict[str, FloatArray], place: Place, reference_degC: fl
     for name, value in rise.items():
         if usual > 10.0 and value < 0.1 * usual:
             raise InputError(
-                f"column {name} changes by {value:.3g} degC while the others change by {usual:.3g}: a dead channel",
+                f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
                 where=place.where,
                 remedy="check its wiring, or leave the channel out by repairing the disk",
             )

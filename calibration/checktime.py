@@ -28,8 +28,8 @@ def check_time(
 ) -> tuple[FloatArray, Sampling]:
     """The time [s] with single missing values filled, and its sampling.
 
-    Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even. Raises InputError for time that repeats or
-    runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
+    Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even. Raises InputError for time that repeats
+    or runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
     """
     place = f"column {column}"
     if len(time) < 10:

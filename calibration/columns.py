@@ -30,14 +30,14 @@ class Layout:
 
 DISK_CHANNELS = tuple(f"{c}_degC" for c in CHANNELS)
 EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
+EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 
 LAYOUTS: dict[str, Layout] = {
     "oven": Layout("an oven log", ("prt_degC", *DISK_CHANNELS), ("repeat", "setpoint_degC")),
     "immersion": Layout("an immersion log", ("time_s", "switch", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)),
     "ehl": Layout(
         "an EHL log",
-        ("time_s", "load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
-        + (*EHL_CHANNELS, "ambient_degC"),
+        ("time_s", *EHL_RUNNING, *EHL_CHANNELS, "ambient_degC"),
         ("oil_degC",),
     ),
     "hole": Layout("a hole-comparison log", ("time_s",), ("switch", "probe_degC", "fluid_degC")),
@@ -173,7 +173,8 @@ def _missing(
     mapped = [f"{m} = {mapping[m]!r} is mapped, but the file has no such column" for m in missing if m in mapping]
     if near:
         pairs = ", ".join(f'{m} = "{s}"' for m, s in list(near.items())[:4])
-        remedy = f"did you mean {', '.join(repr(s) for s in list(near.values())[:4])}? write {pairs} in rig.toml [columns]"
+        meant = ", ".join(repr(s) for s in list(near.values())[:4])
+        remedy = f"did you mean {meant}? write {pairs} in rig.toml [columns]"
     else:
         shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
         remedy = f"map it in rig.toml [columns]; the file has {shown}"

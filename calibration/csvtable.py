@@ -134,7 +134,7 @@ def _decoded(value: bytes | None) -> str:
 def text_column(
     texts: list[str], decimal: str, name: str, where: str, rows: RowNumbers, notes: list[str]
 ) -> FloatArray:
-    """Numbers from cells of text: clock times to seconds, on/off words to 1 and 0, anything else to NaN with a note.
+    """Numbers from cells of text: clock times to seconds, on/off words to 1 and 0, the rest to NaN with a note.
 
     Raises InputError when more than one cell in a hundred (and more than three) is no number.
     """
@@ -196,7 +196,7 @@ def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> tuple[tuple[i
     separator = dialect.separator.encode()
     want = dialect.fields - 1
     blank: list[int] = []
-    rows, last = 0, b"\n"
+    rows = 0
     short: tuple[int, int] | None = None
     for number, line in enumerate(stream, 1):
         if number <= dialect.skip:
@@ -205,7 +205,7 @@ def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> tuple[tuple[i
             raise _row_error(short, dialect.fields, where)
         count = line.count(separator)
         if count == want:
-            rows, last = rows + 1, line
+            rows += 1
         elif not line.strip():
             blank.append(number)
         elif count < want:

@@ -41,8 +41,8 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
     """The dialect of a text log from its first bytes.
 
     ``known`` are the names that a header may hold: among several lines of text above the first numbers (titles,
-    header blocks, units) the one that holds most of them is the header. Lines that start with ``#`` and hold a colon
-    are metadata.
+    header blocks, units) the one that holds most of them is the header. Lines that start with ``#`` and hold a
+    colon are metadata.
 
     Raises InputError when the bytes are no text, or no header with rows of numbers below can be found.
     """

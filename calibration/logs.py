@@ -1,4 +1,4 @@
-"""Log files read, checked and made canonical; every doubt is an error or a warning with file, column, row and time."""
+"""Log files read, checked and made canonical; a doubt is an error or a warning with file, column, row and time."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 class Log:
     """One log: canonical columns (temperatures as logged, before the static lines), and where they come from.
 
-    ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN in
-    ``frame`` and named in ``warnings``; the time is even.
+    ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN
+    in ``frame`` and named in ``warnings``; the time is even.
     """
 
     frame: pd.DataFrame
@@ -127,7 +127,7 @@ def _trace_frame(
     for name, values in checked.items():
         even[name] = spread(values, sampling.place)
         if name in SWITCHES:
-            even[name] = pd.Series(even[name]).ffill().to_numpy()
+            even[name] = np.array(pd.Series(even[name]).ffill(), dtype=np.float64)
     return pd.DataFrame(even), sampling.dt_s
 
 

@@ -19,8 +19,9 @@ from calibration.write import atomic_path
 def write_log(frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str] | None = None) -> Path:
     """Write the columns of ``frame`` to ``path``: .csv, .parquet or .tdms; numbers keep all their digits.
 
-    ``metadata`` goes to ``# key: value`` lines above the header (CSV), the file's key-value pairs (Parquet) or the root
-    properties (TDMS); ``read_log`` gives it back. Raises InputError for another ending or an unwritable place.
+    ``metadata`` goes to ``# key: value`` lines above the header (CSV), the file's key-value pairs (Parquet) or the
+    root properties (TDMS); ``read_log`` gives it back. Raises InputError for another ending or an unwritable
+    place.
     """
     target = Path(path)
     notes = {_one_line(k).replace(":", " "): _one_line(v) for k, v in (metadata or {}).items()}
@@ -52,7 +53,7 @@ def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
 
 
 def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
-    pq.write_table(_arrow(frame).replace_schema_metadata({k: v for k, v in notes.items()}), path)
+    pq.write_table(_arrow(frame).replace_schema_metadata(dict(notes)), path)
 
 
 def _tdms(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:

@@ -105,7 +105,7 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     names = names[:width]
     first = at + 2
     body: list[str] = []
-    for at in range(at + 1, len(lines) + 1):
+    for at in range(first - 1, len(lines) + 1):
         if at == len(lines) or not lines[at].replace(separator, "").strip() or lines[at].startswith("Channels"):
             break
         parts = lines[at].split(separator)

@@ -17,7 +17,7 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Columns:
-    """The wanted columns, each float64 of shape (N,), NaN where the file has no number; notes say what was done."""
+    """The wanted columns, float64 of shape (N,), NaN where the file has no number; notes say what was done."""
 
     data: dict[str, FloatArray]
     notes: tuple[str, ...] = ()
@@ -26,7 +26,7 @@ class Columns:
 
 @dataclass(frozen=True)
 class RowNumbers:
-    """What people see in their editor: sample ``i`` stands in line ``first + i`` plus the blank lines before it."""
+    """What people see in an editor: sample ``i`` stands in line ``first + i`` plus the blank lines before it."""
 
     first: int = 1
     blank: tuple[int, ...] = ()
@@ -42,8 +42,15 @@ class RowNumbers:
 class Table(Protocol):
     """What every reader offers."""
 
-    names: tuple[str, ...]
-    metadata: dict[str, str]
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns' names as the file has them."""
+        ...
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """What the file says about itself."""
+        ...
 
     def read(self, wanted: Sequence[str]) -> Columns:
         """The wanted columns by their names in the file."""

@@ -20,7 +20,7 @@ logging.getLogger("nptdms").setLevel(logging.ERROR)
 
 @dataclass
 class TdmsTable:
-    """A TDMS file; a ``time_s`` made from the channels' own tracks stands in where the file has no such channel."""
+    """A TDMS file; where it has no channel ``time_s``, one made from the channels' own tracks stands in."""
 
     path: Path
     where: str
@@ -106,7 +106,9 @@ class TdmsTable:
         start = props.get("wf_start_time")
         offset = float(props.get("wf_start_offset", 0.0) or 0.0)
         if start is not None:
-            offset += float((np.datetime64(start, "us") - np.datetime64("2000-01-01", "us")).astype(float)) * 1e-6
+            offset += (
+                (np.datetime64(start, "us") - np.datetime64("2000-01-01", "us")) / np.timedelta64(1, "us") * 1e-6
+            )
         good = step is not None and np.isfinite(float(step)) and float(step) > 0
         return Track(numbers, offset, float(step) if good else None)
 

@@ -14,7 +14,7 @@ from calibration.errors import InputError
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to; renamed onto ``path`` when the block ends well, removed when it does not.
+    """A path beside ``path`` to write to; renamed onto it when the block ends well, removed when it does not.
 
     Killed at any moment, the block leaves the previous ``path`` or none. The temporary name starts with a dot and
     keeps the ending, so that writers which look at endings work.

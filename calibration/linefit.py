@@ -1,0 +1,151 @@
+"""A straight line through calibration points: fit, covariance and the tests that question it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from calibration.errors import InputError
+from calibration.estimate import Z95
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LineFit:
+    """y = slope * x + intercept through N points.
+
+    ``covariance`` (2, 2) of (slope, intercept) uses the residual variance with N - 2 degrees of freedom (or the
+    known error of y, whichever is larger); ``covariance_95`` is it times (t / 1.96)^2, so that 1.96 u is the 95 %
+    interval. ``influence`` (2, N) is what an error of each y does to (slope, intercept).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    slope: float
+    intercept: float
+    covariance: FloatArray
+    covariance_95: FloatArray
+    residuals: FloatArray
+    sd: float
+    dof: int
+    r_squared: float
+    influence: FloatArray
+
+
+def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
+    """Least squares line of y on x, both of shape (N,), N >= 3.
+
+    With ``u_y``, the known standard error of y, what the residuals hold beyond it is taken as noise of x, and the
+    slope is freed of the pull towards zero that such noise makes: slope / (1 - u_x^2 / var(x)) (errors in
+    variables by moments; without ``u_y`` this is ordinary least squares). Computed about the means: NIST's Norris
+    to 13 digits.
+
+    Raises InputError for fewer than 3 points or x without spread.
+
+    >>> fit = fit_line([0, 1, 2, 3], [1, 3, 5, 7])
+    >>> round(fit.slope, 12), round(fit.intercept, 12)
+    (2.0, 1.0)
+    """
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    n = len(x)
+    if n < 3:
+        raise InputError(f"{n} points", expected="at least 3 for a line with its uncertainty")
+    mx, my = float(np.mean(x)), float(np.mean(y))
+    dx, dy = x - mx, y - my
+    sxx = float(dx @ dx)
+    if sxx <= 1e-24 * max(float(x @ x), 1e-300):
+        raise InputError("the points of a calibration line all lie at one place", expected="a spread of inputs")
+    slope = float(dx @ dy) / sxx
+    if u_y > 0.0:
+        rest = dy - slope * dx
+        u_x2 = max(float(rest @ rest) / (n - 2) - u_y**2, 0.0) / slope**2 if slope else 0.0
+        slope /= 1.0 - min(u_x2 * n / sxx, 0.5)
+    intercept = my - slope * mx
+    residuals = dy - slope * dx
+    dof = n - 2
+    sd = float(np.sqrt(residuals @ residuals / dof))
+    influence = np.vstack([dx / sxx, 1.0 / n - mx * dx / sxx])
+    shape = np.array([[1 / sxx, -mx / sxx], [-mx / sxx, 1 / n + mx * mx / sxx]])
+    known = u_y**2
+    free = sd**2 * (float(stats.t.ppf(0.975, dof)) / Z95) ** 2
+    syy = float(dy @ dy)
+    return LineFit(
+        x,
+        y,
+        slope,
+        intercept,
+        shape * max(sd**2, known),
+        shape * max(free, known),
+        residuals,
+        sd,
+        dof,
+        min(max(1.0 - float(residuals @ residuals) / syy, 0.0), 1.0) if syy > 0 else 1.0,
+        influence,
+    )
+
+
+def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:
+    """p of the F test of group means of the residuals against the scatter within groups; None without repeats."""
+    groups = np.asarray(groups)
+    labels, at = np.unique(groups, return_inverse=True)
+    k, n = len(labels), len(groups)
+    if k < 3 or n - k < 2:
+        return None
+    count = np.bincount(at)
+    mean = np.bincount(at, weights=fit.residuals) / count
+    between = float(np.sum(count * mean**2)) / (k - 2)
+    within = float(np.sum((fit.residuals - mean[at]) ** 2)) / (n - k)
+    return float(stats.f.sf(between / within, k - 2, n - k)) if within > 0 else None
+
+
+def quadratic_p(fit: LineFit) -> float | None:
+    """p of the t test of a quadratic term; None with fewer than 5 points."""
+    n = len(fit.x)
+    if n < 5 or len(np.unique(fit.x)) < 4:
+        return None
+    z = (fit.x - fit.x.mean()) / np.std(fit.x)
+    design = np.column_stack([np.ones(n), z, z**2])
+    coefficients, *_ = np.linalg.lstsq(design, fit.y, rcond=None)
+    rest = fit.y - design @ coefficients
+    variance = float(rest @ rest) / (n - 3) * np.linalg.inv(design.T @ design)[2, 2]
+    if variance <= 0:
+        return None
+    return float(2 * stats.t.sf(abs(coefficients[2]) / np.sqrt(variance), n - 3))
+
+
+def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
+    """Scatter within repeats [y], standard error of the mean of the shifts between them [y], and p that they
+    shift.
+
+    (None, 0, None) where there is only one repeat.
+    """
+    labels, at = np.unique(np.asarray(repeats), return_inverse=True)
+    r, n = len(labels), len(at)
+    if r < 2 or n - r - 1 < 2:
+        return None, 0.0, None
+    count = np.bincount(at)
+    mean = np.bincount(at, weights=fit.residuals) / count
+    within2 = float(np.sum((fit.residuals - mean[at]) ** 2)) / (n - r - 1)
+    if within2 <= 0:
+        return 0.0, 0.0, None
+    between2 = float(np.sum(count * mean**2)) / (r - 1)
+    p = float(stats.f.sf(between2 / within2, r - 1, n - r - 1))
+    shift2 = max(between2 - within2, 0.0) / (n / r)
+    return float(np.sqrt(within2)), float(np.sqrt(shift2 / r)), p
+
+
+def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
+    """Points whose deleted Student residual is beyond the Bonferroni bound at ``level``."""
+    n, dof = len(fit.x), fit.dof - 1
+    if dof < 2 or fit.sd == 0.0:
+        return []
+    dx = fit.x - fit.x.mean()
+    leverage = 1.0 / n + dx**2 / float(dx @ dx)
+    rss = fit.sd**2 * fit.dof
+    left = np.maximum(rss - fit.residuals**2 / (1 - leverage), 1e-300) / dof
+    t = np.abs(fit.residuals) / np.sqrt(left * (1 - leverage))
+    return [int(i) for i in np.flatnonzero(2 * stats.t.sf(t, dof) < level / n)]

@@ -1,0 +1,236 @@
+"""Static lines of the thermocouples against the oven's PRT, with a covariance that simulation bears out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
+from calibration.oven import ErrorStatistics, error_statistics
+
+PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
+SIGNIFICANT = 0.01
+
+
+class StaticLine(BaseModel):
+    """T_degC = gain * logged + offset_degC, and how well it is known.
+
+    ``covariance`` is that of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties
+    are the 95 % interval at the degrees of freedom at hand. ``range_degC`` is the span of the PRT readings.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    gain: float = Field(gt=0.3, lt=3.0)
+    offset: float = Field(gt=-100.0, lt=100.0)
+    covariance: tuple[tuple[float, float], tuple[float, float]]
+    range_degC: tuple[float, float]
+    residual_sd_degC: float = Field(default=0.0, ge=0.0, lt=50.0)
+    repeatability_sd_degC: float | None = Field(default=None, ge=0.0, lt=50.0)
+    n: int = Field(default=2, ge=2)
+    r_squared: float | None = Field(default=None, ge=0.0, le=1.0)
+    lack_of_fit_p: float | None = Field(default=None, ge=0.0, le=1.0)
+    quadratic_p: float | None = Field(default=None, ge=0.0, le=1.0)
+
+    @model_validator(mode="after")
+    def _sound(self) -> StaticLine:
+        (a, b), (c, d) = self.covariance
+        if a < 0 or d < 0 or abs(b - c) > 1e-9 * (abs(b) + abs(c)) or b * b > a * d * (1 + 1e-6) + 1e-30:
+            raise ValueError("covariance must be symmetric and positive semidefinite")
+        if self.range_degC[0] >= self.range_degC[1]:
+            raise ValueError("range_degC must be (low, high)")
+        return self
+
+    @classmethod
+    def identity(cls, range_degC: tuple[float, float] = (-60.0, 760.0)) -> StaticLine:
+        """The line that changes nothing, known exactly."""
+        return cls(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=range_degC)
+
+    @property
+    def gain_estimate(self) -> Estimate:
+        """Gain with its 95 % interval."""
+        return Estimate.normal(self.gain, float(np.sqrt(self.covariance[0][0])))
+
+    @property
+    def offset_estimate(self) -> Estimate:
+        """Offset [degC] with its 95 % interval."""
+        return Estimate.normal(self.offset, float(np.sqrt(self.covariance[1][1])))
+
+
+@dataclass(frozen=True)
+class OvenFit:
+    """Static lines of one disk and what the oven said about them.
+
+    ``joint_covariance`` (2 M, 2 M) is that of (gain, offset) of every channel in order: channels share each row's
+    PRT error, so their lines err together. ``residuals`` holds one row for each oven row: repeat, setpoint_degC,
+    prt_degC and the residual [K] of each channel.
+    """
+
+    lines: dict[str, StaticLine]
+    statistics: pd.DataFrame
+    residuals: pd.DataFrame
+    raw_errors_K: NDArray[np.float64]
+    calibrated_errors_K: NDArray[np.float64]
+    joint_covariance: NDArray[np.float64]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        """The lines as people write them."""
+        return "\n".join(
+            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residuals {line.residual_sd_degC:.3f} degC"
+            for c, line in self.lines.items()
+        )
+
+
+def fit_static_lines(
+    frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0
+) -> OvenFit:
+    """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
+
+    The PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the
+    logged means both err; the slope is corrected for the noise of the logged side (errors in variables, method of
+    moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit and a
+    shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
+    rows by name.
+
+    Raises InputError when a channel has fewer than 3 rows.
+    """
+    prt = frame["prt_degC"].to_numpy(dtype=float)
+    names = [c for c in CHANNELS if f"{c}_degC" in frame]
+    lines: dict[str, StaticLine] = {}
+    fits: dict[str, tuple[LineFit, NDArray[np.bool_]]] = {}
+    residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
+    notes: list[str] = []
+    for channel in names:
+        logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
+        ok = np.isfinite(logged) & np.isfinite(prt)
+        if ok.sum() < 3:
+            raise InputError(f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3")
+        fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
+        groups, repeats = (frame[k].to_numpy()[ok] for k in ("setpoint_degC", "repeat"))
+        lines[channel], said = _line(channel, fit, prt[ok], groups, repeats, prt_shared_u_degC, frame[ok])
+        fits[channel] = (fit, ok)
+        notes += said
+        residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
+    raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
+    after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
+    table = _table(error_statistics(raw), error_statistics(after))
+    joint = _joint(lines, fits, prt_u_degC, prt_shared_u_degC)
+    return OvenFit(lines, table, residuals, raw, after, joint, tuple(notes))
+
+
+def _line(
+    channel: str,
+    fit: LineFit,
+    prt: NDArray[np.float64],
+    groups: NDArray[np.float64],
+    repeats: NDArray[np.float64],
+    shared_u: float,
+    rows: pd.DataFrame,
+) -> tuple[StaticLine, list[str]]:
+    notes: list[str] = []
+    lack = lack_of_fit_p(fit, groups)
+    curve = quadratic_p(fit)
+    within, shift_u, shift_p = repeat_shift(fit, repeats)
+    if lack is not None and lack < SIGNIFICANT:
+        notes.append(
+            f"channel {channel}: the line does not fit within the scatter of the repeats (p = {lack:.2g})"
+        )
+    if curve is not None and curve < SIGNIFICANT:
+        notes.append(f"channel {channel}: a quadratic term is significant (p = {curve:.2g})")
+    extra = shared_u**2
+    if shift_p is not None and shift_p < SIGNIFICANT:
+        extra += shift_u**2
+        notes.append(
+            f"channel {channel}: the repeats shift by {shift_u:.2g} degC (u of their mean, p = {shift_p:.2g})"
+        )
+    for i in outlying(fit):
+        row = rows.iloc[i]
+        notes.append(
+            f"channel {channel}: repeat {row['repeat']:g} at {row['setpoint_degC']:g} degC lies "
+            f"{fit.residuals[i]:+.2f} degC off the line; it is kept"
+        )
+    covariance = fit.covariance_95 + np.diag([0.0, extra])
+    line = StaticLine(
+        gain=fit.slope,
+        offset=fit.intercept,
+        covariance=_pair(covariance),
+        range_degC=(float(prt.min()), float(prt.max())),
+        residual_sd_degC=fit.sd,
+        repeatability_sd_degC=within,
+        n=len(prt),
+        r_squared=fit.r_squared,
+        lack_of_fit_p=lack,
+        quadratic_p=curve,
+    )
+    return line, notes
+
+
+def _pair(matrix: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
+
+
+def _joint(
+    lines: dict[str, StaticLine],
+    fits: dict[str, tuple[LineFit, NDArray[np.bool_]]],
+    prt_u: float,
+    shared_u: float,
+) -> NDArray[np.float64]:
+    names = list(lines)
+    joint = np.zeros((2 * len(names), 2 * len(names)))
+    for i, one in enumerate(names):
+        joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = lines[one].covariance
+        for j in range(i):
+            (a, in_a), (b, in_b) = fits[one], fits[names[j]]
+            both = in_a & in_b
+            pa, pb = a.influence[:, both[in_a]], b.influence[:, both[in_b]]
+            shared = min(prt_u, a.sd, b.sd) ** 2
+            block = shared * pa @ pb.T + np.diag([0.0, shared_u**2])
+            joint[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
+            joint[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
+    return joint
+
+
+def _table(raw: ErrorStatistics, after: ErrorStatistics) -> pd.DataFrame:
+    return pd.DataFrame({"raw": raw.rows(), "calibrated": after.rows()})
+
+
+def apply_static(logged: ArrayLike, line: StaticLine) -> NDArray[np.float64]:
+    """T [degC] = gain * logged + offset; any shape, NaN stays NaN.
+
+    >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
+    >>> apply_static([100.0], line).tolist()
+    [100.5]
+    """
+    return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
+
+
+def apply_lines(frame: pd.DataFrame, lines: dict[str, StaticLine], prefix: str = "") -> pd.DataFrame:
+    """The frame with columns ``{prefix}{channel}_degC`` corrected; the other columns stay as they are."""
+    corrected = {
+        f"{prefix}{c}_degC": apply_static(frame[f"{prefix}{c}_degC"], line)
+        for c, line in lines.items()
+        if f"{prefix}{c}_degC" in frame
+    }
+    return frame.assign(**corrected)
+
+
+def static_u(line: StaticLine, temperature_degC: ArrayLike) -> NDArray[np.float64]:
+    """Standard uncertainty [K] of the line at T [degC]: u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g."""
+    y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
+    (gg, go), (_, oo) = line.covariance
+    return np.asarray(np.sqrt(np.maximum(y * y * gg + 2 * y * go + oo, 0.0)))
+
+
+def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> NDArray[np.bool_]:
+    """Which temperatures lie more than ``margin_K`` outside the calibrated range: there the line extrapolates."""
+    t = np.asarray(temperature_degC, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
