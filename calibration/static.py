@@ -84,7 +84,7 @@ class OvenFit:
     def summary(self) -> str:
         """The lines as people write them."""
         return "\n".join(
-            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residuals {line.residual_sd_degC:.3f} degC"
+            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f}"
             for c, line in self.lines.items()
         )
 

@@ -1,0 +1,233 @@
+"""The record of a calibrated disk: what each channel reads at rest, how late it is, and where that came from."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calibration.disk import CHANNELS, DiskSetup
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.recordupgrade import SCHEMA, upgraded
+from calibration.rigfile import ConditioningTable, RigTables, setup_from_tables
+from calibration.static import StaticLine
+from calibration.write import sha256, write_text
+
+LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+
+
+class InputFile(_Part):
+    """One file that the record was made from."""
+
+    file: str
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+    @classmethod
+    def of(cls, path: str | Path) -> InputFile:
+        """The file's name and hash."""
+        return cls(file=Path(path).name, sha256=sha256(path))
+
+
+class ChannelChain(_Part):
+    """One channel's lags, zero and dead time [s]; ``lag_s`` is the first moment, the filter B included."""
+
+    tau1_s: float = Field(ge=0, lt=600)
+    tau2_s: float = Field(default=0.0, ge=0, lt=600)
+    zero_s: float = Field(default=0.0, gt=-600, lt=600)
+    delay_s: float = Field(default=0.0, ge=0, lt=60)
+    lag_s: Estimate
+
+
+class ChainRecord(_Part):
+    """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order a to f."""
+
+    structure: str = Field(min_length=1, max_length=40)
+    channels: dict[str, ChannelChain]
+    covariance: list[list[float]]
+    common_lag_s: Estimate
+    differential_lag_s: dict[str, Estimate]
+
+    @model_validator(mode="after")
+    def _sound(self) -> ChainRecord:
+        _known(self.channels, "channels")
+        if set(self.differential_lag_s) != set(self.channels):
+            raise ValueError("differential_lag_s: must name the channels of the chain")
+        matrix = _square(self.covariance, len(self.channels))
+        lags = [self.channels[c].lag_s for c in sorted(self.channels)]
+        own = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+        for name, lag, u in zip(sorted(self.channels), lags, own):
+            if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
+                raise ValueError(
+                    f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s"
+                )
+        common = float(np.mean([lag.value for lag in lags]))
+        if abs(common - self.common_lag_s.value) > max(LAG_TOLERANCE_S, 3 * self.common_lag_s.u):
+            raise ValueError(
+                f"common_lag_s: {self.common_lag_s.value:.4g} s, but the lags' mean is {common:.4g} s"
+            )
+        for name, lag in zip(sorted(self.channels), lags):
+            rest = self.differential_lag_s[name]
+            apart = lag.value - common
+            if abs(apart - rest.value) > max(LAG_TOLERANCE_S, 3 * rest.u):
+                raise ValueError(f"differential_lag_s.{name}: {rest.value:.4g} s, but lag - mean is {apart:.4g} s")
+        return self
+
+    def lag_covariance(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Covariance of the lags (M, M) [s^2] in the order of sorted channels."""
+        return np.array(self.covariance, dtype=float)
+
+
+class DiskRecord(_Part):
+    """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
+
+    schema_: Literal["tcdyn.disk/1"] = Field(default=SCHEMA, alias="schema")
+    disk: str = Field(min_length=1, max_length=80)
+    created: str
+    created_by: str = ""
+    inputs: list[InputFile] = Field(default_factory=list)
+    static: dict[str, StaticLine]
+    chain: ChainRecord | None = None
+    conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
+    fit: dict[str, Any] = Field(default_factory=dict)
+    warnings: list[str] = Field(default_factory=list)
+    setup: RigTables = Field(default_factory=lambda: RigTables.model_validate({}))
+
+    @model_validator(mode="after")
+    def _sound(self) -> DiskRecord:
+        _known(self.static, "static")
+        try:
+            moment(self.created)
+        except ValueError:
+            raise ValueError(f"created: {self.created!r} is no date (ISO 8601)") from None
+        if self.chain is not None:
+            own = conditioning_lag_s(self.conditioning)
+            for name, c in self.chain.channels.items():
+                lag = c.delay_s + c.tau1_s + c.tau2_s - c.zero_s + own
+                if abs(lag - c.lag_s.value) > max(LAG_TOLERANCE_S, 3 * c.lag_s.u):
+                    raise ValueError(
+                        f"chain.channels.{name}.lag_s: {c.lag_s.value:.4g} s, but its lags add to {lag:.4g} s"
+                    )
+        return self
+
+    def disk_setup(self) -> DiskSetup:
+        """The disk in SI units, as it was calibrated."""
+        return setup_from_tables(self.disk, self.setup)
+
+    def to_json(self) -> str:
+        """The record as JSON text."""
+        return self.model_dump_json(by_alias=True, indent=2) + "\n"
+
+
+def now_utc() -> str:
+    """The moment as the record writes it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def moment(text: str) -> datetime:
+    """The moment that ``created`` names; without a zone it is taken as UTC."""
+    found = datetime.fromisoformat(text)
+    return found if found.tzinfo else found.replace(tzinfo=UTC)
+
+
+def conditioning_lag_s(b: ConditioningTable) -> float:
+    """First moment [s] of the conditioning filter: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth).
+
+    >>> round(conditioning_lag_s(ConditioningTable(cutoff_Hz=4.0, poles=2, shape="cascade")), 4)
+    0.0796
+    """
+    if b.poles == 0:
+        return 0.0
+    wc = 2 * math.pi * b.cutoff_Hz
+    return b.poles / wc if b.shape == "cascade" else 1.0 / (wc * math.sin(math.pi / (2 * b.poles)))
+
+
+def write_record(record: DiskRecord, path: str | Path) -> Path:
+    """Write the record as JSON, whole or not at all."""
+    return write_text(path, record.to_json())
+
+
+def read_record(path: str | Path) -> DiskRecord:
+    """Read a record; an older schema is brought up to date with a warning in it.
+
+    Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot
+    be.
+    """
+    where = str(path)
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        data = json.loads(text, object_pairs_hook=_no_twins)
+    except FileNotFoundError:
+        raise InputError("no such file", where=where, remedy="`tcdyn calibrate` writes one") from None
+    except (OSError, ValueError, RecursionError) as problem:
+        raise InputError(f"not readable as JSON ({problem})", where=where, expected="a disk record") from None
+    return parse_record(data, where)
+
+
+def parse_record(data: Any, where: str) -> DiskRecord:
+    """Check a record that is already parsed JSON; ``where`` names it in errors."""
+    data = upgraded(data, where)
+    try:
+        return DiskRecord.model_validate(data)
+    except ValidationError as problem:
+        first = problem.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        message = first["msg"].removeprefix("Value error, ")
+        got = f" (got {_short(first['input'])})" if first["type"] not in ("value_error", "missing") else ""
+        raise InputError(
+            f"{key + ': ' if key else ''}{message}{got}",
+            where=where,
+            expected="a record as `tcdyn calibrate` writes it",
+            remedy="do not edit records by hand; calibrate again",
+        ) from None
+
+
+def require_disk(record: DiskRecord, disk: str, where: str = "") -> None:
+    """Raise InputError unless the record is of ``disk``."""
+    if record.disk != disk:
+        raise InputError(f"is the record of disk {record.disk!r}", where=where, expected=f"that of disk {disk!r}")
+
+
+def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"key {key!r} stands twice")
+        found[key] = value
+    return found
+
+
+def _known(names: Iterable[str], key: str) -> None:
+    names = list(names)
+    if not names:
+        raise ValueError(f"{key}: holds no channel")
+    for name in names:
+        if name not in CHANNELS:
+            raise ValueError(f"{key}.{name}: no such channel; they are a to f")
+
+
+def _square(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if len(rows) != size or any(len(row) != size for row in rows):
+        raise ValueError(f"covariance: must be {size} x {size}, one row a channel")
+    matrix = np.array(rows, dtype=float)
+    scale = float(np.abs(matrix).max()) or 1.0
+    if np.abs(matrix - matrix.T).max() > 1e-6 * scale:
+        raise ValueError("covariance: must be symmetric")
+    if np.linalg.eigvalsh(matrix).min() < -1e-6 * scale:
+        raise ValueError("covariance: must be positive semidefinite")
+    return matrix
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
