@@ -64,10 +64,10 @@ def simulate_campaign(
     """Write a campaign into ``out_dir``: rig.toml, ovens, plunges, EHL tests and, in truth/, what really happened.
 
     The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv. ``rig`` is what people believe
-    (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as stated unless ``uncertain``.
-    A file depends on the seed and its own name only, whatever else is written. ``progress`` is called after each
-    job with its name and the counts. Truth is there for people and tests, never for fits. Raises InputError for
-    an unknown test.
+    (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as stated unless
+    ``uncertain``. A file depends on the seed and its own name only, whatever else is written. ``progress`` is
+    called after each job with its name and the counts. Truth is there for people and tests, never for fits.
+    Raises InputError for an unknown test.
     """
     for test in tests:
         ehl_test(test)

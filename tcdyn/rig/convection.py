@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 GRAVITY_m_s2 = 9.80665
 FluidName = Literal["mobil-jet-ii", "water"]
+FLUIDS: tuple[FluidName, ...] = ("mobil-jet-ii", "water")
 
 
 @dataclass(frozen=True)
@@ -63,19 +64,23 @@ def _water(temperature_degC: float) -> FluidState:
     return FluidState(float(viscosity), float(k), float(k / (density * heat)), float(expansion))
 
 
+def mean_nusselt(rayleigh: float, prandtl: float) -> float:
+    """Mean Nusselt number of a vertical plate (Churchill and Chu 1975, laminar; 5.4); valid for Ra < 1e9.
+
+    ``Nu = 0.68 + 0.670 Ra^(1/4) / [1 + (0.492/Pr)^(9/16)]^(4/9)``
+
+    >>> round(mean_nusselt(1e6, 60.0), 2)
+    21.26
+    """
+    return float(0.68 + 0.670 * rayleigh**0.25 / (1 + (0.492 / prandtl) ** (9 / 16)) ** (4 / 9))
+
+
 def natural_h_W_m2K(fluid: FluidName, wall_degC: float, bulk_degC: float, height_m: float) -> float:
     """Mean coefficient of a short vertical wall, properties at the film temperature [W/m2K].
 
-    ``Nu = 0.68 + 0.670 Ra^(1/4) / [1 + (0.492/Pr)^(9/16)]^(4/9)`` with ``Ra = g beta |dT| L^3 / (nu alpha)``
-    (Churchill and Chu 1975, laminar; 5.4). Valid for Ra < 1e9.
+    ``h = Nu k / L`` with ``Ra = g beta |dT| L^3 / (nu alpha)`` and ``Pr = nu / alpha``.
     """
     s = fluid_state(fluid, 0.5 * (wall_degC + bulk_degC))
-    rayleigh = (
-        GRAVITY_m_s2
-        * abs(s.expansion_1_K * (bulk_degC - wall_degC))
-        * height_m**3
-        / (s.viscosity_m2_s * s.diffusivity_m2_s)
-    )
-    prandtl = s.viscosity_m2_s / s.diffusivity_m2_s
-    nusselt = 0.68 + 0.670 * rayleigh**0.25 / (1 + (0.492 / prandtl) ** (9 / 16)) ** (4 / 9)
-    return float(nusselt * s.conductivity_W_mK / height_m)
+    buoyancy = GRAVITY_m_s2 * abs(s.expansion_1_K * (bulk_degC - wall_degC))
+    rayleigh = buoyancy * height_m**3 / (s.viscosity_m2_s * s.diffusivity_m2_s)
+    return mean_nusselt(rayleigh, s.viscosity_m2_s / s.diffusivity_m2_s) * s.conductivity_W_mK / height_m

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from calibration.errors import InputError
 from tcdyn.rig.truth import DiskTruth
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ class DiskMesh:
     radial: int = 64
     axial: int = 80
     surface_cell_m: float = 0.06e-3
-    shaft_side: int = 40
+    shaft_side: int = 80
 
 
 @dataclass(frozen=True)
@@ -68,10 +69,15 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
 
     ``half_width_m`` is half the width of the running track; conduction between neighbouring cells uses the exact
     logarithmic resistance in r. Washer faces and the running surface lose heat to ambient through half a cell of
-    steel; the heat of the track enters at the surface itself, so a part of it leaves again through h at once.
+    steel; the heat of the track enters at the surface itself, so a part of it leaves again through h at once. Raises
+    InputError for a disk without a bore.
     """
-    g = _grid(disk, mesh)
     s = disk.setup
+    if not s.bore_radius_m > 0.5e-3:
+        raise InputError(
+            f"bore_radius_mm {s.bore_radius_m * 1e3:g}", expected="a bore of more than 0.5 mm for the shaft"
+        )
+    g = _grid(disk, mesh)
     skin = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK  # half a surface cell
     surface = h_W_m2K / (1 + h_W_m2K * skin)
     to_ambient = _faces_to_ambient(disk, g)

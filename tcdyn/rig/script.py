@@ -26,7 +26,7 @@ class EhlOptions:
     duration_s: float = 1400.0
     parting_s: float = 0.02  # friction falls over this time, centred at the unloading
     loading_s: float = 0.3
-    ambient_degC: float = 61.0
+    ambient_degC: float = 60.5
     beta: float | None = None
     h_fast_W_m2K: float | None = None
     friction_N: float | None = None

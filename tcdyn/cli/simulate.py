@@ -1,0 +1,161 @@
+"""``tcdyn simulate``: write logs of the synthetic rig, their truth beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import pandas as pd
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from calibration.errors import InputError
+from calibration.rigfile import load_rig
+from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, CampaignFiles, Plunge, simulate_campaign
+from tcdyn.rig.convection import FLUIDS, FluidName
+from tcdyn.rig.ehl import simulate_ehl
+from tcdyn.rig.files import write_json, write_log, write_traces
+from tcdyn.rig.hole import simulate_hole
+from tcdyn.rig.oven import simulate_oven
+from tcdyn.rig.plunge import PlungeOptions, simulate_plunge
+from tcdyn.rig.script import EhlOptions
+from tcdyn.rig.truth import CLEAN, RigTruth, draw_truth
+
+app = typer.Typer(
+    name="simulate", help="Write logs of the synthetic rig, their truth beside them.", no_args_is_help=True
+)
+
+Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
+Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig and the same file")]
+Disk = Annotated[str, typer.Option(help="fast or slow")]
+RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
+Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... from rig.toml's [uncertainty]")]
+Clean = Annotated[
+    bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")
+]
+
+
+@app.command()
+def oven(
+    out: Out,
+    disk: Disk = "fast",
+    seed: Seed = 0,
+    rig: RigPath = None,
+    uncertain: Uncertain = False,
+    clean: Clean = False,
+) -> None:
+    """Oven calibration of one disk, 20 to 160 degC, three repeats."""
+    truth = _truth(seed, rig, uncertain, clean)
+    _write(out, *simulate_oven(_disk(disk), seed, truth))
+
+
+@app.command()
+def immersion(
+    out: Out,
+    disk: Disk = "fast",
+    seed: Seed = 0,
+    bath_degC: Annotated[float, typer.Option("--bath-degC", help="bath temperature")] = 110.0,
+    fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
+    duration_s: Annotated[float, typer.Option("--duration-s", min=10, help="time after entry")] = 140.0,
+    run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
+    rig: RigPath = None,
+    uncertain: Uncertain = False,
+    clean: Clean = False,
+) -> None:
+    """A plunge of one disk into a hot bath."""
+    truth = _truth(seed, rig, uncertain, clean)
+    options = PlungeOptions(after_s=duration_s)
+    _write(out, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
+
+
+@app.command()
+def hole(out: Out, seed: Seed = 0, clean: Clean = False) -> None:
+    """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water."""
+    _write(out, *simulate_hole(seed, _truth(seed, None, False, clean)))
+
+
+@app.command()
+def ehl(
+    out: Out,
+    test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
+    seed: Seed = 0,
+    beta: Annotated[float | None, typer.Option(min=0, max=1, help="heat partition; drawn without it")] = None,
+    rig: RigPath = None,
+    uncertain: Uncertain = False,
+    clean: Clean = False,
+) -> None:
+    """One EHL test of both disks: warm running, loading, unloading, cooling."""
+    truth = _truth(seed, rig, uncertain, clean)
+    _write(out, *simulate_ehl(test, seed, truth, EhlOptions(beta=beta)))
+
+
+@app.command()
+def campaign(
+    out: Annotated[Path, typer.Option("--out", help="folder to write")],
+    test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
+    bath_degC: Annotated[
+        list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")
+    ] = None,
+    seed: Seed = 0,
+    workers: Annotated[int, typer.Option(min=1)] = 1,
+    rig: RigPath = None,
+    uncertain: Uncertain = False,
+    clean: Clean = False,
+) -> None:
+    """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/."""
+    tests = tuple(test or ("B3",))
+    if "all" in tests:
+        tests = ALL_TESTS
+    plunges = tuple(Plunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
+    files = campaign_with_bar(
+        out,
+        seed,
+        tests,
+        plunges,
+        rig=load_rig(rig),
+        truth=_truth(seed, rig, uncertain, clean),
+        n_jobs=workers,
+    )
+    typer.echo(f"wrote {len(files.ehl)} EHL tests, ovens and plunges to {files.folder}; truth in {files.truth}")
+
+
+def campaign_with_bar(*arguments: Any, **options: Any) -> CampaignFiles:
+    """``simulate_campaign`` with a progress bar."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, transient=True) as bar:
+        task = bar.add_task("simulating")
+
+        def advance(name: str, done: int, total: int) -> None:
+            bar.update(task, description=f"simulating: {name}", completed=done, total=total)
+
+        return simulate_campaign(*arguments, **options, progress=advance)
+
+
+def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
+    truth = draw_truth(seed, load_rig(rig), uncertain=uncertain)
+    return truth.with_imperfections(CLEAN) if clean else truth
+
+
+def _write(out: Path, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+    if not out.parent.is_dir():
+        raise InputError("no such folder", where=str(out.parent), remedy="make it first")
+    if out.suffix.lower() != ".csv":
+        raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
+    truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
+    write_json(truth, truth_json)
+    write_traces(truth["traces"], traces)
+    write_log(frame, out)
+    typer.echo(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
+
+
+def _disk(name: str) -> str:
+    if name not in ("fast", "slow"):
+        raise InputError(f"--disk {name!r}", expected="fast or slow")
+    return name
+
+
+def _fluid(name: str) -> FluidName:
+    for fluid in FLUIDS:
+        if name == fluid:
+            return fluid
+    raise InputError(f"--fluid {name!r}", expected=" or ".join(FLUIDS), remedy="the rig has no other bath")
