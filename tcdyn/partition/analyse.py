@@ -19,19 +19,18 @@ from tcdyn.conduction.rim import Profile
 from tcdyn.partition.budget import Budget, monte_carlo
 from tcdyn.partition.cooling import CoolingFit, cooling_fit
 from tcdyn.partition.crosscheck import CrossCheck, cross_check
-from tcdyn.partition.equalise import equalised
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
-from tcdyn.partition.lines import DiskLine, disk_line
-from tcdyn.partition.nuisance import Nuisances, nuisances
+from tcdyn.partition.lines import DiskLine
+from tcdyn.partition.nuisance import nuisances
 from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, refined_chains, steady_lines
 from tcdyn.partition.shift import FitShift
-from tcdyn.partition.steady import SpeedLawPoint, speed_law
+from tcdyn.partition.steady import SpeedLawPoint
 from tcdyn.partition.surface import Surface, surface_temperatures
-from tcdyn.partition.window import OUTER, DiskWindow, chained_power, disk_window, stretch_of
+from tcdyn.partition.window import OUTER, DiskWindow, disk_window, stretch_of
 
 WINDOW_S = 5.0
-JOINT_WINDOW_S = 10.0
-EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
+LAG_STEP_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -91,21 +90,14 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    cooled = test.time_s[-1] - test.events.unload_s
-    length = max(window_s, min(JOINT_WINDOW_S, cooled))
-    rows = stretch_of(test, length)
+    rows = stretch_of(test, max(window_s, joint_length_s(test)))
     warnings = list(test.warnings)
     progress("steady lines")
-    lines = {d: _line(test, test.disks[d], rows, u, profile, weights) for d in DISKS}
-    speed = speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
+    lines, speed = steady_lines(test, rows, u, profile, weights)
     progress("joint fits")
-    start = {
-        "fast": (speed.beta, max(speed.h_fast, 50.0)),
-        "slow": (1 - speed.beta, max(speed.h_slow, 50.0)),
-    }
-    joint, both = joint_fits(test, start, u, min(JOINT_WINDOW_S, cooled), profile)
+    joint, both = joint_fits(test, joint_start(speed), u, joint_length_s(test), profile)
     progress("compensation")
-    chains = {d: refined_chains(test.disks[d], joint[d]) for d in DISKS}
+    chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     compensated, windows, cooling, shifts = {}, {}, {}, {}
     for d in DISKS:
         disk = test.disks[d]
@@ -114,7 +106,9 @@ def analyse(
         noise = float(np.median(compensated[d].sd_noise[:, OUTER]))
         cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
         progress(f"cooling fit, {d} disk")
-        shifts[d] = _cooling_shift(test, disk, rows, chains[d], joint[d], lines[d], cooling[d], u, profile, window_s)
+        shifts[d] = _cooling_shift(
+            test, disk, rows, compensated[d], windows[d], joint[d], lines[d], cooling[d], u, profile
+        )
         warnings += _lag_warnings(d, disk, joint[d])
     budget = monte_carlo(
         {d: lines[d].line for d in DISKS},
@@ -133,52 +127,19 @@ def analyse(
     ways |= {f"joint {d}": joint[d].beta for d in DISKS}
     steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
     checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady)
-    surface = surface_temperatures(test, rows, speed, windows)
+    surface = surface_temperatures(test, speed, windows)
+    budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
     return Partition(
         test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains, compensated, windows,
         tuple(warnings),
     )  # fmt: skip
 
 
-def _line(
-    test: EhlTest, disk: DiskTraces, rows: slice, u: UncertaintyTable, profile: Profile, weights: NDArray[np.float64]
-) -> DiskLine:
-    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
-    window = lagged_window(test, disk, rows, readings, profile)
-
-    def at(share: float, h: float) -> Nuisances:
-        return nuisances(window, disk, readings, test.dt_s, share, h, u)
-
-    return disk_line(window, test.events.unload_s, weights, at)
-
-
-def lagged_window(
-    test: EhlTest, disk: DiskTraces, rows: slice, readings: NDArray[np.float64], profile: Profile
-) -> DiskWindow:
-    """Window of the equalised, still lagged readings, with the power seen through the same chain."""
-    from tcdyn.conduction.bank import lag_bank
-
-    window = disk_window(test, disk, readings, rows, disk.noise_K, profile)
-    power = chained_power(test, rows, disk.mean_chain)
-    return window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
-
-
-def refined_chains(disk: DiskTraces, fit: DiskFit) -> tuple[Chain, ...]:
-    """The record's chains with the common part that the joint fit found, channel differences kept."""
-    mean = disk.mean_chain
-    out = []
-    for chain in disk.chains:
-        difference = chain.lag_s - mean.lag_s
-        taus = sorted(fit.chain.taus_s, reverse=True)
-        out.append(replace(fit.chain, taus_s=(max(taus[0] + difference, 1e-3), *taus[1:])))
-    return tuple(out)
-
-
 def compensate_stretch(
     test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float
 ) -> Compensated:
     """The six traces of one disk over ``rows``, smoothed with the parting as a known kink."""
-    y = np.where(disk.spikes[rows], np.nan, disk.readings_degC[rows])
+    y = disk.readings_degC[rows]
     event = test.events.unload_s - test.time_s[rows][0]
     m = y.shape[1]
     centre = np.eye(m) - 1.0 / m
@@ -204,16 +165,15 @@ def _cooling_shift(
     test: EhlTest,
     disk: DiskTraces,
     rows: slice,
-    chains: tuple[Chain, ...],
+    done: Compensated,
+    window: DiskWindow,
     joint: DiskFit,
     line: DiskLine,
     fit: CoolingFit,
     u: UncertaintyTable,
     profile: Profile,
-    window_s: float,
 ) -> FitShift:
     """How (share, h) of the cooling fit move with the nuisances, through the traces and through the line."""
-    window = _compensated_window(test, disk, rows, compensate_with(test, disk, rows, chains, 0.0), profile)
     temperatures = disk.readings_degC[rows]
     nuis = nuisances(window, disk, temperatures, test.dt_s, fit.share, fit.h_W_m2K, u)
     slope = line.line.slope
@@ -224,9 +184,11 @@ def _cooling_shift(
         change = fit.pull(nuis.effect[q] * nuis.sd[q] + share_moves * fit.power)
         per_sd.append((share_moves + slope * change, change))
     lag_u = joint.estimates["lag_s"].u
-    step = 0.02
-    longer = _compensated_window(test, disk, rows, compensate_with(test, disk, rows, chains, step), profile)
-    change = -fit.pull(longer.y - window.y) * lag_u / step
+    longer = replace(done, temperature=done.temperature + LAG_STEP_S * done.lag_sensitivity)
+    moved = _compensated_window(test, disk, rows, longer, profile)
+    rest, _ = moved.answer(moved.gains(fit.h_W_m2K))
+    before, _ = window.answer(window.gains(fit.h_W_m2K))
+    change = fit.pull((rest - before) - (moved.y - window.y)) * lag_u / LAG_STEP_S
     per_sd.append((slope * change, change))
     noise_h = fit.h_noise
     share_noise = float(np.sqrt(line.shift.noise[0, 0]))
@@ -237,13 +199,6 @@ def _cooling_shift(
         ]
     )
     return FitShift((*nuis.names, "common lag"), (*nuis.shared, False), np.array(per_sd), noise)
-
-
-def compensate_with(
-    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], longer_s: float
-) -> Compensated:
-    """As ``compensate_stretch`` with every lag longer by ``longer_s``."""
-    return compensate_stretch(test, disk, rows, tuple(c.with_lag_shift(longer_s) for c in chains), 0.0)
 
 
 def _lag_warnings(name: str, disk: DiskTraces, fit: DiskFit) -> list[str]:

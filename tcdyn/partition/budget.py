@@ -113,6 +113,7 @@ def monte_carlo(
         moved["speed law"] = np.asarray(speed_law_beta(a, b, c, dd, speed_ratio**n))  # type: ignore[arg-type]
         moved["h_fast"] = (moved["speed law"] - a) / b
         moved["h_slow"] = (1 - moved["speed law"] - c) / dd
+        moved["exponent"] = n
         moved["fast intercept"], moved["fast slope"], moved["slow intercept"], moved["slow slope"] = a, b, c, dd
         return moved
 

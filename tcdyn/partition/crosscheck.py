@@ -48,7 +48,9 @@ def cross_check(values: dict[str, float], draws: dict[str, NDArray[np.float64]],
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
     agree = worst[3] < SUSPECT_Z
-    return CrossCheck(worst[3], agree, _sentence(agree, worst, values, steady, p), (worst[0], worst[1]), p, tuple(pairs))
+    return CrossCheck(
+        worst[3], agree, _sentence(agree, worst, values, steady, p), (worst[0], worst[1]), p, tuple(pairs)
+    )
 
 
 def _sentence(

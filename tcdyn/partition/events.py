@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -42,7 +43,10 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     warnings: list[str] = []
     if not len(starts):
         raise InputError(
-            "contact never goes to 1", where=where, expected="a loaded stretch", remedy="is this a log of an unloaded run?"
+            "contact never goes to 1",
+            where=where,
+            expected="a loaded stretch",
+            remedy="is this a log of an unloaded run?",
         )
     longest = int(np.argmax([t[b] - t[a] for a, b in zip(starts, stops)]))
     first, last = starts[longest], stops[longest]
@@ -84,7 +88,7 @@ def _stretches(t: NDArray[np.float64], contact: NDArray[np.bool_]) -> tuple[list
     bounds = [0, *edges.tolist(), len(t)]
     state = contact.copy()
     bounced = 0
-    for a, b in zip(bounds[1:-2], bounds[2:-1]):
+    for a, b in pairwise(bounds[1:-1]):
         if t[b - 1] - t[a] < BOUNCE_S and not state[a]:
             state[a:b] = True
             bounced += 1

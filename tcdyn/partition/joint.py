@@ -174,7 +174,9 @@ def _begin(
     return side, point
 
 
-def _refresh(test: EhlTest, side: _Side, point: _Point, u: UncertaintyTable, window_s: float, profile: Profile) -> _Side:
+def _refresh(
+    test: EhlTest, side: _Side, point: _Point, u: UncertaintyTable, window_s: float, profile: Profile
+) -> _Side:
     prior = (side.prior_lag_s, side.prior_lag_u_s, side.prior_tau2_s)
     return _side(test, side.disk, point, u, window_s, profile, prior)
 
@@ -230,7 +232,7 @@ def _solve(
         rows, target = _stacked(test, sides, points, columns, shared_share)
         step = np.linalg.lstsq(rows, target, rcond=None)[0][: 4 * len(sides)].reshape(-1, 4)
         scale = min(1.0, 0.7 / max(float(np.abs(step[:, 1:]).max()), 1e-12))
-        points = [p.moved(scale * s) for p, s in zip(points, step)]
+        points = [p.moved(np.asarray(scale * s)) for p, s in zip(points, step)]
         size = float(np.abs(step[:, :3]).max())
         if size < TOLERANCE or (size < 1e-4 and size >= last):
             break
@@ -257,7 +259,7 @@ def _split(residual: NDArray[np.float64], sides: Sequence[_Side]) -> list[tuple[
 def _inflation(residual: NDArray[np.float64], sides: Sequence[_Side]) -> float:
     """Variance ratio of slow residual waves to white noise: never below one."""
     worst = 1.0
-    for part, side in _split(residual, sides):
+    for part, _side_of in _split(residual, sides):
         r = part.reshape(-1, 3)
         m = max(len(r) // 25, 1)
         sums = np.add.reduceat(r, np.arange(0, len(r) - m + 1, m), axis=0)[:-1] / np.sqrt(m)

@@ -82,7 +82,7 @@ def nuisances(
     for j, ch in enumerate(OUTER_ROW):
         shift = [0.0, 0.0, 0.0]
         shift[j] = 0.05e-3
-        moved = window.answer(window.gains(h_W_m2K, replace(NOMINAL, depth_m=tuple(shift))))
+        moved = window.answer(window.gains(h_W_m2K, replace(NOMINAL, depth_m=(shift[0], shift[1], shift[2]))))
         add(f"depth {ch}", u.depth_mm * 1e-3, (moved[0] + share * moved[1] - base) / shift[j])
     slopes = boundary_gradient(window, stretch_readings, share, h_W_m2K)
     for i, ch in enumerate(INNER_ROW):

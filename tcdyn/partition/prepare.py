@@ -109,7 +109,9 @@ def prepare(log: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> EhlTest:
     where = log.path.name
     if log.metadata.get("tcdyn") == "compensated":
         raise InputError(
-            "this log is already compensated", where=where, remedy="give the log as it was recorded: the fits compensate it"
+            "this log is already compensated",
+            where=where,
+            remedy="give the log as it was recorded: the fits compensate it",
         )
     missing = [d for d in DISKS if d not in records]
     if missing:
@@ -132,14 +134,18 @@ def prepare(log: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> EhlTest:
         )
     ratio, nominal = speeds[0] / speeds[1], rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
-        warnings.append(f"the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {nominal:.3f}: the log is used")
+        warnings.append(
+            f"the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {nominal:.3f}: the log is used"
+        )
     load = contact_force(t, frame["load_N"].to_numpy(dtype=float), events)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
     if load_N <= 0 or friction_N <= 0:
         raise InputError(
-            f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact", where=where, expected="both above zero"
+            f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact",
+            where=where,
+            expected="both above zero",
         )
     if not 0.002 < friction_N / load_N < 0.2:
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
@@ -173,6 +179,11 @@ def disk_traces(
     """Static lines, spikes and noise of one disk; adds to ``warnings`` what a user should know."""
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
+    if record.chain is None:
+        raise InputError(f"the record of the {disk} disk holds no chain", remedy="calibrate it with plunge logs")
+    absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
+    if absent:
+        raise InputError(f"the record of the {disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
     columns, spikes, static = [], [], []
     for ch in CHANNELS:
         line = record.static[ch]
@@ -198,12 +209,13 @@ def disk_traces(
         chains=record_chains(record, setup),
         noise_K=white_noise(y),
         static_u_K=np.array(static),
-        lag_covariance_s2=np.asarray(record.chain.covariance, dtype=float),
+        lag_covariance_s2=record.chain.lag_covariance(),
     )
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
     """The chains of channels a..f as the record states them."""
+    assert record.chain is not None
     return tuple(
         Chain(
             taus_s=(c.tau1_s, c.tau2_s),

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from calibration.errors import InputError
 
-H_GRID_W_M2K: NDArray[np.float64] = np.arange(100.0, 1201.0, 100.0)  # section 4.3
-SHARE_GRID: NDArray[np.float64] = np.arange(0.1, 1.01, 0.1)
+H_GRID_W_M2K: NDArray[np.float64] = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
+SHARE_GRID: NDArray[np.float64] = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -120,9 +120,7 @@ def perturbed_gains(
         specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
         washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
     )
-    points = [
-        (setup.junctions[c].depth_m + shift, setup.junctions[c].z_m) for c, shift in zip(OUTER_ROW, p.depth_m)
-    ]
+    points = [(setup.junctions[c].depth_m + shift, setup.junctions[c].z_m) for c, shift in zip(OUTER_ROW, p.depth_m)]
     width = half_width_m * (1 + p.half_width)
     return rim_gains(rim, h_W_m2K, [*points, *extra], width, rates, profile=profile, mesh=FIT_MESH)
 

@@ -1,0 +1,63 @@
+"""An EHL log and two records to beta by every way, and the file that keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from calibration.logs import Log, read_log
+from calibration.record import DiskRecord
+from calibration.rigfile import Rig
+from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
+from tcdyn.partition.output import beta_file
+from tcdyn.partition.prepare import prepare
+
+
+@dataclass(frozen=True)
+class BetaRun:
+    """One analysed test: the numbers, and the log they came from."""
+
+    log: Log
+    partition: Partition
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``beta.json`` (design, section 8)."""
+        return beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
+
+    def summary(self) -> str:
+        """The answer in a few lines."""
+        return summary_of(self.partition)
+
+
+def estimate_beta(
+    log: str | Path,
+    rig: Rig,
+    records: Mapping[str, DiskRecord],
+    *,
+    window_s: float = WINDOW_S,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> BetaRun:
+    """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits."""
+    progress("reading the log")
+    table = read_log(log, "ehl", rig)
+    test = prepare(table, rig, records)
+    return BetaRun(table, analyse(test, rig.common.uncertainty, window_s=window_s, seed=seed, progress=progress))
+
+
+def summary_of(p: Partition) -> str:
+    """beta, h and lag by every way, and the verdict."""
+    speed = p.estimate("speed law", p.speed.beta)
+    lines = [
+        f"speed law     beta {speed}   h_fast {p.estimate('h_fast', p.speed.h_fast)}   "
+        f"h_slow {p.estimate('h_slow', p.speed.h_slow)} W/m2K"
+    ]
+    for d, fit in p.cooling.items():
+        beta, h = p.estimate(f"cooling {d}", fit.beta), p.estimate(f"h cooling {d}", fit.h_W_m2K)
+        lines.append(f"cooling {d}  beta {beta}   h {h} W/m2K")
+    for d, joint in p.joint.items():
+        beta, h = p.estimate(f"joint {d}", joint.beta), p.estimate(f"h joint {d}", joint.h_W_m2K)
+        lines.append(f"joint {d}    beta {beta}   h {h} W/m2K   lag {joint.estimates['lag_s']} s")
+    return "\n".join([*lines, p.crosscheck.sentence])

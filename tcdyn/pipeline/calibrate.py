@@ -1,0 +1,110 @@
+"""A new disk: oven log to static lines, plunge logs to the chain, both to a record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from calibration.disk import CHANNELS
+from calibration.logs import read_log
+from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile
+from calibration.rigfile import Rig
+from calibration.static import OvenFit, fit_static_lines
+from immersion.fluid_table import read_fluid
+from immersion.fluids import Fluid, fluid
+from tcdyn.identify.plunge import PlungeFit, identify_plunges
+from tcdyn.identify.plunge_run import PlungeRun, run_from_log
+
+
+@dataclass(frozen=True)
+class CalibrationRun:
+    """Everything that a calibration found: the record to keep, and the fits behind it for the report."""
+
+    record: DiskRecord
+    oven: OvenFit
+    plunges: tuple[PlungeRun, ...]
+    fit: PlungeFit
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return tuple(self.record.warnings)
+
+
+def calibrate_disk(
+    rig: Rig,
+    disk: str,
+    oven: str | Path,
+    immersion: Sequence[str | Path],
+    fluids: Sequence[str],
+    *,
+    structure: str = "P2",
+    correlation: str = "churchill-chu-laminar",
+    prt_u_degC: float = 0.1 / 3**0.5,
+    progress: Callable[[str], None] = lambda _: None,
+) -> CalibrationRun:
+    """Calibrate one disk from its oven log and its plunges.
+
+    ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
+    for all plunges, or one for each. Raises InputError with file and place for anything that cannot be used.
+    """
+    tables = rig.tables(disk)
+    setup = rig.disk_setup(disk)
+    progress("static lines from the oven log")
+    oven_log = read_log(oven, "oven", rig, disk)
+    static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC)
+    warnings = [*oven_log.warnings, *static.warnings]
+    inputs = [InputFile(file=oven_log.path.name, sha256=oven_log.sha256)]
+    runs = []
+    for k, path in enumerate(immersion):
+        progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
+        log = read_log(path, "immersion", rig, disk)
+        substance = named_fluid(fluids[min(k, len(fluids) - 1)])
+        run = run_from_log(log.filled(), substance, static.lines, name=log.path.name)
+        runs.append(run)
+        inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
+        warnings += [*log.warnings, *getattr(run.entry, "warnings", ())]
+    progress("grey-box fit of the chain to all plunges")
+    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure)  # type: ignore[arg-type]
+    warnings += list(fit.warnings)
+    record = DiskRecord(
+        disk=disk,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        inputs=inputs,
+        static=static.lines,
+        chain=chain_record(fit, structure),
+        conditioning=tables.conditioning,
+        setup=tables,
+        fit=fit_summary(fit, correlation),
+        warnings=list(dict.fromkeys(warnings)),
+    )
+    return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def named_fluid(name: str) -> Fluid:
+    """A fluid by its name, or from a user's table when ``name`` is a CSV file."""
+    return read_fluid(name) if name.lower().endswith(".csv") else fluid(name)
+
+
+def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
+    """The identified chains as the record keeps them."""
+    channels = {}
+    for ch in CHANNELS:
+        chain = fit.chains[ch]
+        taus = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0]
+        channels[ch] = ChannelChain(
+            tau1_s=taus[0], tau2_s=taus[1], zero_s=chain.zero_s, delay_s=chain.delay_s, lag_s=fit.lag_s[ch]
+        )
+    return ChainRecord(
+        structure=structure,
+        channels=channels,
+        covariance=[[float(x) for x in row] for row in fit.lag_covariance],
+        common_lag_s=fit.common_lag_s,
+        differential_lag_s=dict(fit.differential_lag_s),
+    )
+
+
+def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
+    """What a reader of the record needs to judge the fit, as JSON."""
+    return {"correlation": correlation, "sentence": fit.sentence}

@@ -1,0 +1,118 @@
+"""The whole main job on a simulated campaign: simulate, calibrate, compensate, analyse, compare with the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibration.disk import DISKS
+from calibration.logs import write_log
+from calibration.record import read_record, write_record
+from calibration.rigfile import load_rig
+from calibration.write import write_text
+from tcdyn.pipeline.beta import BetaRun, estimate_beta
+from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
+from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
+from tcdyn.rig.campaign import CampaignFiles, simulate_campaign
+
+AFTER_S = 5.0
+FLUID = "mobil-jet-ii"
+
+
+@dataclass(frozen=True)
+class DemoRun:
+    """What the demo made: files, fits by disk and test, and the truth of the simulation beside the answers."""
+
+    files: CampaignFiles
+    calibrations: Mapping[str, CalibrationRun]
+    tests: Mapping[str, BetaRun]
+    compensated: Mapping[str, CompensatedLog]
+    comparison: pd.DataFrame
+
+
+def run_demo(
+    out: str | Path,
+    seed: int = 1,
+    tests: Sequence[str] = ("B3",),
+    progress: Callable[[str], None] = lambda _: None,
+    n_jobs: int = 2,
+) -> DemoRun:
+    """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the command line.
+
+    No stage reads the truth; it is read last, for the ``comparison``.
+    """
+    folder = Path(out)
+    progress("simulating the campaign")
+    files = simulate_campaign(
+        folder, seed, tests, n_jobs=n_jobs, progress=lambda name, *_: progress(f"simulated {name}")
+    )
+    rig = load_rig(files.rig)
+    calibrations = {}
+    for disk in DISKS:
+        run = calibrate_disk(
+            rig, disk, files.ovens[disk], files.plunges[disk], [FLUID],
+            progress=lambda what, d=disk: progress(f"{d} disk: {what}"),  # type: ignore[misc]
+        )  # fmt: skip
+        write_record(run.record, folder / f"{disk}.disk.json")
+        calibrations[disk] = run
+    records = {d: read_record(folder / f"{d}.disk.json") for d in DISKS}
+    betas, compensated = {}, {}
+    for name, log in files.ehl.items():
+        done = compensate_log(log, records, rig, progress=lambda what, n=name: progress(f"{n}: compensating, {what}"))  # type: ignore[misc]
+        write_log(done.frame, folder / f"EHL_{name}.compensated.csv", done.metadata)
+        compensated[name] = done
+        beta = estimate_beta(log, rig, records, progress=lambda what, n=name: progress(f"{n}: {what}"))  # type: ignore[misc]
+        write_text(folder / f"EHL_{name}.beta.json", json.dumps(beta.to_dict(), indent=2) + "\n")
+        betas[name] = beta
+    comparison = compare_with_truth(files, calibrations, betas, compensated)
+    return DemoRun(files, calibrations, betas, compensated, comparison)
+
+
+def compare_with_truth(
+    files: CampaignFiles,
+    calibrations: Mapping[str, CalibrationRun],
+    tests: Mapping[str, BetaRun],
+    compensated: Mapping[str, CompensatedLog],
+) -> pd.DataFrame:
+    """Each answer with its uncertainty beside the simulation's truth; columns quantity, unit, estimate, u, truth."""
+    truth = json.loads(files.truth.read_text(encoding="utf-8"))
+    rows: list[dict[str, Any]] = []
+
+    def add(quantity: str, unit: str, value: float, u: float | None, true: float) -> None:
+        rows.append({"quantity": quantity, "unit": unit, "estimate": value, "u": u, "truth": true})
+
+    for disk, run in calibrations.items():
+        lag = run.fit.common_lag_s
+        add(f"{disk} common lag, plunges", "s", lag.value, lag.u, truth[disk]["common_lag_s"])
+    for name, beta in tests.items():
+        p, true = beta.partition, truth["tests"][name]
+        for way, value in p.ways.items():
+            add(f"{name} beta, {way}", "1", value, p.estimate(way, value).u, true["beta"])
+        add(f"{name} h fast, speed law", "W/m2K", p.speed.h_fast, p.estimate("h_fast", 0).u, true["h_fast_W_m2K"])
+        add(f"{name} h slow, speed law", "W/m2K", p.speed.h_slow, p.estimate("h_slow", 0).u, true["h_slow_W_m2K"])
+        for disk in DISKS:
+            lag = p.joint[disk].estimates["lag_s"]
+            add(f"{name} {disk} common lag, unloading", "s", lag.value, lag.u, truth[disk]["common_lag_s"])
+        for disk in DISKS:
+            raw, done = errors_after_unloading(files, name, compensated[name], f"{disk}_e_degC", true["unload_s"])
+            add(f"{name} {disk} e, rms error raw, 5 s after unloading", "K", raw, None, 0.0)
+            add(f"{name} {disk} e, rms error compensated", "K", done, None, 0.0)
+    return pd.DataFrame(rows)
+
+
+def errors_after_unloading(
+    files: CampaignFiles, test: str, done: CompensatedLog, column: str, unload_s: float
+) -> tuple[float, float]:
+    """Rms error of the logged and of the compensated trace against the simulated one, over ``AFTER_S`` [K]."""
+    traces = pd.read_parquet(files.folder / "truth" / f"EHL_{test}_traces.parquet")
+    after = ((traces["time_s"] >= unload_s) & (traces["time_s"] < unload_s + AFTER_S)).to_numpy()
+    true = traces[column].to_numpy()[after]
+    raw = done.raw.frame[column].to_numpy()[after]
+    new = done.frame[column].to_numpy()[after]
+    return float(np.sqrt(np.nanmean((raw - true) ** 2))), float(np.sqrt(np.mean((new - true) ** 2)))
