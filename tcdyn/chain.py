@@ -25,8 +25,8 @@ NO_CONDITIONING = Conditioning(poles=0)
 class Chain:
     """G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s), with G(0) = 1.
 
-    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B. Two more factors are
-    there when asked for: ``pair`` = (Tw [s], zeta) divides by 1 + 2 zeta Tw s + (Tw s)^2 (complex poles), and
+    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B. Two more factors
+    are there when asked for: ``pair`` = (Tw [s], zeta) divides by 1 + 2 zeta Tw s + (Tw s)^2 (complex poles), and
     ``cement_s`` divides by cosh(sqrt(cement s)): heat diffusing through a layer of cement of diffusion time
     ``cement_s`` = thickness^2/diffusivity onto an insulated junction, a half-order lag with first moment cement/2.
 
@@ -100,8 +100,8 @@ class Chain:
         """What the chain writes for an input sampled every ``dt_s`` seconds.
 
         ``u`` has shape (N,) or (N, M), one column a channel; the answer has the same shape. Between samples the
-        input is a straight line (``foh``) or held (``zoh``); lags and dead time, whole samples or not, are exact under
-        that hold. The record starts in equilibrium with its first sample, or from zero.
+        input is a straight line (``foh``) or held (``zoh``); lags and dead time, whole samples or not, are exact
+        under that hold. The record starts in equilibrium with its first sample, or from zero.
         """
         from tcdyn.identify.realise import realise
         from tcdyn.identify.simulate import simulate_rows
@@ -148,8 +148,8 @@ class Chain:
 def cement_lags() -> tuple[float, ...]:
     """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the rest in three equal lags.
 
-    cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first moment. Four poles and
-    the rest keep the step response within 2e-3 of the exact one.
+    cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first moment. Four poles
+    and the rest keep the step response within 2e-3 of the exact one.
     """
     shares = [1 / ((k - 0.5) ** 2 * np.pi**2) for k in range(1, 5)]
     return (*shares, *[(0.5 - sum(shares)) / 3] * 3)

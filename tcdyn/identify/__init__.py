@@ -1,0 +1,52 @@
+"""Identification of continuous-time models with dead time from sampled input-output data.
+
+>>> import numpy as np
+>>> from tcdyn.identify import IOData, fit, process
+>>> from tcdyn.identify import simulate
+>>> u = np.repeat([20.0, 80.0, 20.0], 60)
+>>> y = simulate(process("P1D").rational({"Kp": 1.0, "Tp1": 0.75, "Td": 0.12}), u, 0.05, "zoh")
+>>> round(fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1D").identified.theta["Tp1"], 4)
+0.75
+"""
+
+from tcdyn.identify.bands import bode_band, percent_times, step_band
+from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
+from tcdyn.identify.data import IOData, Run
+from tcdyn.identify.discrete import DiscreteFit, arx, oe
+from tcdyn.identify.fit import Fit, fit
+from tcdyn.identify.identified import Identified, read_identified
+from tcdyn.identify.likelihood import profile
+from tcdyn.identify.models import Known, Model, chain_model, process, transfer
+from tcdyn.identify.simulate import simulate
+from tcdyn.identify.tables import from_csv, from_frame
+from tcdyn.identify.validate import Validation, validate
+
+__all__ = [
+    "CANDIDATES",
+    "Comparison",
+    "DiscreteFit",
+    "Fit",
+    "IOData",
+    "Identified",
+    "Known",
+    "Model",
+    "Run",
+    "Validation",
+    "arx",
+    "bode_band",
+    "chain_model",
+    "compare",
+    "fit",
+    "from_csv",
+    "from_frame",
+    "held_out_score",
+    "oe",
+    "percent_times",
+    "process",
+    "profile",
+    "read_identified",
+    "simulate",
+    "step_band",
+    "transfer",
+    "validate",
+]

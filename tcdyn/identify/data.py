@@ -38,8 +38,9 @@ class Run:
 class IOData:
     """Inputs and outputs of one or several runs at one sampling interval.
 
-    ``hold`` says what the input did between samples: held (``zoh``, a computer's output) or a straight line (``foh``,
-    anything physical). A wrong hold shifts the dead time by half a sample. NaN means "not measured" and is kept.
+    ``hold`` says what the input did between samples: held (``zoh``, a computer's output) or a straight line
+    (``foh``, anything physical). A wrong hold shifts the dead time by half a sample. NaN means "not measured" and
+    is kept.
 
     >>> data = IOData.from_arrays([0.0, 1, 1, 1], [0.0, 0.1, 0.5, 0.8], dt_s=0.5, hold="zoh")
     >>> data[0.5:1.5].n_samples

@@ -236,7 +236,8 @@ def transfer(
 
 
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: object) -> Model:
-    """A measurement chain: process model ``name`` with unit static gain, no offset, times the conditioning filter."""
+    """A measurement chain: process model ``name`` with unit static gain, no offset, times the conditioning
+    filter."""
     settings = {"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning, **options}
     return process(name, **settings)  # type: ignore[arg-type]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 import numpy as np
 
 from tcdyn.identify.realise import Array
 
 
-class Status(str, Enum):
+class Status(StrEnum):
     """How a search ended."""
 
     CONVERGED = "converged: no step lowers the cost any more"
@@ -43,10 +43,11 @@ def least_squares(
     max_iterations: int = 60,
     tolerance: float = 1e-9,
 ) -> Optimum | None:
-    """Minimise the sum of squares of ``evaluate(x)[0]``; ``evaluate(x)[1]`` is its Jacobian, None means "not here".
+    """Minimise the sum of squares of ``evaluate(x)[0]``; ``evaluate(x)[1]`` is its Jacobian, None means "not
+    here".
 
-    Steps are damped in the scale of the Jacobian's columns and clipped to the box; a parameter on its bound that the
-    gradient pushes outwards is left there. Returns None when the start itself cannot be evaluated.
+    Steps are damped in the scale of the Jacobian's columns and clipped to the box; a parameter on its bound that
+    the gradient pushes outwards is left there. Returns None when the start itself cannot be evaluated.
     """
     x = np.clip(np.asarray(x0, dtype=float), lower, upper)
     current = evaluate(x)

@@ -174,7 +174,8 @@ def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
 
 
 def pose(data: IOData, model: Model, initial: Initial) -> Problem:
-    """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt from."""
+    """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt
+    from."""
     where = data.name or "identify"
     if len(data.input_names) != 1 or len(data.output_names) != 1:
         raise InputError(

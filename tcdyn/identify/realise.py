@@ -1,9 +1,9 @@
 """Rational transfer functions with dead time, realised so that every parameter's sensitivity is exact.
 
 A model is written ``G(s) = exp(-Td s) N(s) / (s^k prod_i f_i(s))`` with ``f_i(0) = 1``. One pass of first-order
-filters, all poles in a row, gives the output; a short side branch per factor gives ``s^j/f_i`` of the output, which
-is minus its derivative with respect to the j-th coefficient of ``f_i``. Nothing is ever expanded into a high-order
-polynomial, so equal, close and far-apart poles are all handled at full precision.
+filters, all poles in a row, gives the output; a short side branch per factor gives ``s^j/f_i`` of the output,
+which is minus its derivative with respect to the j-th coefficient of ``f_i``. Nothing is ever expanded into a
+high-order polynomial, so equal, close and far-apart poles are all handled at full precision.
 """
 
 from __future__ import annotations
@@ -62,9 +62,7 @@ class Rational:
         """dG/dcoef, shape (rows, F), in the row order of ``Realisation``: numerator, free factors, dead time."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
         value = self.frequency_response(frequency_Hz)
-        unit = Rational(np.array([1.0]), self.factors, self.delay_s, self.integrators).frequency_response(
-            frequency_Hz
-        )
+        unit = Rational(np.array([1.0]), self.factors, self.delay_s, self.integrators).frequency_response(frequency_Hz)
         rows = [s**i * unit for i in range(len(self.num) if num_count is None else num_count)]
         for f in self.factors:
             if f.free:
@@ -92,8 +90,8 @@ class Realisation:
 def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
     """Coefficients of poly/prod(phi_i) on the cascade 1, 1/phi_1, 1/(phi_1 phi_2), ..
 
-    phi_i = 1 - s/p_i, or s for a pole at zero. ``poly`` (R, q+1) ascending, one row a polynomial. Returns the state
-    coefficients (R, m) and the polynomial part (R, 2): what multiplies u and du/dt.
+    phi_i = 1 - s/p_i, or s for a pole at zero. ``poly`` (R, q+1) ascending, one row a polynomial. Returns the
+    state coefficients (R, m) and the polynomial part (R, 2): what multiplies u and du/dt.
     """
     rows, m = poly.shape[0], len(poles)
     c = np.zeros((rows, m), dtype=np.result_type(poly, poles))

@@ -14,7 +14,8 @@ from tcdyn.identify.start import starts
 
 
 def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | None = None) -> Optimum:
-    """The least-squares optimum of ``problem``; ``evaluate`` replaces its residuals (filtered or weighted ones)."""
+    """The least-squares optimum of ``problem``; ``evaluate`` replaces its residuals (filtered or weighted
+    ones)."""
     evaluate = evaluate or problem.evaluate
     lower, upper = problem.bounds()
     candidates = [start] if start is not None else starts(problem)[:3]
@@ -32,7 +33,28 @@ def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | No
         )
     final = least_squares(evaluate, best.x, lower, upper, max_iterations=80)
     assert final is not None
-    return ordered(problem, final)
+    return ordered(problem, kicked(problem, evaluate, final))
+
+
+def kicked(problem: Problem, evaluate: Evaluate, optimum: Optimum) -> Optimum:
+    """The better of ``optimum`` and descents from either side of Tz = 0, where zero and dead time act alike."""
+    free = list(problem.model.free)
+    if "Tz" not in free or "Td" not in free:
+        return optimum
+    z, d = free.index("Tz"), free.index("Td")
+    lag = max(sum(v for n, v in problem.theta(optimum.x).items() if n.startswith("Tp")), problem.dt_s)
+    if abs(optimum.x[z]) > 0.02 * lag:
+        return optimum
+    lower, upper = problem.bounds()
+    best = optimum
+    for size in (0.15 * lag, -0.15 * lag):
+        x0 = optimum.x.copy()
+        x0[z] += size
+        x0[d] += size
+        found = least_squares(evaluate, x0, lower, upper, max_iterations=40)
+        if found is not None and found.cost < best.cost:
+            best = found
+    return best
 
 
 def ordered(problem: Problem, optimum: Optimum) -> Optimum:

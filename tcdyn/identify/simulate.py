@@ -16,7 +16,8 @@ Start = Literal["equilibrium", "zero"]
 
 
 def step_matrices(system: Realisation, dt_s: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Phi, Gamma_u, Gamma_v with x(dt) = Phi x(0) + Gamma_u u(0) + Gamma_v du/dt, exact for a straight-line input."""
+    """Phi, Gamma_u, Gamma_v with x(dt) = Phi x(0) + Gamma_u u(0) + Gamma_v du/dt, exact for a straight-line
+    input."""
     n = len(system.B)
     block = np.zeros((n + 2, n + 2), dtype=system.A.dtype)
     block[:n, :n] = system.A

@@ -1,8 +1,8 @@
 """Simplified refined instrumental variables for continuous time (SRIVC): starts that need no start.
 
 Young and Jakeman's idea in this package's own terms: with the current denominator A, both records are filtered by
-s^j/A; the regression A y_f = B u_f is solved with instruments that are free of noise. Those instruments are exactly
-the output-error Jacobian of the current model, so the same realisation serves both.
+s^j/A; the regression A y_f = B u_f is solved with instruments that are free of noise. Those instruments are
+exactly the output-error Jacobian of the current model, so the same realisation serves both.
 """
 
 from __future__ import annotations
@@ -53,9 +53,7 @@ def regression(problem: Problem, den: Array, num: Array, delay_s: float) -> tupl
     known = Factor.polynomial(np.asarray(problem.model.known.den), free=False)
     for segment in problem.segments:
         yf = output_terms(problem, segment, den)
-        factors = (
-            (Factor.polynomial(den),) if len(problem.model.known.den) == 1 else (known, Factor.polynomial(den))
-        )
+        factors = (Factor.polynomial(den),) if len(problem.model.known.den) == 1 else (known, Factor.polynomial(den))
         model = Rational(num, factors, delay_s, problem.model.integrators)
         start = "zero" if problem.initial == "zero" else "equilibrium"
         rows = simulate_rows(realise(model), segment.u, problem.dt_s, delay_s, problem.hold, start)  # type: ignore
@@ -96,7 +94,8 @@ def simulated_cost(problem: Problem, num: Array, den: Array, delay_s: float, off
 def srivc(
     problem: Problem, zeros: int, poles: int, delay_s: float, rates: Iterable[float], iterations: int = 8
 ) -> tuple[float, Array, Array] | None:
-    """The best (cost, numerator, denominator) over prefilters (1 + s/rate)^poles, each iterated ``iterations`` times."""
+    """The best (cost, numerator, denominator) over prefilters (1 + s/rate)^poles, each iterated ``iterations``
+    times."""
     best: tuple[float, Array, Array] | None = None
     for rate in rates:
         den = np.poly1d([1.0 / rate, 1.0]) ** poles

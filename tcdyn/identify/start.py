@@ -1,4 +1,5 @@
-"""Where the search begins: time constants and dead times read off a bank of lags, then SRIVC; no start is asked for."""
+"""Where the search begins: time constants and dead times read off a bank of lags, then SRIVC; no start is asked
+for."""
 
 from __future__ import annotations
 
@@ -24,9 +25,7 @@ def lag_bank(problem: Problem, taus_s: Array) -> list[Array]:
     for s in problem.segments:
         rows = []
         for tau in taus_s:
-            model = Rational(
-                np.asarray(known.num), (Factor.lag(tau, False), *fixed), 0.0, problem.model.integrators
-            )
+            model = Rational(np.asarray(known.num), (Factor.lag(tau, False), *fixed), 0.0, problem.model.integrators)
             system = realise(model, sensitivities=False)
             rows.append(simulate_rows(system, s.u, problem.dt_s, 0.0, problem.hold, start)[0])  # type: ignore
         banks.append(np.array(rows))
@@ -49,9 +48,7 @@ def best_shift(problem: Problem, bank: list[Array], k: int, limit: int) -> tuple
         left = n - np.arange(reach + 1)
         spread = squares[left] - head[left] ** 2 / n
         value = np.zeros(limit + 1)
-        value[: reach + 1] = np.maximum(cross[: reach + 1], 0.0) ** 2 / np.maximum(
-            spread, 1e-12 * squares[-1] + 1e-300
-        )
+        value[: reach + 1] = np.maximum(cross[: reach + 1], 0.0) ** 2 / np.maximum(spread, 1e-12 * squares[-1] + 1e-300)
         score += value
         xx, yy = xx + 1.0, yy + float(y @ y)
     best = int(np.argmax(score))
@@ -75,9 +72,10 @@ def one_lag_starts(problem: Problem) -> list[tuple[float, float]]:
 
 
 def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
-    """Process parameters whose total lag is that of one lag ``tau`` behind ``delay``, shared out by ``pattern``."""
+    """Process parameters whose total lag is that of one lag ``tau`` behind ``delay``, shared out by
+    ``pattern``."""
     lags = [n for n in model.names if n in ("Tp1", "Tp2", "Tp3", "Tc")]
-    theta: dict[str, float] = {"Kp": 1.0, "Tz": 0.0}
+    theta: dict[str, float] = {"Kp": 1.0, "Tz": (0.3, -0.2, 1.5)[pattern % 3] * tau}
     borrowed = 0.5 * delay if pattern == 1 and len(lags) + 2 * ("Tw" in model.names) > 1 else 0.0
     theta["Td"] = delay - borrowed
     total = tau + borrowed
@@ -98,7 +96,7 @@ def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, fl
 def polished(problem: Problem, theta: Mapping[str, float]) -> tuple[float, Array]:
     """x with gain, zero, offset and initial states from linear least squares at ``theta``, and the cost there."""
     model = problem.model
-    x = problem.vector({**{n: 0.0 for n in model.names}, **theta, **model.fixed})
+    x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
     linear = [i for i, n in enumerate(model.free) if n == "Kp" or n.startswith("b")]
     linear += list(range(problem.n_model, problem.size))
     answer = problem.evaluate(x)
@@ -151,7 +149,7 @@ def starts(problem: Problem) -> list[Array]:
     model = problem.model
     if model.kind == "process":
         if model.order == 0:
-            base = {n: 0.0 for n in model.names} | {"Kp": 1.0}
+            base = dict.fromkeys(model.names, 0.0) | {"Kp": 1.0}
             delays = [d for _, d in one_lag_starts(problem)[:3]] if model.has_delay else [0.0]
             return [polished(problem, {**base, "Td": d})[1] for d in delays]
         return process_starts(problem)

@@ -27,9 +27,9 @@ def from_frame(
 ) -> IOData:
     """IOData from a table: one row a sample, an optional ``run`` column whose values name separate recordings.
 
-    ``time`` is a column in seconds (found by itself when called time_s, time, t or t_s); without one give ``dt_s``.
-    Rows missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by
-    straight lines. Raises InputError naming column, row and remedy.
+    ``time`` is a column in seconds (found by itself when called time_s, time, t or t_s); without one give
+    ``dt_s``. Rows missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on
+    an even grid by straight lines. Raises InputError naming column, row and remedy.
 
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
@@ -48,9 +48,7 @@ def from_frame(
         if time is None:
             raise InputError("no time column found", where=where, remedy="name it (time=) or give dt_s")
     groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
-    interval = (
-        dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
-    )
+    interval = dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
     parts = []
     for label, part in groups:
         place = f"{where}, run {label}" if label else where
@@ -89,9 +87,7 @@ def from_csv(path: str | Path, **options: object) -> IOData:
     try:
         frame = pd.read_csv(path, sep=separator, decimal=decimal, encoding="utf-8-sig")
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise InputError(
-            f"is not a table ({error})", where=path.name, expected="a CSV file with a header"
-        ) from error
+        raise InputError(f"is not a table ({error})", where=path.name, expected="a CSV file with a header") from error
     frame.columns = [str(c).strip() for c in frame.columns]
     return from_frame(frame, **{"name": path.name, **options})  # type: ignore[arg-type]
 
@@ -137,9 +133,7 @@ def check_times(t: Array, column: str, where: str) -> None:
         )
 
 
-def even(
-    t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str
-) -> tuple[Array, Array]:
+def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str) -> tuple[Array, Array]:
     """``u`` and ``y`` on an even grid: gaps filled with NaN outputs, or all resampled by straight lines."""
     position = (t - t[0]) / dt_s
     if resample:

@@ -1,0 +1,66 @@
+"""Does the output move before the input? Exchanged columns and misaligned clocks are refused before they are
+fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.errors import InputError
+from tcdyn.identify.models import process
+from tcdyn.identify.problem import Problem
+from tcdyn.identify.realise import Array
+from tcdyn.identify.srivc import filled
+from tcdyn.identify.start import lag_bank
+
+
+def shift_scores(x: Array, y: Array, reach: int) -> Array:
+    """r^2 of y(t) with x(t - k) for k = -reach..reach over the samples both have."""
+    n = len(x)
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    fx, fy = np.fft.rfft(np.array([np.ones(n), x, x**2]), size), np.fft.rfft(np.array([np.ones(n), y, y**2]), size)
+
+    def pair(i: int, j: int) -> Array:
+        c = np.fft.irfft(fy[j] * np.conj(fx[i]), size)
+        return np.concatenate([c[size - reach :], c[: reach + 1]])
+
+    count = n - np.abs(np.arange(-reach, reach + 1))
+    sx, sy, sxy, sxx, syy = pair(1, 0), pair(0, 1), pair(1, 1), pair(2, 0), pair(0, 2)
+    vx, vy = sxx - sx**2 / count, syy - sy**2 / count
+    floor = 1e-9 * np.array([np.var(x), np.var(y)]) * n
+    good = (vx > floor[0]) & (vy > floor[1])
+    cov = sxy - sx * sy / count
+    return np.where(good, np.maximum(cov, 0.0) ** 2 / np.where(good, vx * vy, 1.0), 0.0)
+
+
+def check_causality(problem: Problem, where: str) -> None:
+    """Raise InputError when a lag with a *negative* dead time explains the output far better than any real one.
+
+    Far better means: by more than two samples ahead, with r^2 above 0.8, and leaving less than a quarter of what
+    the best dead time from zero upwards leaves unexplained. A lead (a zero slower than the pole) does not do that.
+    """
+    plain = replace(problem, model=process("P1D", known=problem.model.known))
+    if problem.model.integrators or sum(len(s.u) for s in problem.segments) < 40:
+        return
+    longest = max(problem.segments, key=lambda s: len(s.u))
+    one = replace(plain, segments=(longest,))
+    n = len(longest.u)
+    reach = n // 4
+    taus = np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)
+    y = filled(longest)
+    best_ahead, best_behind, at = 0.0, 0.0, 0
+    for sign in (1.0, -1.0):
+        for x in lag_bank(one, taus)[0]:
+            score = shift_scores(x - x[0], sign * (y - y[0]), reach)
+            k = int(np.argmax(score[: reach - 2]))
+            if score[k] > best_ahead:
+                best_ahead, at = float(score[k]), reach - k
+            best_behind = max(best_behind, float(score[reach - 2 :].max()))
+    if best_ahead > 0.8 and 1 - best_ahead < 0.25 * (1 - best_behind):
+        raise InputError(
+            f"the output moves about {at * problem.dt_s:.3g} s before the input",
+            where=where,
+            expected="an output that follows its input",
+            remedy="check that the columns are not exchanged and that both clocks agree",
+        )

@@ -1,0 +1,172 @@
+"""Choice of order and structure: AICc, BIC and held-out simulation error in one table, a recommended row and
+why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibration.errors import InputError
+from tcdyn.identify.data import IOData
+from tcdyn.identify.fit import Fit, fit
+from tcdyn.identify.models import Model, as_model
+from tcdyn.identify.problem import cut, pose
+from tcdyn.identify.realise import realise
+from tcdyn.identify.simulate import simulate_rows
+
+CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P3", "P3D")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with ``why``."""
+
+    table: pd.DataFrame
+    fits: Mapping[str, Fit]
+    recommended: str
+    why: str
+
+    @property
+    def best(self) -> Fit:
+        """The fit of the recommended model."""
+        return self.fits[self.recommended]
+
+
+def compare(
+    data: IOData,
+    models: Sequence[Model | str] = CANDIDATES,
+    *,
+    held_out: IOData | float = 0.3,
+    **options: Any,
+) -> Comparison:
+    """Fit every model to all of ``data`` and score it on data it has not seen.
+
+    ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
+    scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`. The recommendation
+    takes the lowest BIC among models without complaint (no parameter on a bound or undetermined), and gives way to
+    a smaller model whose BIC is within 2, or whose held-out error is better by more than 5 %. Ends with a reason
+    in words.
+    """
+    rows: list[dict[str, Any]] = []
+    fits: dict[str, Fit] = {}
+    train, test, from_s = divide(data, held_out)
+    for entry in models:
+        model = as_model(entry)
+        try:
+            whole = fit(data, model, **options)
+            rms, percent = held_out_score(whole if train is None else trained(train, model, options), test, from_s)
+        except InputError as error:
+            rows.append({"model": model.name, "remark": str(error)})
+            continue
+        fits[model.name] = whole
+        s = whole.identified.statistics
+        rows.append(
+            {
+                "model": model.name,
+                "parameters": int(s["parameters"]),
+                "fit_percent": s["fit_percent"],
+                "rms": s["rms"],
+                "AICc": s["aicc"],
+                "BIC": s["bic"],
+                "held_out_rms": rms,
+                "held_out_percent": percent,
+                "p_white": s["p_white"],
+                "p_input": s["p_input"],
+                "remark": "; ".join(whole.warnings),
+            }
+        )
+    if not fits:
+        raise InputError("no model could be fitted", where=data.name, remedy=str(rows[0]["remark"]))
+    table = pd.DataFrame(rows).sort_values("BIC", ignore_index=True)
+    name, why = recommend(table)
+    return Comparison(table, fits, name, why)
+
+
+def trained(train: IOData, model: Model, options: Mapping[str, Any]) -> Fit:
+    """The fit to the training part, without profile intervals, which the score does not need."""
+    return fit(train, model, **{**options, "intervals": "quadratic", "check": False})
+
+
+def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
+    """Training data, data to simulate, and the time from which their error counts [s]."""
+    if isinstance(held_out, IOData):
+        return None, held_out, -np.inf
+    if not 0 < held_out < 1:
+        raise InputError(f"held_out is {held_out}", expected="a share between 0 and 1, or IOData")
+    if len(data.runs) > 1:
+        return replace(data, runs=data.runs[:-1]), data.run(len(data.runs) - 1), -np.inf
+    run = data.runs[0]
+    edge = run.start_s + (run.n - 1) * data.dt_s * (1 - held_out)
+    train = data.between(None, edge)
+    return train, data, edge + 0.5 * data.dt_s
+
+
+def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
+    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on.
+
+    Nothing is re-estimated but a state: where the fit estimated its initial state, the same start is continued.
+    """
+    model = result.identified
+    rational = model.rational
+    system = realise(rational, sensitivities=False)
+    start = "zero" if result.problem.initial == "zero" else "equilibrium"
+    errors, spreads = [], []
+    for k, run in enumerate(test.runs):
+        for s in cut(run, k, test.dt_s):
+            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset  # type: ignore
+            if result.problem.n_states:
+                y = y + continued(result, s.start_s, len(y))
+            late = s.seen & (s.start_s + np.arange(len(y)) * test.dt_s >= from_s)
+            errors.append((s.y - y)[late])
+            spreads.append(s.y[late] - np.mean(s.y[late]) if late.any() else s.y[late])
+    e, spread = np.concatenate(errors), np.concatenate(spreads)
+    if len(e) == 0:
+        return np.nan, np.nan
+    top, base = float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(spread**2)))
+    return top, 100 * (1 - top / base) if base > 0 else np.nan
+
+
+def continued(result: Fit, start_s: float, n: int) -> np.ndarray:
+    """Free response of the fitted initial state when the test record begins where the training one did; else
+    zero."""
+    problem = result.problem
+    for k, s in enumerate(problem.segments):
+        if abs(s.start_s - start_s) < 0.5 * problem.dt_s:
+            at = problem.n_model + problem.n_offsets + k * problem.n_states
+            return problem.free_response(result.identified.rational, result.x[at : at + problem.n_states], n)[0]
+    return np.zeros(n)
+
+
+def recommend(table: pd.DataFrame) -> tuple[str, str]:
+    """The row to use and a sentence why."""
+    good = table[table["BIC"].notna()]
+    sound = good[good["remark"] == ""]
+    pool = sound if len(sound) else good
+    best = pool.iloc[0]
+    near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
+    reason = f"{best['model']} has the lowest BIC"
+    if len(near):
+        best = near.sort_values("parameters").iloc[0]
+        reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"
+    rival = pool.sort_values("held_out_rms").iloc[0]
+    if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
+        reason = (
+            f"{rival['model']} simulates the held-out part better ({rival['held_out_rms']:.4g} against "
+            f"{best['held_out_rms']:.4g} rms) than {best['model']}, which has the lower BIC"
+        )
+        best = rival
+    elif len(pool) > 1:
+        reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
+        if not best["held_out_rms"] > rival["held_out_rms"]:
+            reason += ", the least of all"
+    skipped = good[(good["BIC"] < best["BIC"]) & (good["remark"] != "")]
+    if len(skipped):
+        reason += f"; {', '.join(skipped['model'])} would score better but is not determined by these data"
+    return str(best["model"]), reason + "."
+
+
+__all__ = ["CANDIDATES", "Comparison", "compare", "held_out_score", "pose", "recommend"]

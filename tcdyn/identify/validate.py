@@ -1,0 +1,198 @@
+"""Residual tests whose bounds are right: whiteness and residual-input correlation, corrected for what the fit
+took.
+
+The residuals of a fit are (I - H) times the noise, H = J (J'J)^-1 J'. Whiteness: the expectation -s^2 tr(H S_k)
+that the fit itself puts into the k-th autocovariance is subtracted before Ljung and Box's sum. Input correlation:
+the vector of correlations with lagged inputs U has covariance s^2 U'(I - H)U exactly, so the test is an F test in
+the directions of U that the fit has not used up already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from tcdyn.identify.noise import Noise, autocovariance, fit_ar, stretches
+from tcdyn.identify.problem import Problem
+from tcdyn.identify.realise import Array
+
+if TYPE_CHECKING:
+    from tcdyn.identify.fit import Fit
+
+ALARM = 0.01  # p below which the sentence speaks up; the bounds themselves are at 5 %
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Normalised correlations at ``lags_s``, the pointwise 95 % bound of each, and the joint test."""
+
+    lags_s: Array
+    value: Array
+    bound95: Array
+    statistic: float
+    degrees: int
+    p: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What the residuals say about a model."""
+
+    whiteness: Correlation
+    input: Correlation
+    fit_percent: float
+    rms: float
+    spikes: int
+    largest_spike: float
+    coloured: bool
+    sentence: str
+
+    @property
+    def dynamics_missing(self) -> bool:
+        """Whether the residuals still follow the input (1 % level)."""
+        return self.input.p < ALARM
+
+
+def validate(fit: Fit, lags: int = 25) -> Validation:
+    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags."""
+    problem, parts = fit.problem, stretches(fit.problem)
+    e, j = fit.innovation, fit.weighted_jacobian
+    white = whiteness(e, j, parts, problem.dt_s, lags)
+    coloured = white.p < ALARM
+    extra = fit_ar(e, parts) if coloured else Noise()
+    u, taus = lagged_inputs(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
+    u = extra.whiten(fit.noise.whiten(u, parts), parts)
+    cross = input_correlation(extra.whiten(e, parts), extra.whiten(j, parts), u, taus)
+    r = fit.residual
+    raw = r if fit.noise.white else e
+    scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
+    limit = float(stats.norm.isf(0.005 / len(raw)))
+    standard = np.abs(raw) / scale
+    spikes, largest = int(np.sum(standard > limit)), float(standard.max())
+    percent = fit_percent(problem, r)
+    return Validation(
+        whiteness=white,
+        input=cross,
+        fit_percent=percent,
+        rms=float(np.sqrt(np.mean(r**2))),
+        spikes=spikes,
+        largest_spike=largest,
+        coloured=coloured,
+        sentence=sentence(fit, white, cross, coloured, spikes, percent),
+    )
+
+
+def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: int) -> Correlation:
+    """Ljung and Box's test on ``e`` (N,), the fit's own contribution to each autocovariance taken out."""
+    n = len(e)
+    lags = max(1, min(lags, n // 4, max(s.stop - s.start for s in parts) - 1))
+    q = orthonormal(jacobian)
+    variance = float(e @ e) / (n - q.shape[1])
+    total, pairs = autocovariance(e, parts, lags)
+    taken = np.zeros(lags + 1)
+    for s in parts:
+        for k in range(1, min(lags, s.stop - s.start - 1) + 1):
+            taken[k] += float(np.sum(q[s][k:] * q[s][:-k]))
+    z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
+    value = total[1:] / total[0]
+    statistic = float(np.sum(z**2))
+    return Correlation(
+        lags_s=dt_s * np.arange(1, lags + 1),
+        value=value,
+        bound95=1.96 * np.sqrt(pairs[1:]) / n,
+        statistic=statistic,
+        degrees=lags,
+        p=float(stats.chi2.sf(statistic, lags)),
+    )
+
+
+def lagged_inputs(problem: Problem, lag_s: float, lags: int) -> tuple[Array, Array]:
+    """Input delayed by 0, 1, 2 .. samples, then ever further apart up to three times the model's lag, (N,
+    lags)."""
+    shortest = max(len(s.u) for s in problem.segments)
+    lags = max(2, min(lags, shortest // 8))
+    reach = int(min(max(3 * lag_s / problem.dt_s, lags), shortest // 3))
+    shifts = np.unique(
+        np.concatenate([np.arange(lags // 2), np.geomspace(lags // 2, max(reach, lags), lags - lags // 2)])
+    )
+    shifts = np.unique(np.round(shifts).astype(int))
+    tables = []
+    for s in problem.segments:
+        before = 0.0 if problem.initial == "zero" else s.u[0]
+        padded = np.concatenate([np.full(shifts[-1], before), s.u]) - before
+        n = len(s.u)
+        tables.append(np.array([padded[shifts[-1] - k : shifts[-1] - k + n] for k in shifts]).T[s.seen])
+    return np.vstack(tables), problem.dt_s * shifts
+
+
+def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Correlation:
+    """F test of ``e`` against the columns of ``u`` (N, M) beyond what ``jacobian`` explains, and each
+    correlation."""
+    q = orthonormal(jacobian)
+    size = np.linalg.norm(u, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    left = u / size
+    left = left - q @ (q.T @ left)
+    left = left - q @ (q.T @ left)
+    n, p = len(e), q.shape[1]
+    total = float(e @ e)
+    variance = total / (n - p)
+    basis, s, _ = np.linalg.svd(left, full_matrices=False)
+    basis = basis[:, s > 1e-7]
+    rank = basis.shape[1]
+    explained = float(np.sum((basis.T @ e) ** 2))
+    statistic, tail = 0.0, 1.0
+    if rank and n - p - rank > 0:
+        statistic = (explained / rank) / max((total - explained) / (n - p - rank), 1e-300)
+        tail = float(stats.f.sf(statistic, rank, n - p - rank))
+    value = (left.T @ e) / np.sqrt(total)
+    bound = 1.96 * np.linalg.norm(left, axis=0) * np.sqrt(variance / total)
+    return Correlation(lags_s=lags_s, value=value, bound95=bound, statistic=statistic, degrees=rank, p=tail)
+
+
+def orthonormal(jacobian: Array) -> Array:
+    """Orthonormal basis (N, rank) of the Jacobian's columns."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    q, s, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    return np.asarray(q[:, s > 1e-10 * max(s[0], 1e-300)]) if len(s) else q
+
+
+def fit_percent(problem: Problem, residual: Array) -> float:
+    """100 (1 - |residual| / |y - mean|) per run as in MATLAB's compare, runs pooled."""
+    top = float(residual @ residual)
+    spread = sum(float(np.sum((s.y[s.seen] - s.y[s.seen].mean()) ** 2)) for s in problem.segments)
+    return 100.0 * (1.0 - float(np.sqrt(top / spread))) if spread > 0 else 0.0
+
+
+def p_text(p: float) -> str:
+    """A p value as people read it."""
+    return f"p = {p:.2f}" if p >= 0.01 else f"p = {p:.0e}" if p > 1e-99 else "p < 1e-99"
+
+
+def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, spikes: int, percent: float) -> str:
+    """One or two sentences: what is wrong with the model, or that the record holds nothing against it."""
+    name = fit.problem.model.name
+    if cross.p < ALARM:
+        worst = float(cross.lags_s[int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))])
+        said = (
+            f"{name} misses dynamics although it fits {percent:.1f} %: its residuals still follow the input "
+            f"({p_text(cross.p)}, most at a lag of {worst:.3g} s); try another lag, a zero or a dead time."
+        )
+    elif coloured:
+        said = (
+            f"{name} leaves nothing of the input in its residuals ({p_text(cross.p)}), but they are coloured "
+            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell; intervals are "
+            "the robust ones. Try one lag more; if the colour stays, a noise model (noise=(2, 1)) uses the data better."
+        )
+    else:
+        said = (
+            f"Residuals of {name} are white (Ljung-Box {p_text(white.p)}) and unrelated to the input "
+            f"({p_text(cross.p)}): this record holds nothing against the model."
+        )
+    if spikes and cross.p >= ALARM:
+        advice = "; fit with loss='huber'" if fit.loss == "linear" else ", held down by the robust loss"
+        said += f" {spikes} sample{'s' if spikes > 1 else ''} stand out as spikes{advice}."
+    return said
