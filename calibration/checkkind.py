@@ -30,9 +30,7 @@ def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, 
                 f"{place.at(name, int(np.argmax(missing)))}: {100 * missing.mean():.0f} % of it is missing",
                 where=place.where,
             )
-        notes.append(
-            f"{place.at(name, int(np.argmax(missing)))}: {int(missing.sum())} value(s) missing; state kept"
-        )
+        notes.append(f"{place.at(name, int(np.argmax(missing)))}: {int(missing.sum())} value(s) missing; state kept")
         out = np.array(pd.Series(out).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.unique(out)
     if len(levels) > 2:
@@ -107,9 +105,7 @@ def check_contact(frame: pd.DataFrame, place: Place) -> list[str]:
     return notes + _speeds(frame, contact, place)
 
 
-def check_swapped(
-    frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: NDArray[np.bool_]
-) -> list[str]:
+def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: NDArray[np.bool_]) -> list[str]:
     """Junctions nearer a heated surface must be warmer: pairs that stand the other way round are named.
 
     ``hot`` marks the samples where heat flows in; the start of the record takes out static offsets.
@@ -118,9 +114,7 @@ def check_swapped(
         return []
     names = {c: f"{prefix}{c}_degC" for c in CHANNELS if f"{prefix}{c}_degC" in frame}
     head = frame.iloc[: max(10, min(len(frame) // 20, 400))]
-    lead = {
-        c: float(np.nanmean(frame[n].to_numpy()[hot]) - np.nanmean(head[n].to_numpy())) for c, n in names.items()
-    }
+    lead = {c: float(np.nanmean(frame[n].to_numpy()[hot]) - np.nanmean(head[n].to_numpy())) for c, n in names.items()}
     pairs = [(s, d) for s in lead for d in lead if depth_mm[d] - depth_mm[s] >= 2.5]
     wrong = [(s, d) for s, d in pairs if lead[s] < lead[d] - max(0.5, 0.02 * abs(lead[d]))]
     if not wrong:

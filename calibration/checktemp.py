@@ -194,9 +194,7 @@ def _check_frozen(x: FloatArray, name: str, place: Place, junction: bool, notes:
     if lengths[k] * place.dt_s > FROZEN_S and rest < 0.5 * max(len(same) - lengths[k], 1):
         text = f"{place.at(name, int(starts[k]))}: stays at {x[starts[k]]:.6g} for {lengths[k] * place.dt_s:.3g} s"
         if junction:
-            raise InputError(
-                text + ": a dead channel", where=place.where, remedy="check its wiring, or cut the log"
-            )
+            raise InputError(text + ": a dead channel", where=place.where, remedy="check its wiring, or cut the log")
         notes.append(text)
 
 
@@ -217,6 +215,4 @@ def _check_gaps(x: FloatArray, name: str, place: Place, notes: list[str]) -> Non
         )
     if not any("spike" in note or "impossible" in note for note in notes):
         i = int(starts[0])
-        notes.append(
-            f"{place.at(name, i)}: {int(missing.sum())} value(s) missing, the longest run {longest:.2g} s"
-        )
+        notes.append(f"{place.at(name, i)}: {int(missing.sum())} value(s) missing, the longest run {longest:.2g} s")

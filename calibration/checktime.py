@@ -23,9 +23,7 @@ class Sampling:
     notes: tuple[str, ...]
 
 
-def check_time(
-    time: FloatArray, rows: RowNumbers, where: str, column: str = "time_s"
-) -> tuple[FloatArray, Sampling]:
+def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "time_s") -> tuple[FloatArray, Sampling]:
     """The time [s] with single missing values filled, and its sampling.
 
     Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even. Raises InputError for time that repeats

@@ -55,24 +55,28 @@ class CsvTable:
             blank, rows = check_rows(stream, self.dialect, self.where)
         if rows == 0:
             raise InputError("no rows below the header", where=self.where)
-        numbers = RowNumbers(self.dialect.skip + 1, blank)
-        return _assemble(self, [self._arrow(wanted)], wanted, numbers)
+        return _assemble(self, self._arrow(wanted), wanted, self._rows(blank))
 
-    def chunks(self, wanted: Sequence[str], block_bytes: int = 1 << 24) -> Iterator[Columns]:
-        """The wanted columns piece by piece, in bounded memory; rows are checked by the parser as they come."""
-        first = self.dialect.skip + 1
+    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+        """The wanted columns piece by piece, about ``rows`` rows each, in bounded memory."""
         with self.stream() as stream:
-            reader = self._stream_reader(stream, wanted, block_bytes)
-            while True:
-                try:
-                    batch = reader.read_next_batch()
-                except StopIteration:
-                    return
-                except pa.ArrowInvalid as problem:
-                    raise _arrow_error(problem, self.where) from None
-                if batch.num_rows:
-                    yield _assemble(self, [pa.Table.from_batches([batch])], wanted, RowNumbers(first))
-                    first += batch.num_rows
+            blank, _ = check_rows(stream, self.dialect, self.where)
+        line = max(len(self.dialect.first_row) * 4, sum(len(cell) + 1 for cell in self.dialect.first_row))
+        done = 0
+        with self.stream() as stream:
+            try:
+                reader = self._stream_reader(stream, wanted, max(rows * line, 1 << 16))
+                for batch in reader:
+                    if batch.num_rows:
+                        yield _assemble(self, pa.Table.from_batches([batch]), wanted, self._rows(blank, done))
+                        done += batch.num_rows
+            except pa.ArrowInvalid as problem:
+                raise _arrow_error(problem, self.where) from None
+
+    def _rows(self, blank: tuple[int, ...], done: int = 0) -> RowNumbers:
+        first = self.dialect.skip + 1
+        passed = RowNumbers(first, blank).of(done) - first - done if done else 0
+        return RowNumbers(first + done + passed, blank[passed:])
 
     def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int) -> Any:
         read, parse, convert = self._options(wanted, as_text=False)
@@ -83,9 +87,7 @@ class CsvTable:
         d = self.dialect
         keys = {f"c{self.names.index(name)}": name for name in wanted}
         types = {k: pa.string() if as_text or self._is_text(n) else pa.float64() for k, n in keys.items()}
-        read = pacsv.ReadOptions(
-            skip_rows=d.skip, column_names=[f"c{i}" for i in range(d.fields)], block_size=1 << 22
-        )
+        read = pacsv.ReadOptions(skip_rows=d.skip, column_names=[f"c{i}" for i in range(d.fields)], block_size=1 << 22)
         parse = pacsv.ParseOptions(delimiter=d.separator)
         convert = pacsv.ConvertOptions(
             include_columns=list(keys),
@@ -113,10 +115,9 @@ class CsvTable:
         raise AssertionError("unreachable")
 
 
-def _assemble(table: CsvTable, tables: list[pa.Table], wanted: Sequence[str], rows: RowNumbers) -> Columns:
+def _assemble(table: CsvTable, arrow: pa.Table, wanted: Sequence[str], rows: RowNumbers) -> Columns:
     data: dict[str, FloatArray] = {}
     notes: list[str] = []
-    arrow = tables[0]
     for name, key in zip(wanted, arrow.column_names):
         column = arrow.column(key)
         if pa.types.is_floating(column.type):

@@ -139,9 +139,7 @@ def _is_data(parts: list[str], decimal: str) -> bool:
 def _try(
     lines: list[str], separator: str, decimal: str, encoding: str, metadata: dict[str, str], known: set[str]
 ) -> tuple[float, Dialect] | None:
-    rows = [
-        (i, split(line, separator)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")
-    ]
+    rows = [(i, split(line, separator)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
     data = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and _is_data(parts, decimal)]
     if not data:
         return None
@@ -158,6 +156,4 @@ def _try(
         names = tuple(max(titles, key=lambda t: sum(n.lower() in known for n in t)))
     elif first > 0 and len(rows[first - 1][1]) > 1:
         names = tuple(rows[first - 1][1])
-    return score, Dialect(
-        encoding, separator, decimal, names, rows[first][0], fields, tuple(rows[first][1]), metadata
-    )
+    return score, Dialect(encoding, separator, decimal, names, rows[first][0], fields, tuple(rows[first][1]), metadata)

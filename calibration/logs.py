@@ -17,7 +17,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.logwrite import write_log
 from calibration.rigfile import Rig, load_rig
-from calibration.table import Columns, open_table, shown
+from calibration.table import Columns, Table, open_table, shown
 from calibration.write import sha256
 
 __all__ = ["COMPENSATED", "Log", "read_log", "write_log"]
@@ -72,11 +72,29 @@ def read_log(
     Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a warning.
     """
     file = Path(path)
+    table, chosen = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    where = shown(file)
+    raw = table.read(list(dict.fromkeys(chosen.values())))
+    notes = list(raw.notes)
+    columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
+    missing = [n for n in LAYOUTS[kind].optional if n not in columns]
+    if kind == "oven":
+        frame, dt_s = _oven_frame(columns, raw, where, notes), None
+    else:
+        frame, dt_s = trace_frame(columns, kind, raw, where, notes)
+        _swapped(frame, kind, {d: _depths(rig, d, disk) for d in (*DISKS, "")}, notes)
+    notes += [f"column {name} is missing" for name in missing if not (kind == "hole" or name in frame)]
+    return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
+
+
+def open_log(
+    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False
+) -> tuple[Table, dict[str, str]]:
+    """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
     where = shown(file)
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
-    tables = (rig or load_rig()).tables(disk or "")
-    mapping = dict(tables.columns)
+    mapping = dict((rig or load_rig()).tables(disk or "").columns)
     table = open_table(file, (*KNOWN, *mapping.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
@@ -85,23 +103,13 @@ def read_log(
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    chosen = match_columns(table.names, kind, where, mapping)
-    raw = table.read(list(dict.fromkeys(chosen.values())))
-    notes = list(raw.notes)
-    columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
-    missing = [n for n in LAYOUTS[kind].optional if n not in columns]
-    if kind == "oven":
-        frame, dt_s = _oven_frame(columns, raw, where, notes), None
-    else:
-        frame, dt_s = _trace_frame(columns, kind, raw, where, notes)
-        _swapped(frame, kind, {d: _depths(rig, d, disk) for d in (*DISKS, "")}, notes)
-    notes += [f"column {name} is missing" for name in missing if not (kind == "hole" or name in frame)]
-    return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
+    return table, match_columns(table.names, kind, where, mapping)
 
 
-def _trace_frame(
-    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str]
+def trace_frame(
+    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str], *, whole: bool = True
 ) -> tuple[pd.DataFrame, float]:
+    """Check and regularise a trace; ``whole`` False leaves out what only a whole test can show."""
     time, sampling = check_time(columns["time_s"], raw.rows, where)
     notes.extend(sampling.notes)
     place = Place(where, raw.rows, time, sampling.dt_s)
@@ -116,10 +124,11 @@ def _trace_frame(
         else:
             checked[name], said = _plain(values, name, place)
         notes.extend(said)
-    _check_groups(checked, kind, place, notes)
-    if kind == "ehl":
+    if whole:
+        _check_groups(checked, kind, place, notes)
+    if kind == "ehl" and whole:
         notes.extend(check_contact(pd.DataFrame(checked, copy=False), place))
-    elif "switch" in checked:
+    elif "switch" in checked and whole:
         notes.extend(check_switch(checked["switch"], "switch", place))
     if sampling.place[-1] + 1 == len(time):
         return pd.DataFrame({"time_s": time, **checked}, copy=False), sampling.dt_s
@@ -137,9 +146,9 @@ def _check_groups(checked: Mapping[str, np.ndarray], kind: str, place: Place, no
     if kind == "ehl":
         groups = [{n: v for n, v in checked.items() if n.startswith(f"{d}_")} for d in DISKS]
         room = float(np.nanmedian(checked["ambient_degC"]))
-        if room > 55.0:
+        if room > 120.0:
             raise InputError(
-                f"column ambient_degC is about {room:.3g}: no room is that warm; degrees Fahrenheit?",
+                f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
                 where=place.where,
                 expected="degrees Celsius",
             )
@@ -198,9 +207,7 @@ def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes:
             checked[name] = values
     empty = ~np.isfinite(checked["prt_degC"])
     if empty.any():
-        notes.append(
-            f"{place.at('prt_degC', int(np.argmax(empty)))}: {int(empty.sum())} row(s) without PRT left out"
-        )
+        notes.append(f"{place.at('prt_degC', int(np.argmax(empty)))}: {int(empty.sum())} row(s) without PRT left out")
     for name in (f"{c}_degC" for c in CHANNELS):
         gaps = ~np.isfinite(checked[name]) & ~empty
         if gaps.any():

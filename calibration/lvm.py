@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +33,12 @@ class LvmTable:
     def read(self, wanted: Sequence[str]) -> Columns:
         """The wanted columns; see ``Columns``."""
         return Columns({name: self.data[name] for name in wanted}, self.notes, self.rows)
+
+    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+        """The wanted columns piece by piece (the file itself was read at once)."""
+        for start in range(0, len(next(iter(self.data.values()))), rows):
+            part = {name: self.data[name][start : start + rows] for name in wanted}
+            yield Columns(part, self.notes if start == 0 else (), RowNumbers(self.rows.first + start))
 
 
 @dataclass(frozen=True)
@@ -121,18 +127,14 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     return _Segment(head, names, _numbers(body, separator, decimal, names, where, first), first), at
 
 
-def _numbers(
-    body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int
-) -> FloatArray:
+def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> FloatArray:
     keys = [f"c{i}" for i in range(len(names))]
     try:
         table = pacsv.read_csv(
             io.BytesIO(("\n".join(body) + "\n").encode()),
             read_options=pacsv.ReadOptions(column_names=keys),
             parse_options=pacsv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
-            convert_options=pacsv.ConvertOptions(
-                column_types={k: pa.float64() for k in keys}, decimal_point=decimal
-            ),
+            convert_options=pacsv.ConvertOptions(column_types={k: pa.float64() for k in keys}, decimal_point=decimal),
         )
     except (pa.ArrowInvalid, ValueError) as problem:
         for i, line in enumerate(body):

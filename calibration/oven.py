@@ -88,9 +88,7 @@ def steady_minutes(
         repeat = 1 + sum(abs(s - last["prt_degC"]) < apart_K for s in seen)
         seen.append(float(last["prt_degC"]))
         setpoint = 5.0 * np.rint(last["prt_degC"] / 5.0)
-        rows.append(
-            {"repeat": float(repeat), "setpoint_degC": float(setpoint), **{n: float(last[n]) for n in names}}
-        )
+        rows.append({"repeat": float(repeat), "setpoint_degC": float(setpoint), **{n: float(last[n]) for n in names}})
     if not rows:
         raise InputError(
             "no steady stretch in the oven log",

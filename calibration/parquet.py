@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -48,6 +48,20 @@ class ParquetTable:
             raise InputError("no rows", where=self.where)
         notes: list[str] = []
         return Columns({n: self._floats(table.column(n), n, notes) for n in wanted}, tuple(notes))
+
+    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+        """The wanted columns piece by piece, in bounded memory."""
+        first = 1
+        try:
+            with pq.ParquetFile(self.path) as file:
+                for batch in file.iter_batches(rows, columns=list(dict.fromkeys(wanted))):
+                    notes: list[str] = []
+                    table = pa.Table.from_batches([batch])
+                    data = {n: self._floats(table.column(n), n, notes) for n in wanted}
+                    yield Columns(data, tuple(notes), RowNumbers(first))
+                    first += batch.num_rows
+        except (pa.ArrowException, OSError) as problem:
+            raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
 
     def _floats(self, column: pa.ChunkedArray, name: str, notes: list[str]) -> FloatArray:
         kind = column.type

@@ -68,14 +68,10 @@ class ChainRecord(_Part):
         own = np.sqrt(np.maximum(np.diag(matrix), 0.0))
         for name, lag, u in zip(sorted(self.channels), lags, own):
             if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
-                raise ValueError(
-                    f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s"
-                )
+                raise ValueError(f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s")
         common = float(np.mean([lag.value for lag in lags]))
         if abs(common - self.common_lag_s.value) > max(LAG_TOLERANCE_S, 3 * self.common_lag_s.u):
-            raise ValueError(
-                f"common_lag_s: {self.common_lag_s.value:.4g} s, but the lags' mean is {common:.4g} s"
-            )
+            raise ValueError(f"common_lag_s: {self.common_lag_s.value:.4g} s, but the lags' mean is {common:.4g} s")
         for name, lag in zip(sorted(self.channels), lags):
             rest = self.differential_lag_s[name]
             apart = lag.value - common

@@ -163,8 +163,7 @@ def setup_from_tables(name: str, tables: RigTables) -> DiskSetup:
         washer_conductivity_W_mK=w.conductivity_W_mK,
         washer_thickness_m=w.thickness_mm * 1e-3,
         junctions={
-            k: Junction(j.depth_mm * 1e-3, j.z_mm * 1e-3, j.angle_deg)
-            for k, j in sorted(tables.thermocouples.items())
+            k: Junction(j.depth_mm * 1e-3, j.z_mm * 1e-3, j.angle_deg) for k, j in sorted(tables.thermocouples.items())
         },
         conditioning=Conditioning(c.cutoff_Hz, c.poles, c.shape),
     )
@@ -183,9 +182,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise InputError(
-            "no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one"
-        ) from None
+        raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
         raise InputError(f"not readable as TOML ({problem})", where=str(path)) from None
     return parse_rig(data, str(path))

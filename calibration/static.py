@@ -89,9 +89,7 @@ class OvenFit:
         )
 
 
-def fit_static_lines(
-    frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0
-) -> OvenFit:
+def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0) -> OvenFit:
     """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
 
     The PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the
@@ -140,17 +138,13 @@ def _line(
     curve = quadratic_p(fit)
     within, shift_u, shift_p = repeat_shift(fit, repeats)
     if lack is not None and lack < SIGNIFICANT:
-        notes.append(
-            f"channel {channel}: the line does not fit within the scatter of the repeats (p = {lack:.2g})"
-        )
+        notes.append(f"channel {channel}: the line does not fit within the scatter of the repeats (p = {lack:.2g})")
     if curve is not None and curve < SIGNIFICANT:
         notes.append(f"channel {channel}: a quadratic term is significant (p = {curve:.2g})")
     extra = shared_u**2
     if shift_p is not None and shift_p < SIGNIFICANT:
         extra += shift_u**2
-        notes.append(
-            f"channel {channel}: the repeats shift by {shift_u:.2g} degC (u of their mean, p = {shift_p:.2g})"
-        )
+        notes.append(f"channel {channel}: the repeats shift by {shift_u:.2g} degC (u of their mean, p = {shift_p:.2g})")
     for i in outlying(fit):
         row = rows.iloc[i]
         notes.append(

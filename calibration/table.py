@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -54,6 +54,10 @@ class Table(Protocol):
 
     def read(self, wanted: Sequence[str]) -> Columns:
         """The wanted columns by their names in the file."""
+        ...
+
+    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+        """The same piece by piece."""
         ...
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from nptdms import TdmsFile
 
 from calibration.align import Track, align
 from calibration.errors import InputError
-from calibration.table import Columns, FloatArray
+from calibration.table import Columns, FloatArray, RowNumbers
 
 logging.getLogger("nptdms").setLevel(logging.ERROR)
 
@@ -68,6 +68,24 @@ class TdmsTable:
             data = {"time_s": time, **data}
         return Columns(data, tuple(notes))
 
+    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+        """The wanted channels piece by piece, in bounded memory; they must share one start, rate and length."""
+        with self._open() as file:
+            channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
+            tracks = {n: self._track(channels[n], 0, 1) for n in wanted if n in channels}
+            lengths = {len(channels[n]) for n in tracks}
+            if len(lengths) > 1 or len({t.same_as for t in tracks.values()}) > 1:
+                raise InputError("channels differ in start, rate or length", where=self.where, remedy="read it whole")
+            track = next(iter(tracks.values()))
+            for start in range(0, lengths.pop(), rows):
+                parts = {n: self._track(channels[n], start, start + rows).values for n in tracks}
+                if self.made_time and "time_s" in wanted:
+                    if track.dt_s is None:
+                        raise InputError("no channel has a time track (wf_increment)", where=self.where)
+                    count = len(next(iter(parts.values())))
+                    parts["time_s"] = np.asarray((start + np.arange(count)) * track.dt_s, dtype=np.float64)
+                yield Columns(parts, (), RowNumbers(start + 1))
+
     def _open(self) -> Any:
         try:
             return TdmsFile.open(self.path)
@@ -95,20 +113,18 @@ class TdmsTable:
                 where=self.where,
             )
 
-    def _track(self, channel: Any) -> Track:
+    def _track(self, channel: Any, start: int = 0, stop: int | None = None) -> Track:
         try:
-            values = channel[:]
+            values = channel[start:stop]
             props = channel.properties
         except Exception as problem:  # npTDMS raises many kinds on damaged files
             raise self._damaged(problem) from None
         numbers = _floats(values, str(channel.name), self.where)
         step = props.get("wf_increment")
-        start = props.get("wf_start_time")
+        begun = props.get("wf_start_time")
         offset = float(props.get("wf_start_offset", 0.0) or 0.0)
         if start is not None:
-            offset += (
-                (np.datetime64(start, "us") - np.datetime64("2000-01-01", "us")) / np.timedelta64(1, "us") * 1e-6
-            )
+            offset += (np.datetime64(begun, "us") - np.datetime64("2000-01-01", "us")) / np.timedelta64(1, "us") * 1e-6
         good = step is not None and np.isfinite(float(step)) and float(step) > 0
         return Track(numbers, offset, float(step) if good else None)
 
