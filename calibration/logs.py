@@ -219,6 +219,9 @@ def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes:
         frame["setpoint_degC"] = 5.0 * np.rint(frame["prt_degC"] / 5.0)
         notes.append("column setpoint_degC is missing; the PRT to the nearest 5 degC stands in")
     if "repeat" not in frame:
-        frame["repeat"] = frame.groupby("setpoint_degC").cumcount() + 1.0
-        notes.append("column repeat is missing; rows at one set point are numbered in their order")
+        hold = (frame["setpoint_degC"].diff() != 0).cumsum()
+        first = pd.DataFrame({"hold": hold, "at": frame["setpoint_degC"]}).drop_duplicates()
+        number = dict(zip(first["hold"], first.groupby("at").cumcount() + 1.0))
+        frame["repeat"] = hold.map(number).astype(float)
+        notes.append("column repeat is missing; each return to a set point counts as the next repeat")
     return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]]

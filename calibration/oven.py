@@ -56,6 +56,23 @@ def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[
     return counts.astype(np.int64), np.asarray(edges, dtype=np.float64)
 
 
+def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
+    """One row for each hold, the mean of its minutes: repeat, setpoint_degC, prt_degC, a_degC .. f_degC.
+
+    Minutes of one hold follow one another under one repeat and set point; a channel without a value in some minute
+    is averaged over the others, against the PRT of the same minutes.
+    """
+    keys = ["repeat", "setpoint_degC"]
+    if not frame.duplicated(keys).any():
+        return frame.reset_index(drop=True)
+    names = [f"{c}_degC" for c in CHANNELS if f"{c}_degC" in frame]
+    offset = frame[names].sub(frame["prt_degC"], axis=0)
+    grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby([frame[k] for k in keys], sort=False)
+    means = grouped.mean()
+    means[names] = means[names].add(means["prt_degC"], axis=0)
+    return means.reset_index()[[*keys, "prt_degC", *names]]
+
+
 def steady_minutes(
     frame: pd.DataFrame, *, minute_s: float = 60.0, drift_K_per_h: float = 1.0, apart_K: float = 5.0
 ) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
-from calibration.oven import ErrorStatistics, error_statistics
+from calibration.oven import ErrorStatistics, error_statistics, hold_means
 
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
 SIGNIFICANT = 0.01
@@ -69,7 +69,7 @@ class OvenFit:
     """Static lines of one disk and what the oven said about them.
 
     ``joint_covariance`` (2 M, 2 M) is that of (gain, offset) of every channel in order: channels share each row's
-    PRT error, so their lines err together. ``residuals`` holds one row for each oven row: repeat, setpoint_degC,
+    PRT error, so their lines err together. ``residuals`` holds one row for each hold: repeat, setpoint_degC,
     prt_degC and the residual [K] of each channel.
     """
 
@@ -92,14 +92,16 @@ class OvenFit:
 def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0) -> OvenFit:
     """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
 
-    The PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the
-    logged means both err; the slope is corrected for the noise of the logged side (errors in variables, method of
+    Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
+    PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the logged
+    means both err; the slope is corrected for the noise of the logged side (errors in variables, method of
     moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit and a
     shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
     rows by name.
 
     Raises InputError when a channel has fewer than 3 rows.
     """
+    frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)
     names = [c for c in CHANNELS if f"{c}_degC" in frame]
     lines: dict[str, StaticLine] = {}

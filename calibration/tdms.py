@@ -17,6 +17,8 @@ from calibration.table import Columns, FloatArray, RowNumbers
 
 logging.getLogger("nptdms").setLevel(logging.ERROR)
 
+_EPOCH = np.datetime64("2000-01-01", "us")
+
 
 @dataclass
 class TdmsTable:
@@ -120,13 +122,18 @@ class TdmsTable:
         except Exception as problem:  # npTDMS raises many kinds on damaged files
             raise self._damaged(problem) from None
         numbers = _floats(values, str(channel.name), self.where)
-        step = props.get("wf_increment")
-        begun = props.get("wf_start_time")
-        offset = float(props.get("wf_start_offset", 0.0) or 0.0)
-        if start is not None:
-            offset += (np.datetime64(begun, "us") - np.datetime64("2000-01-01", "us")) / np.timedelta64(1, "us") * 1e-6
-        good = step is not None and np.isfinite(float(step)) and float(step) > 0
-        return Track(numbers, offset, float(step) if good else None)
+        try:
+            offset = float(props.get("wf_start_offset", 0.0) or 0.0)
+            begun = props.get("wf_start_time")
+            if begun is not None:
+                offset += (np.datetime64(begun, "us") - _EPOCH) / np.timedelta64(1, "us") * 1e-6
+            step = float(props.get("wf_increment", 0.0))
+        except (TypeError, ValueError) as problem:
+            raise InputError(
+                f"channel {channel.name}: its time track is damaged ({problem})", where=self.where
+            ) from None
+        good = np.isfinite(step) and step > 0
+        return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
 
 
 def _floats(values: Any, name: str, where: str) -> FloatArray:
