@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
+from tcdyn.conduction.exact import modal_amplitudes
 from tcdyn.conduction.modal import forcing, readings, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
@@ -117,15 +118,6 @@ def _memory(
     weights[:, -1] += seen[:, ~slow].sum(axis=1)
     t = np.arange(len(drive.b_degC)) * drive.dt_s
     return np.asarray(np.exp(-np.outer(t, rates)) @ weights.T)
-
-
-def modal_amplitudes(shape_r: Array, shape_z: Array, field: Array) -> Array:
-    """Amplitudes (m, n) of a field (nr-1, nz) in the scheme's modes: V^-1 field U^-T."""
-    if field.shape != (len(shape_r), len(shape_z)):
-        raise InputError(
-            f"the field has shape {field.shape}", expected=f"{(len(shape_r), len(shape_z))}: all nodes outside R_i"
-        )
-    return np.asarray(np.linalg.solve(shape_r, np.linalg.solve(shape_z, field.T).T))
 
 
 def fields_at(

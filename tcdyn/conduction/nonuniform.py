@@ -28,7 +28,7 @@ BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than abo
 
 
 def film_in_steps(width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int) -> Array:
-    """Film coefficient of each z node (nz,): steps of ``values`` between ``edges``, averaged over each node's cell.
+    """Film coefficient of each z node (nz,): steps of ``values`` between ``edges``, averaged over its cell.
 
     >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
     array([200., 200., 200., 200., 300., 400., 400., 400., 400.])
@@ -90,7 +90,7 @@ def _surface_weight(rim: Rim, mesh: Mesh) -> float:
 def _coupled(
     rim: Rim, film: Array, half_width: float, profile: Profile, flux: Flux, mesh: Mesh, split: bool
 ) -> tuple[Spectrum, Array, Array]:
-    """Modes of the mean film, the film's variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
+    """Modes of the mean film, its variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
     mean = float(film.mean())
     s = spectrum(rim, mean, half_width, profile, flux, mesh)
     source = op.outer_source(

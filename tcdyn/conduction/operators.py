@@ -96,7 +96,7 @@ def _cardinal_splines(n: int) -> tuple[BSpline, BSpline]:
 def reading_weights(position: Any, n: int) -> Any:
     """Weights (n,) that read a nodal field at ``position``, counted in mesh steps from node 0.
 
-    A quintic spline through all nodes: exact at nodes and smooth in the position, so depths have clean derivatives.
+    A quintic spline through all nodes: exact there, and smooth in the position, so depths have clean derivatives.
     """
     at = float(plain(position))
     if not -1e-9 <= at <= n - 1 + 1e-9:
