@@ -1,0 +1,118 @@
+"""``tcdyn record show|diff|check``: what a disk record says, what drifted since another, whether it can be trusted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from calibration.estimate import Estimate
+from calibration.record import DiskRecord, read_record
+from calibration.recorddiff import RecordDiff, check_record, diff_records
+from calibration.static import static_u
+
+app = typer.Typer(name="record", help="Show, compare and check the records of calibrated disks.", no_args_is_help=True)
+
+RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
+
+
+@app.command()
+def show(record: RecordPath) -> None:
+    """The record in one page: static lines, lags, what it was made from."""
+    console = Console()
+    found = read_record(record)
+    console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
+    console.print(static_table(found))
+    if found.chain is not None:
+        console.print(chain_table(found))
+    for item in found.inputs:
+        console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
+    for warning in found.warnings:
+        console.print(f"warning: {warning}", markup=False, highlight=False)
+
+
+@app.command()
+def diff(
+    old: RecordPath,
+    new: RecordPath,
+    every: Annotated[bool, typer.Option("--all", help="list what did not drift, too")] = False,
+) -> None:
+    """What drifted between two calibrations of one disk, and whether it is significant (5 %, Holm)."""
+    console = Console()
+    found = diff_records(read_record(old), read_record(new))
+    rows = found.table if every else found.significant
+    if len(rows):
+        console.print(diff_table(found, every))
+    console.print(found.sentence())
+    for note in found.notes:
+        console.print(f"note: {note}", markup=False, highlight=False)
+
+
+@app.command()
+def check(record: RecordPath) -> None:
+    """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything)."""
+    console = Console()
+    doubts = check_record(read_record(record))
+    for doubt in doubts:
+        console.print(f"- {doubt}", markup=False, highlight=False)
+    console.print(
+        "The record is sound." if not doubts else f"The record is readable; {len(doubts)} point(s) to look at."
+    )
+    if doubts:
+        raise typer.Exit(1)
+
+
+def static_table(record: DiskRecord) -> Table:
+    """The static lines, one row a channel."""
+    table = Table(
+        "channel", "gain", "offset degC", "range degC", "u at mid-range K", "residual sd K", title="Static lines"
+    )
+    for name, line in sorted(record.static.items()):
+        low, high = line.range_degC
+        table.add_row(
+            name,
+            _pm(line.gain_estimate, 5),
+            _pm(line.offset_estimate, 3),
+            f"{low:.0f} to {high:.0f}",
+            f"{float(static_u(line, 0.5 * (low + high))):.3f}",
+            f"{line.residual_sd_degC:.3f}",
+        )
+    return table
+
+
+def chain_table(record: DiskRecord) -> Table:
+    """Lags, one row a channel, the common lag last."""
+    assert record.chain is not None
+    table = Table("channel", "lag s", "95 %", "minus common s", title=f"Chain ({record.chain.structure})")
+    for name, channel in sorted(record.chain.channels.items()):
+        lag = channel.lag_s
+        table.add_row(
+            name, _pm(lag, 3), f"{lag.low95:.3f} to {lag.high95:.3f}", _pm(record.chain.differential_lag_s[name], 4)
+        )
+    common = record.chain.common_lag_s
+    table.add_row("common", _pm(common, 3), f"{common.low95:.3f} to {common.high95:.3f}", "")
+    return table
+
+
+def diff_table(found: RecordDiff, every: bool) -> Table:
+    """Changes, one row a quantity."""
+    table = Table("quantity", "old", "new", "change", "u", "z", "p", "")
+    for row in (found.table if every else found.significant).itertuples():
+        table.add_row(
+            str(row.quantity),
+            f"{row.old:.4g}",
+            f"{row.new:.4g}",
+            f"{row.change:+.3g}",
+            f"{row.u:.2g}",
+            f"{row.z:+.1f}",
+            f"{row.p:.2g}",
+            "drifted" if row.significant else "",
+        )
+    return table
+
+
+def _pm(estimate: Estimate, decimals: int) -> str:
+    return f"{estimate.value:.{decimals}f} +- {estimate.u:.{decimals}f}"
