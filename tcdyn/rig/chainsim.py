@@ -49,9 +49,7 @@ def chain_matrices(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> 
     return a, b, c
 
 
-def through_chains(
-    fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
-) -> Array:
+def through_chains(fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]) -> Array:
     """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; each ``every``-th sample comes back.
 
     The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest

@@ -83,4 +83,4 @@ def _axis_ratio(curvature_ratio: float) -> float:
         m = 1 - 1 / squared
         return float((squared * ellipe(m) - ellipk(m)) / (ellipk(m) - ellipe(m)) - curvature_ratio)
 
-    return float(np.exp(brentq(excess, 1e-4, np.log(curvature_ratio) + 1.0, xtol=1e-13)))
+    return float(np.exp(brentq(excess, 0.3 * np.log(curvature_ratio), np.log(curvature_ratio) + 1.0, xtol=1e-13)))

@@ -110,9 +110,7 @@ def _log_conditions(
     friction = rig.friction_scale * drawn.friction_at(t - late[1], how.drift)
     columns["load_N"] = _digitised(load + zero_load + 6.0 * noise[0], 5000.0, how)
     columns["friction_N"] = _digitised(friction + zero_friction + 0.15 * noise[1], 100.0, how)
-    columns["contact"] = ((t >= drawn.load_on_s + 0.5 * abs(late[2])) & (t < drawn.unload_s + late[3])).astype(
-        float
-    )
+    columns["contact"] = ((t >= drawn.load_on_s + 0.5 * abs(late[2])) & (t < drawn.unload_s + late[3])).astype(float)
     columns["speed_fast_rpm"] = np.round(fast + 1.5 * noise[2], 1)
     columns["speed_slow_rpm"] = np.round(slow + 0.5 * noise[3], 1)
     columns["ambient_degC"] = true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4]
@@ -140,9 +138,7 @@ def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, 
         "half_width_m": drawn.half_width_m,
         "load_N": drawn.load_N,
         "friction_N": float(traces.loc[last, "friction_N"].mean()),
-        "friction_at_unloading_N": float(
-            drawn.friction_at(np.array([drawn.breaks_s[2]]), rig.imperfections.drift)[0]
-        ),
+        "friction_at_unloading_N": float(drawn.friction_at(np.array([drawn.breaks_s[2]]), rig.imperfections.drift)[0]),
         "sliding_speed_m_s": drawn.sliding_speed_m_s,
         "entraining_speed_m_s": drawn.entraining_speed_m_s,
         "load_on_s": drawn.load_on_s,

@@ -33,9 +33,7 @@ def write_log(frame: pd.DataFrame, path: Path) -> None:
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
     """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
-    columns = {
-        name: frame[name].to_numpy().astype(float if name == "time_s" else np.float32) for name in frame.columns
-    }
+    columns = {name: frame[name].to_numpy().astype(float if name == "time_s" else np.float32) for name in frame.columns}
     beside = path.with_name(path.name + ".part")
     parquet.write_table(pa.table(columns), beside)
     os.replace(beside, path)

@@ -40,8 +40,7 @@ def simulate_hole(
     cement = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
     base = 0.25 + 0.01 * rng.standard_normal(5)
     chains: list[tuple[float, float, Conditioning]] = [
-        (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning)
-        for b, c in zip(base, cement.values())
+        (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning) for b, c in zip(base, cement.values())
     ]
     columns = bath_columns(drawn, how, rng)
     steps = (len(columns["time_s"]) - 1) * OVERSAMPLING + 1

@@ -37,7 +37,7 @@ class Stepping:
     """Steps grow in octaves from ``first_s`` after each break, never above ``growth`` times the time since it."""
 
     first_s: float = 1 / 300
-    largest_s: float = 3.0
+    largest_s: float = 3.5
     growth: float = 0.08
 
 
@@ -141,6 +141,4 @@ def _load(system: DiskSystem, power: float, ambient: float) -> Array:
 
 
 def _factorise(matrix: csc_matrix) -> SuperLU:
-    return splu(
-        csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
+    return splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

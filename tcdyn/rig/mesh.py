@@ -21,8 +21,8 @@ SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wir
 class DiskMesh:
     """Cells in r (bore to surface) and z (face d to face f), finer towards the surface; shaft cells along z."""
 
-    radial: int = 64
-    axial: int = 80
+    radial: int = 80
+    axial: int = 84
     surface_cell_m: float = 0.06e-3
     shaft_side: int = 80
 

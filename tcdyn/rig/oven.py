@@ -43,9 +43,7 @@ def simulate_oven(
             wander = 0.03 * np.cumsum(rng.standard_normal(minutes)) if how.drift else np.zeros(minutes)
             for minute in range(minutes):
                 true = level + wander[minute]
-                rows.append(
-                    (repeat, float(setpoint), true + error + 0.005 * rng.standard_normal() * how.noise, true)
-                )
+                rows.append((repeat, float(setpoint), true + error + 0.005 * rng.standard_normal() * how.noise, true))
     table = np.array(rows)
     names = sorted(own.channels)
     read = logged(np.repeat(table[:, 3:], len(names), axis=1), own, rng, how, spikes=False, averaged=75)
