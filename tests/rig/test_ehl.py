@@ -71,7 +71,7 @@ def test_speeds_and_power_are_those_of_the_table(clean: tuple[pd.DataFrame, dict
 
 
 def test_clean_log_differs_from_the_truth_by_the_chain_alone(clean: tuple[pd.DataFrame, dict[str, Any]]) -> None:
-    """Late in a slow phase a trace is nearly a ramp, so log(t) = true(t - lag) but for half tau squared of curvature."""
+    """Late in a slow phase a trace is nearly a ramp, so log(t) = true(t - lag), but for curvature."""
     frame, truth = clean
     t = frame["time_s"].to_numpy()
     at = np.arange(22.0, 24.0, 0.1)
