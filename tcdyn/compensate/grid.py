@@ -34,9 +34,7 @@ class Grid:
 def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     """Where the signal sinks into the noise: |G(w)|^2 q / w^4 = R, for ``ratio`` = q / R [1/s4]; same shape."""
     w = np.geomspace(1e-4, 1e4, 400)
-    needed = np.maximum.accumulate(
-        4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30)
-    )
+    needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30))
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
 
 
@@ -89,18 +87,12 @@ def gather(grid: Grid, s: Sensor, y: Array, weight: Array, dt_s: float) -> tuple
     """Information (J, n, n) and score (J, n) that the samples ``y (N,)`` with weights (N,) give to each cell."""
     n, total = s.size, len(y)
     information, score = np.zeros((grid.cells, n, n)), np.zeros((grid.cells, n))
-    first = np.ceil((grid.knots_s + s.delay_s) / dt_s - 1e-6).astype(int)
-    step = expm(s.drift * dt_s)
     padded_y, padded_w = np.append(y, 0.0), np.append(weight, 0.0)
-    for k, j in enumerate(grid.example):
-        count = first[j + 1] - first[j]
-        if count <= 0:
+    for k in range(len(grid.example)):
+        first, rows = _rows(grid, s, k, dt_s)
+        count = len(rows)
+        if count == 0:
             continue
-        row = s.output @ expm(s.drift * (first[j] * dt_s - s.delay_s - grid.knots_s[j]))
-        rows = np.empty((count, n))
-        for i in range(count):
-            rows[i] = row
-            row = row @ step
         where = np.flatnonzero(grid.kind == k)
         index = first[where][:, None] + np.arange(count)
         index = np.where((index >= 0) & (index < total), index, total)
@@ -108,3 +100,30 @@ def gather(grid: Grid, s: Sensor, y: Array, weight: Array, dt_s: float) -> tuple
         information[where] = (w @ (rows[:, :, None] * rows[:, None, :]).reshape(count, n * n)).reshape(-1, n, n)
         score[where] = (w * padded_y[index]) @ rows
     return information, score
+
+
+def readings(grid: Grid, s: Sensor, mean: Array, samples: int, dt_s: float) -> Array:
+    """What the logger would have written without noise (samples,), from the states at the knots ``mean (J, n)``."""
+    out = np.zeros(samples)
+    for k in range(len(grid.example)):
+        where = np.flatnonzero(grid.kind == k)
+        first, rows = _rows(grid, s, k, dt_s)
+        index = first[where][:, None] + np.arange(len(rows))
+        values = mean[where] @ rows.T
+        inside = (index >= 0) & (index < samples)
+        out[index[inside]] = values[inside]
+    return out
+
+
+def _rows(grid: Grid, s: Sensor, k: int, dt_s: float) -> tuple[NDArray[np.intp], Array]:
+    """First sample of every cell (J+1,), and the rows (count, n) that read the samples of a cell of kind ``k``."""
+    first = np.ceil((grid.knots_s + s.delay_s) / dt_s - 1e-6).astype(int)
+    j = grid.example[k]
+    rows = np.empty((max(first[j + 1] - first[j], 0), s.size))
+    if len(rows):
+        step = expm(s.drift * dt_s)
+        row = s.output @ expm(s.drift * (first[j] * dt_s - s.delay_s - grid.knots_s[j]))
+        for i in range(len(rows)):
+            rows[i] = row
+            row = row @ step
+    return first, rows

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from tcdyn.chain import Chain
+from tcdyn.compensate.grid import corner_rad_s
 from tcdyn.compensate.model import Stretch, likelihood
 from tcdyn.compensate.profile import Burst, Intensity
 
 Array = NDArray[np.float64]
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
-DECAYS_S = (0.1, 0.3, 1.0, 3.0, 10.0)
+DECAYS_S = (0.1, 0.6, 3.6)
+EXPONENTIAL = 50.0  # a power as good as an exponential
 AFTER_S = 30.0  # length of the window in which a burst is sought
+NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
 FLOOR = 1e-9  # lowest corner intensity, in noise variances per second cubed: below it nothing is left to smooth
 
 
@@ -34,6 +38,17 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     keep = slice(3, int(0.45 * n))
     power, w = power[keep], 2 * np.pi * f[keep]
     shape = np.abs(chain.frequency_response(f[keep])) ** 2 / (w**4 * dt_s)
+    level = _whittle(power, shape, noise_var)
+    for _ in range(3):
+        near = w > NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
+        if np.count_nonzero(near) < 100:
+            break
+        level = _whittle(power[near], shape[near], noise_var)
+    return level
+
+
+def _whittle(power: Array, shape: Array, noise_var: float) -> float:
+    """The q that maximises -sum(log e + power / e), e = noise_var + q shape."""
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
     for _ in range(3):
         cost = [np.sum(np.log(e) + power / e) for e in (noise_var + np.exp(v) * shape for v in logs)]
@@ -64,17 +79,17 @@ def exact_levels(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple
 def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tuple[list[Intensity], Array]:
     """The intensity of each channel and its noise variance (M,), both by likelihood.
 
-    Segments lie between events. Long ones get their level from the spectrum beyond the burst that follows an event,
+    Segments lie between events. Long ones get their level from the spectrum, beyond the burst that follows an event,
     short ones from the exact likelihood; then each event gets the burst that the samples around it make likely.
     """
     n, dt = len(stretch.y), stretch.dt_s
-    cuts = [0, *sorted({int(np.ceil(e / dt)) for e in stretch.events_s if 0 < e < stretch.end_s}), n]
-    starts = [k * dt for k in cuts[:-1]]
-    levels = np.full((len(cuts) - 1, len(noise_var)), np.nan)
-    if n < LONG and len(cuts) == 2:
+    starts = [0.0, *stretch.events_s]
+    cuts = [int(np.ceil(t / dt)) for t in starts] + [n]
+    levels = np.full((len(starts), len(noise_var)), np.nan)
+    if n < LONG and len(starts) == 1:
         levels[0], noise_var = exact_levels(stretch, noise_var, noise_known)
     else:
-        for k, (a, b) in enumerate(zip(cuts[:-1], cuts[1:])):
+        for k, (a, b) in enumerate(pairwise(cuts)):
             skip = 0 if k == 0 else int(min(AFTER_S / dt, (b - a) / 2))
             if b - a - skip < 64:
                 continue
@@ -98,31 +113,42 @@ def _filled(levels: Array, noise_var: Array) -> Array:
 
 
 def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], event: float) -> list[Intensity]:
+    """Each channel's intensity with the likeliest burst at ``event``, or as it was if none makes the data likelier."""
+    window, shift = around(stretch, event)
+    base = [Intensity(tuple(s - shift for s in q.starts_s), q.levels) for q in chosen]
+    tried = [_first_bursts(event - shift, var) for var in noise_var]
+    best: list[Burst] = []
+    for turn in range(2):
+        if turn:
+            tried = [_nearby_bursts(burst) for burst in best]
+        proposed = [[replace(q, bursts=(burst,)) for burst in bursts] for q, bursts in zip(base, tried)]
+        value, _ = likelihood(window, noise_var, proposed)
+        best = [bursts[k] for bursts, k in zip(tried, np.argmax(value, axis=1))]
+    return [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, best)]
+
+
+def around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
+    """The samples that an event can touch, no other event among them, and the time at which they start [s]."""
     dt, n = stretch.dt_s, len(stretch.y)
     lag = max(s.lag_s for s in stretch.sensors)
-    others = [e for e in stretch.events_s if e != event]
-    before = max([e for e in others if e < event], default=0.0)
-    after = min([e for e in others if e > event], default=stretch.end_s)
-    a = int(max(before, event - 10.0 - 5 * lag) / dt)
-    b = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
-    window = stretch.window(a, b, (event,))
-    shift, best = a * dt, [(0.0, 1.0)] * len(chosen)
-    logs: Array = np.tile(np.linspace(0, np.log(1e9), 10), (len(chosen), 1))
-    base = [Intensity(tuple(s - shift for s in q.starts_s), q.levels) for q in chosen]
-    floor = np.array([float(q.at(event)) for q in chosen])
-    decays = [DECAYS_S] * len(chosen)
-    for round_ in range(2):
-        tried = [
-            [(0.0, 1.0), *((f * np.exp(v), d) for d in ds for v in row)] for f, row, ds in zip(floor, logs, decays)
-        ]
-        proposed = [
-            [replace(q, bursts=(Burst(event - shift, h, d),) if h else ()) for h, d in pairs]
-            for q, pairs in zip(base, tried)
-        ]
-        value, _ = likelihood(window, noise_var, proposed)
-        best = [pairs[k] for pairs, k in zip(tried, np.argmax(value, axis=1))]
-        if round_ == 0:
-            top = np.log([max(h / f, 1.0) for (h, _), f in zip(best, floor)])
-            logs = top[:, None] + np.linspace(-2.0, 2.0, 5)
-            decays = [(d / 1.6, d, d * 1.6) for _, d in best]
-    return [replace(q, bursts=(*q.bursts, Burst(event, h, d))) if h else q for q, (h, d) in zip(chosen, best)]
+    before = max([e for e in stretch.events_s if e < event], default=0.0)
+    after = min([e for e in stretch.events_s if e > event], default=stretch.end_s)
+    first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
+    last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
+    return stretch.window(first, last, (event,)), first * dt
+
+
+def _first_bursts(start_s: float, noise_var: float) -> list[Burst]:
+    heights = np.geomspace(1e-3, 1e8, 12) * noise_var
+    return [Burst(start_s, 0.0, 1.0)] + [Burst(start_s, h, d) for d in DECAYS_S for h in heights]
+
+
+def _nearby_bursts(burst: Burst) -> list[Burst]:
+    if burst.height == 0.0:
+        return [burst] * 30
+    return [
+        replace(burst, height=burst.height * h, decay_s=burst.decay_s * d, power=p)
+        for p in (3.0, EXPONENTIAL)
+        for d in (0.55, 1.0, 1.8)
+        for h in (0.1, 0.32, 1.0, 3.2, 10.0)
+    ]

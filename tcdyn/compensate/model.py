@@ -12,12 +12,10 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.grid import FINE, Grid, corner_rad_s, gather, make_grid, transitions
 from tcdyn.compensate.profile import Intensity
 from tcdyn.compensate.sensor import Sensor
-from tcdyn.compensate.sweep import Filtered, Problem, forward
+from tcdyn.compensate.sweep import Problem, log_likelihood_terms
 
 Array = NDArray[np.float64]
-DIFFUSE = (
-    10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
-)
+DIFFUSE = 10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
 
 
 @dataclass(frozen=True)
@@ -64,42 +62,31 @@ def grid_for(stretch: Stretch, intensities: Sequence[Sequence[Intensity]], noise
     return make_grid(start, end, dt, stretch.events_s, lambda at: float(np.interp(at, t, cell)))
 
 
-def problem_for(
-    stretch: Stretch,
-    grid: Grid,
-    noise_var: Array,
-    intensities: Sequence[Sequence[Intensity]],
-    jumps: Sequence[bool] | None = None,
-) -> Problem:
-    """The sweep for channels times proposals, batch index = channel * proposals + proposal."""
-    proposals = len(intensities[0])
+def problem_for(stretch: Stretch, grid: Grid, noise_var: Array, intensities: Sequence[Sequence[Intensity]]) -> Problem:
+    """The sweep for all channels and, for each, its proposed intensities (as many for every channel)."""
     dt = stretch.dt_s
-    jumps = [True] * len(stretch.events_s) if jumps is None else jumps
     information, score, mean0, cov0, slope_var = [], [], [], [], []
     for c, s in enumerate(stretch.sensors):
         w = stretch.weight[:, c] / noise_var[c]
         info_c, score_c = gather(grid, s, stretch.y[:, c], w, dt)
+        information.append(info_c[:, None])
+        score.append(score_c[:, None])
         seen = stretch.y[stretch.weight[:, c] > 0, c]
         level, span = (float(seen[0]), float(np.ptp(seen))) if len(seen) else (0.0, 1.0)
         span = max(span, 10 * float(np.sqrt(noise_var[c])))
-        ramp = s.ramp()
+        ramp, scatter = s.ramp(), s.ramp_scatter()
         wide = np.array([DIFFUSE * span, DIFFUSE * span / (s.lag_s + 4 * dt)]) ** 2
-        for q in intensities[c]:
-            mean0.append(level * ramp[:, 0])
-            cov0.append(ramp * wide @ ramp.T + float(q.at(0.0)) * s.ramp_scatter())
-            inside = q.between(grid.knots_s)
-            at_knot = 0.5 * (inside + np.concatenate([[0.0], inside[:-1]]))
-            for number, jump in enumerate(jumps, start=1):
-                if jump:
-                    at_knot[grid.event == number] += wide[1]
-            slope_var.append(at_knot)
-        information += [info_c] * proposals
-        score += [score_c] * proposals
-    across = np.repeat(transitions(grid, stretch.sensors), proposals, axis=1)
+        before = np.array([float(q.at(0.0)) for q in intensities[c]])
+        mean0.append(np.tile(level * ramp[:, 0], (len(before), 1)))
+        cov0.append(ramp * wide @ ramp.T + before[:, None, None] * scatter)
+        inside = np.stack([q.between(grid.knots_s) for q in intensities[c]], axis=1)
+        at_knot = 0.5 * (inside + np.concatenate([np.zeros_like(inside[:1]), inside[:-1]]))
+        at_knot[grid.event > 0] += wide[1]
+        slope_var.append(at_knot)
     return Problem(
         np.array(mean0),
         np.array(cov0),
-        across,
+        transitions(grid, stretch.sensors)[:, :, None],
         grid.kind,
         np.stack(information, axis=1),
         np.stack(score, axis=1),
@@ -107,19 +94,11 @@ def problem_for(
     )
 
 
-def likelihood(
-    stretch: Stretch,
-    noise_var: Array,
-    intensities: Sequence[Sequence[Intensity]],
-    jumps: Sequence[bool] | None = None,
-) -> tuple[Array, Array]:
-    """Log likelihood (M, proposals) at the given noise, and the ratio by which each would scale the noise variance."""
+def likelihood(stretch: Stretch, noise_var: Array, intensities: Sequence[Sequence[Intensity]]) -> tuple[Array, Array]:
+    """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
     grid = grid_for(stretch, intensities, noise_var)
-    done: Filtered = forward(problem_for(stretch, grid, noise_var, intensities, jumps), keep=False)
-    shape = (len(intensities), -1)
+    log_det, quad = log_likelihood_terms(problem_for(stretch, grid, noise_var, intensities))
     used = (stretch.weight > 0).sum(axis=0)
-    squares = (stretch.weight * stretch.y**2).sum(axis=0) / noise_var
-    total = done.quad.reshape(shape) + squares[:, None]
-    free = np.maximum(used - 2 - len(stretch.events_s), 1)[:, None]
-    value = -0.5 * (done.log_det.reshape(shape) + total + (used * np.log(noise_var))[:, None])
-    return value, total / free
+    total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
+    value = -0.5 * (log_det + total + (used * np.log(noise_var))[:, None])
+    return value, total / np.maximum(used - 2 - len(stretch.events_s), 1)[:, None]

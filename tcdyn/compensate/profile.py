@@ -1,4 +1,4 @@
-"""How restless the temperature is: intensity of its slope noise in time, a level per segment plus bursts at events."""
+"""How restless the temperature is: intensity of its slope noise, a level per segment and bursts at events."""
 
 from __future__ import annotations
 
@@ -12,20 +12,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Burst:
-    """q(t) = height (1 + (t - start)/decay)^-3 after ``start_s`` [K2/s3]: a flux step below a surface decays so."""
+    """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
+
+    A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
+    a large power.
+    """
 
     start_s: float
     height: float
     decay_s: float
+    power: float = 3.0
 
     def before(self, t: Array) -> Array:
         """Integral of the burst up to time t [K2/s2]."""
+        p = self.power
         age = np.maximum(t - self.start_s, 0.0) / self.decay_s
-        return np.asarray(0.5 * self.height * self.decay_s * (1.0 - (1.0 + age) ** -2))
+        return np.asarray(self.height * self.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
 
     def at(self, t: Array) -> Array:
+        """The burst at time t, zero before it starts."""
         age = np.maximum(t - self.start_s, 0.0) / self.decay_s
-        return np.where(t >= self.start_s, self.height * (1.0 + age) ** -3, 0.0)
+        return np.where(t >= self.start_s, self.height * (1.0 + age / self.power) ** -self.power, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,10 +40,10 @@ class Intensity:
     """d(slope) has variance q(t) dt; ``levels`` [K2/s3] hold from each of ``starts_s`` on, ``bursts`` add to them.
 
     >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Burst(10.0, 8.0, 2.0),))
-    >>> q.at([5.0, 10.0, 12.0]).tolist()
+    >>> q.at([5.0, 10.0, 16.0]).tolist()
     [1.0, 12.0, 5.0]
-    >>> float(q.between([0.0, 10.0, 12.0])[1])
-    14.0
+    >>> float(q.between([0.0, 10.0, 16.0])[1])
+    42.0
     """
 
     starts_s: tuple[float, ...]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tcdyn.compensate.profile import Intensity
 
 Array = NDArray[np.float64]
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
@@ -18,7 +20,8 @@ class Compensated:
     ``temperature`` [degC] at the junction at ``time_s``; ``sd`` [K] its standard deviation, from ``sd_noise`` (noise
     and regularisation), ``lag_sensitivity`` [K/s] times the uncertainty of each lag, and ``static_u`` [K].
     ``slope`` [K/s]; ``noise_sd (M,)`` [K]; ``intensity (M,)`` [K2/s3], the median over the record; ``flags``: bits
-    MISSING, SPIKE, STUCK, SATURATED; ``method`` in words.
+    MISSING, SPIKE, STUCK, SATURATED; ``method`` in words; ``events_s``: pairs of time and its standard uncertainty [s];
+    ``intensities``: as functions of time, one a channel (smoother only).
     """
 
     temperature: Array
@@ -33,7 +36,9 @@ class Compensated:
     flags: NDArray[np.uint8]
     time_s: Array
     method: str
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = ()
+    events_s: tuple[tuple[float, float], ...] = ()
+    intensities: tuple[Intensity, ...] = ()
 
     def common_sd(self) -> Array:
         """Part of ``sd`` (N, M) that comes from the lag common to all channels, hence moves them together [K]."""
@@ -54,4 +59,5 @@ class Compensated:
                 f"  channel {c}: noise {self.noise_sd[c]:.3g} K, standard deviation {np.median(self.sd[:, c]):.3g} K "
                 f"typical, {np.max(self.sd[:, c]):.3g} K at most, {flagged} samples flagged"
             )
+        lines += [f"  slope free to jump at {t:.4f} s (+- {u:.2g} s)" for t, u in self.events_s]
         return "\n".join([*lines, *self.warnings])

@@ -72,9 +72,7 @@ def sensor(chain: Chain, size: int | None = None) -> Sensor:
     output[source] = 1.0
     if chain.zero_s:
         if not blocks:
-            raise InputError(
-                f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter"
-            )
+            raise InputError(f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter")
         output = output + chain.zero_s * drift[source]
     lag_row = np.zeros(n)
     if chain.taus_s and max(chain.taus_s) > 0:

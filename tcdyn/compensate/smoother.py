@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
 from tcdyn.chain import Chain
-from tcdyn.compensate.grid import Grid
+from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
+from tcdyn.compensate.grid import Grid, readings
 from tcdyn.compensate.intensity import choose
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
 from tcdyn.compensate.noise import noise_sd as estimate_noise_sd
 from tcdyn.compensate.profile import Intensity
-from tcdyn.compensate.result import MISSING, Compensated
-from tcdyn.compensate.sensor import Sensor, stacked
-from tcdyn.compensate.sweep import backward, forward
+from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn
+from tcdyn.compensate.result import SPIKE, Compensated
+from tcdyn.compensate.sensor import stacked
+from tcdyn.compensate.sweep import Smoothed, backward, forward
 
 Array = NDArray[np.float64]
 
@@ -29,6 +32,8 @@ def smooth(
     noise_sd: ArrayLike | None = None,
     intensity: float | Intensity | Sequence[float | Intensity] | None = None,
     events_s: Sequence[float] = (),
+    event_u_s: float | Sequence[float] = 0.0,
+    find_events: bool | None = None,
     lag_covariance: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
 ) -> Compensated:
@@ -43,6 +48,9 @@ def smooth(
         noise_sd: per channel [K]; estimated when left out.
         intensity: q, a number or an ``Intensity`` per channel; by likelihood when left out.
         events_s: times from the first sample [s] at which the slope of x may jump (unloading), between samples too.
+        event_u_s: standard uncertainty of those times [s], one or one per event.
+        find_events: look for unannounced jumps of slope and treat them likewise, with the uncertainty of their time;
+            by default only when no event is given.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
         static_u: standard uncertainty of the static line [K], scalar, (M,) or (N, M).
 
@@ -54,21 +62,42 @@ def smooth(
     """
     data = np.asarray(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
-    stretch, flags = _stretch(data, dt_s, chains, events_s)
     m = data.shape[1]
     if noise_sd is None:
         start = np.array([estimate_noise_sd(data[:, c]) for c in range(m)])
     else:
         start = np.broadcast_to(np.asarray(noise_sd, dtype=float), (m,)).copy()
+    flags = flags_of(data, start)
+    warnings = refuse_or_warn(flags)
+    stretch = _stretch(data, flags, dt_s, chains, events_s)
+    u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
     if intensity is None:
         chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
     else:
         chosen, noise_var = _given(intensity, m), start**2
-    proposals = [[q] for q in chosen]
-    grid = grid_for(stretch, proposals, noise_var)
-    problem = problem_for(stretch, grid, noise_var, proposals)
-    mean, cov = backward(problem, forward(problem))
-    x, slope, sd, lag = _at_samples(stretch, grid, mean, cov)
+    grid, states = _sweep(stretch, noise_var, chosen)
+    outside = _outliers(stretch, grid, states, noise_var)
+    if outside.any():
+        flags = flags | np.where(outside, SPIKE, 0).astype(np.uint8)
+        stretch = replace(stretch, weight=np.where(outside, 0.0, stretch.weight))
+        grid, states = _sweep(stretch, noise_var, chosen)
+    longest_lag = max(s.lag_s for s in stretch.sensors)
+    seek = not events_s if find_events is None else find_events
+    while seek and intensity is None and len(u_of) < len(events_s) + MOST:
+        found = candidate(grid, states.jump_z, stretch.events_s, guard_s=2 * longest_lag)
+        if found is None:
+            break
+        reach = 2.0 * float(np.diff(grid.knots_s)[np.searchsorted(grid.knots_s, found) - 1])
+        tried, q, var, u = _with_event(stretch, found, reach, start**2, noise_sd is not None)
+        if u > SHARP * (longest_lag + dt_s):
+            break
+        stretch, chosen, noise_var = tried, q, var
+        u_of = {e: u_of.get(e, u) for e in stretch.events_s}
+        grid, states = _sweep(stretch, noise_var, chosen)
+    x, slope, sd, lag = _at_samples(stretch, grid, states.mean, states.cov)
+    for event, u in u_of.items():
+        if u > 0:
+            sd = np.hypot(sd, _event_sd(stretch, event, u, noise_var, chosen))
     lag_cov = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=float)
     line_u = np.zeros_like(x) if static_u is None else np.broadcast_to(np.asarray(static_u, dtype=float), x.shape)
     total = np.sqrt(sd**2 + lag**2 * np.diag(lag_cov) + line_u**2)
@@ -76,32 +105,72 @@ def smooth(
     level = np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen])
     return Compensated(
         x, total, sd, slope, lag, np.asarray(line_u), lag_cov, np.sqrt(noise_var), level, flags, time,
-        "fixed-interval smoother",
+        "fixed-interval smoother", warnings, tuple(u_of.items()), tuple(chosen),
     )  # fmt: skip
 
 
 def _stretch(
-    data: Array, dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float]
-) -> tuple[Stretch, NDArray[np.uint8]]:
+    data: Array, flags: NDArray[np.uint8], dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float]
+) -> Stretch:
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
-        raise InputError(
-            f"smooth: {m} channels but {len(listed)} chains", expected="one chain, or one per channel"
-        )
+        raise InputError(f"smooth: {m} channels but {len(listed)} chains", expected="one chain, or one per channel")
     if n < 8 or not dt_s > 0:
-        raise InputError(
-            f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval"
-        )
-    missing = ~np.isfinite(data)
-    if np.any(missing.sum(axis=0) > n - 8):
-        c = int(np.argmax(missing.sum(axis=0)))
-        raise InputError(f"smooth: channel {c} has fewer than 8 samples", remedy="leave this channel out")
-    flags = np.where(missing, MISSING, 0).astype(np.uint8)
-    y = np.where(missing, 0.0, data)
-    weight = np.where(missing, 0.0, 1.0)
+        raise InputError(f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval")
+    if np.any((flags == 0).sum(axis=0) < 8):
+        c = int(np.argmin((flags == 0).sum(axis=0)))
+        raise InputError(f"smooth: channel {c} has fewer than 8 good samples", remedy="leave this channel out")
+    y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
+    weight = np.where(flags == 0, 1.0, 0.0)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(y, weight, dt_s, tuple(listed), tuple(stacked(listed)), events), flags
+    return Stretch(y, weight, dt_s, tuple(listed), tuple(stacked(listed)), events)
+
+
+def _bridged(y: Array, good: NDArray[np.bool_]) -> Array:
+    """Straight lines across the bad samples: they carry no weight, but spectra need a value there."""
+    at = np.arange(len(y))
+    return y if good.all() else np.interp(at, at[good], y[good])
+
+
+def _sweep(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> tuple[Grid, Smoothed]:
+    proposals = [[q] for q in chosen]
+    grid = grid_for(stretch, proposals, noise_var)
+    problem = problem_for(stretch, grid, noise_var, proposals)
+    return grid, backward(problem, forward(problem))
+
+
+def _outliers(stretch: Stretch, grid: Grid, states: Smoothed, noise_var: Array) -> NDArray[np.bool_]:
+    """Samples (N, M) beyond six standard deviations of a fit that is otherwise good, three or fewer together."""
+    out = np.zeros(stretch.y.shape, dtype=bool)
+    for c, s in enumerate(stretch.sensors):
+        residual = stretch.y[:, c] - readings(grid, s, states.mean[:, c], len(stretch.y), stretch.dt_s)
+        far = (np.abs(residual) > SPIKE_SD * np.sqrt(noise_var[c])) & (stretch.weight[:, c] > 0)
+        crowd = np.convolve(far, np.ones(7), mode="same")
+        out[:, c] = far & (crowd <= 3)
+    return out
+
+
+def _with_event(
+    stretch: Stretch, found_s: float, reach_s: float, start_var: Array, noise_known: bool
+) -> tuple[Stretch, list[Intensity], Array, float]:
+    """The record with an event found near ``found_s``: its time by likelihood, the intensities chosen anew."""
+    rough = replace(stretch, events_s=tuple(sorted((*stretch.events_s, found_s))))
+    chosen, noise_var = choose(rough, start_var, noise_known)
+    at, u = timed(rough, found_s, reach_s, noise_var, chosen)
+    sharp = replace(stretch, events_s=tuple(sorted((*stretch.events_s, at))))
+    chosen, noise_var = choose(sharp, start_var, noise_known)
+    return sharp, chosen, noise_var, u
+
+
+def _event_sd(stretch: Stretch, event_s: float, u_s: float, noise_var: Array, chosen: Sequence[Intensity]) -> Array:
+    """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
+    answers = []
+    for to in (event_s - u_s, event_s + u_s):
+        moved = replace(stretch, events_s=tuple(sorted(to if e == event_s else e for e in stretch.events_s)))
+        grid, states = _sweep(moved, noise_var, [moved_event(q, event_s, to) for q in chosen])
+        answers.append(_at_samples(moved, grid, states.mean, states.cov)[0])
+    return np.asarray(0.5 * np.abs(answers[1] - answers[0]))
 
 
 def _given(intensity: float | Intensity | Sequence[float | Intensity], m: int) -> list[Intensity]:

@@ -29,9 +29,7 @@ def dense_smoother(y, dt, chain, noise_sd, q):
     long = [np.ones(n + run_in), (np.arange(n + run_in) - run_in) * dt]
     long += [np.maximum(np.arange(n + run_in) - run_in - k, 0) * dt for k in range(1, n)]
     y_of = chain.response(np.stack(long, axis=1), dt)[run_in:]
-    slow = (
-        -chain.lag_s
-    )  # a ramp followed for ever lags by lag_s; the run-in starts it in equilibrium with its level
+    slow = -chain.lag_s  # a ramp followed for ever lags by lag_s; the run-in starts it in equilibrium with its level
     y_of[:, 1] = np.arange(n) * dt + slow
     precision = np.diag(np.r_[0.0, 0.0, np.full(n - 1, 1 / (q * dt))])
     cov = np.linalg.inv(y_of.T @ y_of / noise_sd**2 + precision)

@@ -1,0 +1,74 @@
+"""Samples that are no measurement: missing, spikes, a channel that is stuck or against its stop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from calibration.errors import InputError
+from tcdyn.compensate.result import MISSING, SATURATED, SPIKE, STUCK
+
+Array = NDArray[np.float64]
+SPIKE_SD = 6.0  # one sample in 5e8 of normal noise
+NEIGHBOURS = 9  # a spike of up to four samples stands out of the median of nine
+
+
+def flags_of(y: Array, noise_sd: Array) -> NDArray[np.uint8]:
+    """Bits MISSING, SPIKE, STUCK, SATURATED for each sample of ``y (N, M)`` with noise ``noise_sd (M,)`` [K].
+
+    A spike lies more than six standard deviations (of noise and of the local wiggle) from the median of its nine
+    neighbours. Stuck and saturated are runs of one value longer than chance repeats of this record's resolution.
+    """
+    flags = np.zeros(y.shape, dtype=np.uint8)
+    for c in range(y.shape[1]):
+        bad = ~np.isfinite(y[:, c])
+        flags[bad, c] |= MISSING
+        good = np.flatnonzero(~bad)
+        if len(good) < NEIGHBOURS:
+            continue
+        trace = y[good, c]
+        runs = _long_runs(trace)
+        stop = (trace == trace.max()) | (trace == trace.min())
+        flags[good[runs & stop], c] |= SATURATED
+        flags[good[runs & ~stop], c] |= STUCK
+        away = np.abs(trace - median_filter(trace, NEIGHBOURS, mode="nearest"))
+        wiggle = 1.4826 * median_filter(away, 8 * NEIGHBOURS + 1, mode="nearest")
+        flags[good[away > SPIKE_SD * np.maximum(noise_sd[c], wiggle)], c] |= SPIKE
+    return flags
+
+
+def _long_runs(trace: Array) -> NDArray[np.bool_]:
+    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere."""
+    n = len(trace)
+    change = np.flatnonzero(np.diff(trace)) + 1
+    starts, ends = np.concatenate([[0], change]), np.concatenate([change, [n]])
+    lengths = ends - starts
+    usual = lengths <= np.quantile(lengths, 0.99)
+    repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
+    longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
+    long = lengths > longest
+    return np.repeat(long, lengths)
+
+
+def refuse_or_warn(flags: NDArray[np.uint8]) -> tuple[str, ...]:
+    """Sentences about channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring."""
+    said = []
+    for c in range(flags.shape[1]):
+        stuck = float(np.mean(flags[:, c] & (STUCK | SATURATED) != 0))
+        bad = float(np.mean(flags[:, c] != 0))
+        if stuck > 0.5:
+            raise InputError(
+                f"channel {c}: {100 * stuck:.0f} % of the samples repeat one value",
+                expected="a trace with noise on it",
+                remedy="check the wiring and the range of this channel, or leave it out",
+            )
+        if stuck > 0:
+            first = int(np.flatnonzero(flags[:, c] & (STUCK | SATURATED))[0])
+            said.append(
+                f"channel {c}: stuck or saturated in {100 * stuck:.2g} % of the record, first at sample {first}; "
+                "those samples are treated as missing"
+            )
+        elif bad > 0.01:
+            said.append(f"channel {c}: {100 * bad:.2g} % of the samples are missing or spikes and carry no weight")
+    return tuple(said)
