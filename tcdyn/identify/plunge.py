@@ -14,11 +14,13 @@ from calibration.estimate import Estimate
 from immersion.correlations import THESIS_THREE, Bath, Correlation, Validity, check_validity
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import Chain, conditioning_lag_s
+from tcdyn.identify.plunge_form import ModelForm, model_form
 from tcdyn.identify.plunge_layout import STRUCTURES, Layout, Structure, stages
 from tcdyn.identify.plunge_map import Optimum, fit_map
 from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_result import ModelForm, PlungeFit, conditional_u, lag_shares, split_lags
+from tcdyn.identify.plunge_result import PlungeFit, conditional_u, lag_shares, split_lags
 from tcdyn.identify.plunge_run import Blocks, PlungeRun, make_blocks
+from tcdyn.identify.plunge_scan import LagScan, lag_covariance, scan_common_lag
 
 Array = NDArray[np.float64]
 
@@ -61,24 +63,10 @@ def identify_plunges(
         known = _bath(run, chosen, setup).property_u_rel(initial[r], float(b.bath_degC[0]))["total"]
         sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
     best = fit_map(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K=face_W_m2K)
-    others = {
-        name: fit_map(
-            runs,
-            blocks,
-            setup,
-            layout,
-            find_correlation(name),
-            mean,
-            sd,
-            start=best.theta,
-            face_W_m2K=face_W_m2K,
-            passes=1,
-        )
-        for name in alternatives
-        if find_correlation(name).name != chosen.name
-    }
-    form = _model_form({chosen.name: best, **others}, layout, conditioning_lag_s(setup.conditioning))
-    return _result(runs, blocks, setup, chosen, layout, priors, best, form)
+    scan, best = scan_common_lag(best)
+    others = [find_correlation(name) for name in alternatives]
+    form = model_form(best, scan, chosen, others, conditioning_lag_s(setup.conditioning))
+    return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form)
 
 
 def _result(
@@ -89,13 +77,15 @@ def _result(
     layout: Layout,
     priors: PlungePriors,
     best: Optimum,
+    scan: LagScan,
     form: ModelForm,
 ) -> PlungeFit:
     channels = layout.channels
     own = conditioning_lag_s(setup.conditioning)
     lag = best.theta[layout.lag] + own
-    covariance = best.covariance[layout.lag, layout.lag] + form.covariance
-    common, differential = split_lags(lag, covariance, channels)
+    covariance = lag_covariance(scan) + form.covariance
+    _, differential = split_lags(lag, covariance, channels)
+    common = scan.estimate(own, form.u_common_s)
     u = np.sqrt(np.diag(covariance))
     validity = tuple(
         check_validity(_bath(r, chosen, setup), s.temperature_degC, m.bath_degC)
@@ -112,7 +102,7 @@ def _result(
         common_lag_s=common,
         differential_lag_s=differential,
         nuisances=_nuisances(best),
-        budget=lag_shares(best, form),
+        budget=lag_shares(best, scan, form),
         model_form=form,
         validity=validity,
         warnings=_warnings(runs, blocks, best, validity),
@@ -122,6 +112,7 @@ def _result(
         setup=setup,
         runs=tuple(runs),
         optimum=best,
+        scan=scan,
     )
 
 
@@ -138,18 +129,6 @@ def _chain(theta: Array, layout: Layout, j: int, setup: DiskSetup) -> Chain:
         layout.structure, float(theta[layout.lag][j]), float(theta[layout.common_split] + theta[layout.split][j])
     )
     return Chain(tuple(float(t) for t in taus), delay_s=float(delay), conditioning=setup.conditioning)
-
-
-def _model_form(fits: dict[str, Optimum], layout: Layout, own_lag_s: float) -> ModelForm:
-    lags = np.array([f.theta[layout.lag] + own_lag_s for f in fits.values()])
-    c = lags.shape[1]
-    covariance = np.cov(lags.T, ddof=1).reshape(c, c) if len(fits) > 1 else np.zeros((c, c))
-    common = {
-        name: Estimate.normal(float(row.mean()), float(np.sqrt(f.covariance[layout.lag, layout.lag].mean())))
-        for (name, f), row in zip(fits.items(), lags)
-    }
-    cost = {name: f.cost for name, f in fits.items()}
-    return ModelForm(common, cost, covariance, float(np.sqrt(max(covariance.mean(), 0.0))))
 
 
 def _nuisances(best: Optimum) -> pd.DataFrame:

@@ -108,39 +108,44 @@ def normal_equations(
 
 
 def minimise(
-    problem: Problem, theta: Array, *, limit: int = 30, tolerance: float = 1e-3, held: Array | None = None
+    problem: Problem, theta: Array, *, limit: int = 30, tolerance: float = 2e-2, directions: Array | None = None
 ) -> Optimum:
-    """Levenberg-Marquardt from ``theta`` until the cost falls by less than ``tolerance`` (in units of chi-square).
+    """Levenberg-Marquardt from ``theta`` until a full step would lower the cost by less than ``tolerance``,
+    or until two steps in a row have.
 
-    ``held`` (P,) True keeps a parameter where it is: profile likelihoods.
+    The cost is in units of chi-square. ``directions`` (P, F), orthonormal, are those the parameters may move along;
+    None frees all of them.
     """
     lay = problem.layout
-    free = np.ones(lay.size, dtype=bool) if held is None else ~held
+    free = np.eye(lay.size) if directions is None else directions
     starts: list[Array | None] = [None] * lay.runs
     state = normal_equations(problem, theta, starts)
-    damping, converged, k = 1e-4, False, 0
+    damping, converged, k, idle = 1e-4, False, 0, 0
+    guard = np.sum(free**2 * precision(problem)[:, None], axis=0)
     for k in range(1, limit + 1):
         cost, gradient, hessian = state[:3]
+        slope, curvature = free.T @ gradient, free.T @ hessian @ free
+        if float(slope @ _solve(curvature, slope)) < tolerance:
+            converged = True
+            break
         starts = [s.temperature_degC for s in state[5]]
-        trial_ok = False
+        accepted = False
         for _ in range(8):
-            step = np.zeros(lay.size)
-            damped = hessian[np.ix_(free, free)] + damping * np.diag(np.diag(hessian)[free])
-            step[free] = -_solve(damped, gradient[free])
+            step = -free @ _solve(curvature + damping * np.diag(np.diag(curvature)) + 1e4 * damping * np.diag(guard), slope)
             new = theta + _limited(step, lay)
             new[lay.lag] = np.maximum(new[lay.lag], LEAST_LAG_S)
             trial = normal_equations(problem, new, starts)
             if np.isfinite(trial[0]) and trial[0] <= cost + 1e-9:
-                trial_ok = True
+                accepted = True
                 break
             damping = max(damping * 10, 1e-3)
-        if not trial_ok:
+        if not accepted:
             converged = True  # no step lowers the cost: at the optimum to rounding
             break
-        gained = cost - trial[0]
+        idle = idle + 1 if cost - trial[0] < tolerance else 0
         theta, state = new, trial
         damping = max(damping / 10, 1e-9)
-        if gained < tolerance and k > 1:
+        if idle >= 2:
             converged = True
             break
     return Optimum(
@@ -162,15 +167,13 @@ def _solve(matrix: Array, rhs: Array) -> Array:
 
 
 def _limited(step: Array, lay: Layout) -> Array:
-    """No single step changes h, a burst or a split by more than a factor of e, or a lag by more than 1 s."""
-    out = step.copy()
+    """The step, shortened so that no h, burst or split changes by more than e-fold and no lag by more than 0.5 s."""
+    largest = np.full(lay.size, np.inf)
     for r in range(lay.runs):
-        own = lay.run(r)
-        out[own.start : own.start + 5] = np.clip(out[own.start : own.start + 5], -1.0, 1.0)
-    out[lay.lag] = np.clip(out[lay.lag], -1.0, 1.0)
-    out[lay.split] = np.clip(out[lay.split], -1.5, 1.5)
-    out[lay.common_split] = np.clip(out[lay.common_split], -1.5, 1.5)
-    return out
+        largest[lay.run(r)][:5] = 1.0
+    largest[lay.lag] = 0.5
+    largest[lay.split] = largest[lay.common_split] = 1.5
+    return step / max(1.0, float(np.max(np.abs(step) / largest)))
 
 
 def fit_map(
@@ -203,6 +206,8 @@ def fit_map(
         tuple(Inflation() for _ in blocks),
         tuple(np.ones(b.readings_degC.shape) for b in blocks),
     )
+    if start is None:
+        theta = _staged(problem, theta)
     best = minimise(problem, theta)
     for _ in range(passes):
         theta = best.theta
@@ -215,6 +220,16 @@ def fit_map(
         problem = judged(replace(problem, models=models), best)
         best = minimise(problem, theta)
     return best
+
+
+def _staged(problem: Problem, theta: Array) -> Array:
+    """A start near the valley: h and initial temperature first, then lags and static offsets too."""
+    names = problem.layout.names()
+    stages = (("ln_h_", "initial_"), ("ln_h_", "initial_", "lag_", "offset_"))
+    for starts in stages:
+        free = np.eye(problem.layout.size)[:, [n.startswith(starts) for n in names]]
+        theta = minimise(problem, theta, limit=6, directions=free).theta
+    return theta
 
 
 def judged(problem: Problem, best: Optimum) -> Problem:

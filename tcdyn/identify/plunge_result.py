@@ -12,21 +12,13 @@ from calibration.disk import DiskSetup
 from calibration.estimate import Estimate
 from immersion.correlations import Validity
 from tcdyn.chain import Chain
-from tcdyn.identify.plunge_map import Optimum
+from tcdyn.identify.plunge_form import ModelForm
+from tcdyn.identify.plunge_map import Optimum, inverse
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun
+from tcdyn.identify.plunge_scan import LagScan, lag_covariance
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ModelForm:
-    """The same data under other correlations: common lag of each, cost of each, and the spread's covariance."""
-
-    common_lag_s: dict[str, Estimate]
-    cost: dict[str, float]
-    covariance: Array  # (C, C) of the lags, from the spread between correlations
-    u_common_s: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +54,7 @@ class PlungeFit:
     setup: DiskSetup
     runs: tuple[PlungeRun, ...] = field(repr=False)
     optimum: Optimum = field(repr=False)
+    scan: LagScan = field(repr=False)
 
     def summary(self) -> str:
         """A few lines of text."""
@@ -95,8 +88,12 @@ def split_lags(lag: Array, covariance: Array, channels: tuple[str, ...]) -> tupl
     return common, rest
 
 
-def lag_shares(best: Optimum, form: ModelForm) -> tuple[LagShare, ...]:
-    """Where the lags' uncertainty comes from: each group of parameters held known, the variance that goes away."""
+def lag_shares(best: Optimum, scan: LagScan, form: ModelForm) -> tuple[LagShare, ...]:
+    """Where the lags' uncertainty comes from: each group of parameters held known, the variance that goes away.
+
+    The first row is the marginal posterior's; the groups are by its normal approximation and do not add up, because
+    they stand in for each other.
+    """
     lay = best.problem.layout
     full = best.covariance[lay.lag, lay.lag]
     names = lay.names()
@@ -113,7 +110,7 @@ def lag_shares(best: Optimum, form: ModelForm) -> tuple[LagShare, ...]:
         "conductivity and junction depths": matching("ln_conductivity", "depth_"),
         "split of the lag": matching("split_", "common_split"),
     }
-    out = [_share("all of the fit", full)]
+    out = [_share("all of the fit", lag_covariance(scan))]
     everything = np.zeros(lay.size, dtype=bool)
     for name, held in groups.items():
         out.append(_share(name, full - _held(best.hessian, held, lay.lag)))
@@ -131,8 +128,6 @@ def conditional_u(best: Optimum, *starts: str) -> float:
 
 
 def _held(hessian: Array, held: NDArray[np.bool_], lag: slice) -> Array:
-    from tcdyn.identify.plunge_map import inverse
-
     keep = np.flatnonzero(~held)
     covariance = inverse(hessian[np.ix_(keep, keep)])
     at = np.searchsorted(keep, np.arange(lag.start, lag.stop))
