@@ -198,9 +198,7 @@ def _chunk(
 ) -> tuple[list[Array], list[Array]]:
     """The banks of samples start..stop-1 and the states at the last of them."""
     inside = [
-        Switch(s.index - start, s.fraction, s.before, s.after)
-        for s in drive.switches
-        if start <= s.index < stop - 1
+        Switch(s.index - start, s.fraction, s.before, s.after) for s in drive.switches if start <= s.index < stop - 1
     ]
     banks = []
     for k in range(u.shape[1]):

@@ -168,14 +168,11 @@ def forcing(s: Spectrum, split: bool = False) -> Any:
     return stack(rows) / rate
 
 
-def readings(
-    rim: Rim, points: Sequence[Point], mesh: Mesh, inner_radius: Any, shift: Any = 0.0
-) -> tuple[Any, Array]:
+def readings(rim: Rim, points: Sequence[Point], mesh: Mesh, inner_radius: Any, shift: Any = 0.0) -> tuple[Any, Array]:
     """Weights of the points on the r nodes (P, nr) and z nodes (P, nz); ``shift`` deepens all points."""
     dr = (rim.outer_radius_m - inner_radius) / (mesh.nr - 1)
     in_r = [
-        op.reading_weights((rim.outer_radius_m - depth - shift - inner_radius) / dr, mesh.nr)
-        for depth, _ in points
+        op.reading_weights((rim.outer_radius_m - depth - shift - inner_radius) / dr, mesh.nr) for depth, _ in points
     ]
     in_z = [op.reading_weights(z / rim.width_m * (mesh.nz - 1), mesh.nz) for _, z in points]
     return stack(in_r), np.stack(in_z)

@@ -132,9 +132,7 @@ def flux_density(flux: Flux, half_width: Any, width: float, n: int) -> Any:
     return (total[1:] - total[:-1]) / cells
 
 
-def profile_basis(
-    kind: str, z: Array, at: tuple[float, float, float], width: float, lowest: Any, reading: Any
-) -> Any:
+def profile_basis(kind: str, z: Array, at: tuple[float, float, float], width: float, lowest: Any, reading: Any) -> Any:
     """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two.
 
     "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions

@@ -61,9 +61,7 @@ def rim_sensitivities(
     eye = np.eye(q)
     volume_heat = rim.density_kg_m3 * rim.specific_heat_J_kgK
     values = (h_W_m2K, rim.conductivity_W_mK, volume_heat, 0.0, 0.0, rim.washer_W_m2K, half_width_m)
-    h, k, capacity, inner_depth, shift, washer, b = (
-        Dual(np.asarray(float(v)), eye[i]) for i, v in enumerate(values)
-    )
+    h, k, capacity, inner_depth, shift, washer, b = (Dual(np.asarray(float(v)), eye[i]) for i, v in enumerate(values))
     inner = rim.inner_radius_m - inner_depth
     given = {"conductivity": k, "heat_capacity": capacity, "washer": washer, "inner_radius": inner}
     s = spectrum(rim, h, b, profile, flux, mesh, given)

@@ -1,0 +1,124 @@
+"""Pictures of the rim model: fields, boundary profiles, maps of beta and h, and the checks of section 3.6."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tcdyn.conduction.modal import spectrum
+from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
+from tcdyn.verify.checks import Comparison, Convergence
+from tcdyn.verify.mesh_study import IDEAL_TIMES_S, MeshErrors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None) -> Axes:
+    """Isotherms of a field (nr, nz) [degC] over z and depth, the running surface on top; junctions by name."""
+    field = np.asarray(field_degC, dtype=float)
+    depth = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
+    z = np.linspace(0.0, rim.width_m, field.shape[1]) * 1e3
+    filled = ax.contourf(z, depth, field, levels=14, cmap="inferno")
+    ax.figure.colorbar(filled, ax=ax, label="temperature [degC]")
+    for name, (d, at) in (points or {}).items():
+        ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor="black", markersize=5)
+        ax.annotate(name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white")
+    ax.invert_yaxis()
+    ax.set_xlabel("z [mm]")
+    ax.set_ylabel("depth [mm]")
+    return ax
+
+
+def draw_profiles(
+    rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
+) -> Axes:
+    """Figure 3.8: the three boundary profiles through readings (d, b, f) along r = R_i."""
+    z = np.linspace(0.0, rim.width_m, mesh.nz)
+    kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
+    for kind in kinds:
+        basis = spectrum(rim, 0.0, rim.width_m / 4, kind, "uniform", mesh).profile
+        line = np.asarray(readings_degC) @ basis[:3] + ambient_degC * basis[3:].sum(axis=0)
+        ax.plot(z * 1e3, line, label=kind)
+    ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="d, b, f")
+    ax.set_xlabel("z [mm]")
+    ax.set_ylabel("temperature at R_i [degC]")
+    ax.legend()
+    return ax
+
+
+def draw_comparison(check: Comparison, ax: Axes) -> Axes:
+    """A closed form (line) and the scheme (dots), with the error in percent on the right."""
+    ax.plot(check.x, check.exact, label="closed form")
+    step = max(len(check.x) // 25, 1)
+    ax.plot(check.x[::step], check.scheme[::step], "o", markersize=4, label="scheme")
+    ax.set_xlabel(check.x_label)
+    ax.set_ylabel("temperature [degC]")
+    ax.set_title(check.title)
+    right = ax.twinx()
+    right.plot(check.x, check.error_percent, color="0.5", linewidth=0.8)
+    right.set_ylabel("error [%]", color="0.4")
+    ax.legend(loc="center right")
+    return ax
+
+
+def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
+    """Largest error against the number of nodes, log-log, with the fitted orders."""
+    for check in checks:
+        ax.loglog(check.nodes, check.error_K, "o-", label=f"{check.title}: order {check.order:.2f}")
+    ax.set_xlabel("nodes in r")
+    ax.set_ylabel("largest error [K]")
+    ax.legend()
+    return ax
+
+
+def draw_mesh_errors(
+    ours: Mapping[str, MeshErrors], published: Mapping[str, Sequence[float]], ax: Axes, part: str = "maximum"
+) -> Axes:
+    """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
+    for k, (name, errors) in enumerate(ours.items()):
+        ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), "o-", color=f"C{k}", label=f"mesh {name}")
+        ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=f"C{k}")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(f"{part} error against mesh IV [%]")
+    ax.legend(title="crosses: published")
+    return ax
+
+
+def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
+    """The steady map of chapter 4: misfit (H, B) [K] over film coefficient and share of the heat."""
+    filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis")
+    ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
+    ax.set_xlabel("h [W/m2K]")
+    ax.set_ylabel("share of the heat")
+    return ax
+
+
+def verify_figures() -> dict[str, Figure]:
+    """The pictures of the verification report, by caption."""
+    from matplotlib.figure import Figure
+
+    from tcdyn.verify import checks
+    from tcdyn.verify.mesh_rows import TABLE_3_2
+    from tcdyn.verify.mesh_study import ideal_study
+
+    def one() -> tuple[Figure, Axes]:
+        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+        return figure, figure.subplots()
+
+    out = {}
+    for check in (checks.transient_check(), checks.steady_check()):
+        figure, ax = one()
+        draw_comparison(check, ax)
+        out[check.title] = figure
+    figure, ax = one()
+    draw_convergence([checks.series_convergence(), checks.product_convergence()], ax)
+    out["order of convergence against two closed forms"] = figure
+    figure, ax = one()
+    draw_mesh_errors(ideal_study(late_steps=1), TABLE_3_2, ax)
+    out["table 3.2: ours with the heat one step late (lines), published (crosses)"] = figure
+    return out

@@ -1,0 +1,46 @@
+"""One line of the verification table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Verdict = Literal["agrees", "differs", "not checkable"]
+
+
+@dataclass(frozen=True)
+class VerifyRow:
+    """A published number beside ours. ``why`` says what "agrees" means here, or why nothing more can be said."""
+
+    quantity: str
+    source: str
+    published: str
+    ours: str
+    verdict: Verdict
+    why: str
+
+    @property
+    def failed(self) -> bool:
+        """Whether this row must stop a release."""
+        return self.verdict == "differs"
+
+
+def row(quantity: str, source: str, published: str, ours: str, ok: bool, why: str) -> VerifyRow:
+    """A row whose verdict is a computed truth value."""
+    return VerifyRow(quantity, source, published, ours, "agrees" if ok else "differs", why)
+
+
+def within(ours: Sequence[float], published: Sequence[float], relative: float = 0.0, absolute: float = 0.0) -> bool:
+    """Whether every number of ours is as close to its published one as told.
+
+    >>> within([1.0667], [1.067], absolute=5e-4)
+    True
+    """
+    pairs = zip(ours, published, strict=True)
+    return all(abs(a - b) <= relative * abs(b) + absolute for a, b in pairs)
+
+
+def numbers(values: Sequence[float], digits: int) -> str:
+    """Numbers with so many decimals, separated by commas."""
+    return ", ".join(f"{v:.{digits}f}" for v in values)
