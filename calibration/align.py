@@ -10,6 +10,8 @@ import numpy as np
 from calibration.errors import InputError
 from calibration.table import FloatArray
 
+SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
+
 
 @dataclass(frozen=True)
 class Track:
@@ -82,18 +84,18 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray, dic
     end = min(t.end_s for t in tracks.values())
     grid = min(tracks.values(), key=lambda t: t.dt_s or np.inf)
     step = float(grid.dt_s or 1.0)
-    first = int(np.ceil((begin - grid.start_s) / step - 1e-6))
-    last = int(np.floor((end - grid.start_s) / step + 1e-6))
+    first = int(np.ceil((begin - grid.start_s) / step - SAME))
+    last = int(np.floor((end - grid.start_s) / step + SAME))
     if last <= first:
         raise InputError("the channels share no time", where=where, expected="overlapping time tracks")
     at = grid.start_s + np.arange(first, last + 1) * step
     data: dict[str, FloatArray] = {}
     for name, track in tracks.items():
         place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
-        whole = np.minimum((place + 1e-6).astype(int), len(track.values) - 1)
+        whole = np.minimum((place + SAME).astype(int), len(track.values) - 1)
         after = np.minimum(whole + 1, len(track.values) - 1)
         part = np.clip(place - whole, 0.0, 1.0)
-        part[part < 1e-6] = 0.0
+        part[part < SAME] = 0.0
         v = track.values
         levels = np.unique(v[np.isfinite(v)][:100_000])
         held = len(levels) <= 2

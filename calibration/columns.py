@@ -161,7 +161,7 @@ def _missing(
 ) -> InputError:
     layout = LAYOUTS[kind]
     looks = recognise(have)
-    if looks is not None and looks != kind and len(missing) >= 2:
+    if looks is not None and looks != kind and (len(missing) >= 2 or set(LAYOUTS[looks].required) <= have):
         return InputError(
             f"this looks like {LAYOUTS[looks].name} (it lacks {_listed(missing)})",
             where=where,

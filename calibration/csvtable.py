@@ -243,10 +243,11 @@ def _named(dialect: Dialect, where: str) -> tuple[str, ...]:
     names = list(dialect.names)
     while len(names) > dialect.fields and not names[-1]:
         names.pop()
-    if len(names) > dialect.fields:
+    if len(names) > dialect.fields or dialect.fields > len(names) + 1:
         raise InputError(
             f"the header has {len(names)} names but row {dialect.skip + 1} has {dialect.fields} fields",
             where=where,
             expected="one name for each column",
+            remedy="decimal commas need semicolons or tabs between columns" if dialect.separator == "," else "",
         )
     return tuple(names + [""] * (dialect.fields - len(names)))

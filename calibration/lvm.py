@@ -13,6 +13,7 @@ from pyarrow import csv as pacsv
 
 from calibration.align import Track, align
 from calibration.csvtable import CsvTable
+from calibration.dialect import ABSENT, is_number
 from calibration.errors import InputError
 from calibration.table import Columns, FloatArray, RowNumbers, Table
 
@@ -139,9 +140,7 @@ def _numbers(body: list[str], separator: str, decimal: str, names: list[str], wh
     except (pa.ArrowInvalid, ValueError) as problem:
         for i, line in enumerate(body):
             for name, cell in zip(names, line.split(separator)):
-                try:
-                    float(cell.replace(decimal, ".").strip() or "nan")
-                except ValueError:
+                if not is_number(cell, decimal) and cell.strip().lower() not in ABSENT:
                     raise InputError(
                         f"column {name}, row {first + i}: {cell[:40]!r} is no number",
                         where=where,

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from nptdms import TdmsFile
+from nptdms.log import log_manager
 
 from calibration.align import Track, align
 from calibration.errors import InputError
 from calibration.table import Columns, FloatArray, RowNumbers
 
-logging.getLogger("nptdms").setLevel(logging.ERROR)
+log_manager.set_level(logging.ERROR)
 
 _EPOCH = np.datetime64("2000-01-01", "us")
 
@@ -88,11 +90,14 @@ class TdmsTable:
                     parts["time_s"] = np.asarray((start + np.arange(count)) * track.dt_s, dtype=np.float64)
                 yield Columns(parts, (), RowNumbers(start + 1))
 
-    def _open(self) -> Any:
-        try:
-            return TdmsFile.open(self.path)
-        except Exception as problem:  # npTDMS raises many kinds on damaged files
-            raise self._damaged(problem) from None
+    @contextmanager
+    def _open(self) -> Iterator[Any]:
+        with open(self.path, "rb") as stream:
+            try:
+                file = TdmsFile.open(stream)
+            except Exception as problem:  # npTDMS raises many kinds on damaged files
+                raise self._damaged(problem) from None
+            yield file
 
     def _damaged(self, problem: BaseException) -> InputError:
         text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__

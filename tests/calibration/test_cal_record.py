@@ -1,0 +1,236 @@
+"""The record: whole, checked key by key, comparable with the one before."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from cal_cases import oven_frame, oven_truth, write
+from typer.testing import CliRunner
+
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.record import (
+    ChainRecord,
+    ChannelChain,
+    DiskRecord,
+    InputFile,
+    conditioning_lag_s,
+    now_utc,
+    parse_record,
+    read_record,
+    require_disk,
+    write_record,
+)
+from calibration.recorddiff import check_record, diff_records
+from calibration.rigfile import load_rig
+from calibration.static import fit_static_lines
+from tcdyn.chain import conditioning_lag_s as chain_conditioning_lag_s
+from tcdyn.cli.record import app
+from tcdyn.plots.certificate import certificate_assumptions, certificate_sections, certificate_verdict
+from tcdyn.report.page import write_page
+
+
+def make_chain(shift_s: float = 0.0) -> ChainRecord:
+    lags = {c: 0.70 + 0.01 * k + (shift_s if c == "e" else 0.0) for k, c in enumerate(CHANNELS)}
+    common = float(np.mean(list(lags.values())))
+    filter_s = conditioning_lag_s(load_rig().common.conditioning)
+    covariance = 0.04 * np.ones((6, 6)) + 2.5e-5 * np.eye(6)
+    u = float(np.sqrt(covariance[0, 0]))
+    return ChainRecord(
+        structure="P2",
+        channels={
+            c: ChannelChain(tau1_s=lag - filter_s - 0.1, tau2_s=0.1, lag_s=Estimate.normal(lag, u))
+            for c, lag in lags.items()
+        },
+        covariance=covariance.tolist(),
+        common_lag_s=Estimate.normal(common, 0.2),
+        differential_lag_s={c: Estimate.normal(lag - common, 0.005) for c, lag in lags.items()},
+    )
+
+
+def make_record(frame=None, **more) -> DiskRecord:
+    fit = fit_static_lines(oven_frame() if frame is None else frame)
+    fields = {"disk": "fast", "created": now_utc(), "static": fit.lines, "chain": make_chain(), **more}
+    return DiskRecord(**fields)
+
+
+RECORD = make_record()
+
+
+def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
+    path = write_record(RECORD, tmp_path / "fast.disk.json")
+    assert read_record(path) == RECORD
+    keys = json.loads(path.read_text())
+    assert keys["schema"] == "tcdyn.disk/1"
+    wanted = {"schema", "disk", "created", "inputs", "static", "chain", "conditioning", "fit", "warnings", "setup"}
+    assert wanted <= set(keys)
+    assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(keys["chain"])
+    assert {"value", "u", "low95", "high95"} == set(keys["chain"]["channels"]["a"]["lag_s"])
+
+
+def test_inputs_carry_their_hashes(tmp_path):
+    item = InputFile.of(write(tmp_path, "oven.csv", "abc"))
+    assert item.file == "oven.csv"
+    assert item.sha256.startswith("ba7816bf")  # FIPS 180's own example, "abc"
+
+
+def test_the_filters_own_lag_is_the_chains():
+    for shape in ("cascade", "butterworth"):
+        for poles in range(5):
+            table = load_rig().common.conditioning.model_copy(update={"shape": shape, "poles": poles})
+            setup = load_rig().disk_setup("fast").conditioning
+            same = type(setup)(table.cutoff_Hz, poles, shape)
+            assert conditioning_lag_s(table) == pytest.approx(chain_conditioning_lag_s(same), rel=1e-12, abs=1e-15)
+
+
+NONSENSE = {
+    "schema": ("tcdyn.disk/9", "schema"),
+    "disk": ("", "disk"),
+    "created": ("yesterday", "created"),
+    "inputs": ([{"file": "x", "sha256": "123"}], r"inputs\.0\.sha256"),
+    "static.a.gain": (101.0, r"static\.a\.gain"),
+    "static.b.offset": ("warm", r"static\.b\.offset"),
+    "static.c.covariance": ([[1.0, 5.0], [5.0, 1.0]], r"static\.c"),
+    "static.c.range_degC": ([160.0, 20.0], r"static\.c"),
+    "static.q": ({"gain": 1.0, "offset": 0.0, "covariance": [[0, 0], [0, 0]], "range_degC": [20, 160]}, r"static\.q"),
+    "static.d.gian": (1.0, r"static\.d\.gian"),
+    "chain.channels.a.tau1_s": (-0.5, r"chain\.channels\.a\.tau1_s"),
+    "chain.channels.a.lag_s.value": (9.0, r"chain"),
+    "chain.channels.a.lag_s.u": (None, r"chain\.channels\.a\.lag_s\.u"),
+    "chain.covariance": ([[1.0]], r"chain.*covariance"),
+    "chain.common_lag_s.value": (5.0, r"chain.*common_lag_s"),
+    "chain.differential_lag_s.f.value": (0.9, r"chain.*differential_lag_s\.f"),
+    "conditioning.shape": ("bessel", r"conditioning\.shape"),
+    "conditioning.cutoff_Hz": (40.0, r"chain\.channels"),
+    "setup.disk.width_mm": (0.00953, r"setup\.disk\.width_mm"),
+    "warnings": ("none", "warnings"),
+    "colour": ("red", "colour"),
+}
+
+
+@pytest.mark.parametrize("key", NONSENSE)
+def test_a_record_edited_to_nonsense_is_refused_by_key(key):
+    value, words = NONSENSE[key]
+    data = copy.deepcopy(json.loads(RECORD.to_json()))
+    # a lag known to 0.2 s may be edited by 0.6 s unnoticed: make it well known first, so that the contradiction shows
+    *path, last = key.split(".")
+    place = data
+    for part in path:
+        place = place[part]
+    place[last] = value
+    if key == "conditioning.cutoff_Hz":
+        for channel in data["chain"]["channels"].values():
+            channel["lag_s"]["u"] = 0.005
+        data["chain"]["covariance"] = (2.5e-5 * np.eye(6)).tolist()
+    with pytest.raises(InputError, match=words):
+        parse_record(data, "fast.disk.json")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not readable as JSON"),
+        ("[1, 2]", "no disk record"),
+        ("{}", "schema: the key is missing"),
+        ('{"schema": "tcdyn.disk/1"}', "disk: Field required"),
+        ('{"schema": "tcdyn.disk/1", "disk": "a", "disk": "b"}', "'disk' stands twice"),
+        (RECORD.to_json().replace('"offset": ', '"offset": NaN, "x": ', 1), "static"),
+        (RECORD.to_json()[:500], "not readable as JSON"),
+        ("[" * 100_000, "not readable as JSON|no disk record"),
+    ],
+)
+def test_files_that_are_no_record_are_refused(tmp_path, text, words):
+    with pytest.raises(InputError, match=words):
+        read_record(write(tmp_path, "r.json", text))
+
+
+def test_an_older_schema_is_read_with_a_warning(tmp_path):
+    old = {
+        "schema": "tcdyn.disk/0",
+        "disk": "fast",
+        "created": "2014-06-01",
+        "static": {"a": {"slope": 1.01, "intercept": -0.4, "u_slope": 5e-4, "u_intercept": 0.05}},
+    }
+    record = read_record(write(tmp_path, "old.json", json.dumps(old)))
+    assert record.static["a"].gain == 1.01
+    assert record.chain is None
+    assert any("tcdyn.disk/0" in w for w in record.warnings)
+    del old["static"]["a"]["slope"]
+    with pytest.raises(InputError, match="slope"):
+        read_record(write(tmp_path, "old.json", json.dumps(old)))
+
+
+def test_the_record_of_another_disk_is_refused():
+    require_disk(RECORD, "fast")
+    with pytest.raises(InputError, match="record of disk 'fast'"):
+        require_disk(RECORD, "slow")
+    with pytest.raises(InputError, match="one disk"):
+        diff_records(RECORD, make_record(disk="slow"))
+
+
+def again(seed: int, drift_K: float = 0.0):
+    """A second oven of the disk of seed 0, channel b reading ``drift_K`` lower."""
+    gain, offset = oven_truth(0)
+    frame, (own_gain, own_offset) = oven_frame(seed), oven_truth(seed)
+    for k, c in enumerate(CHANNELS):
+        true = own_gain[k] * frame[f"{c}_degC"] + own_offset[k]
+        frame[f"{c}_degC"] = (true - offset[k] - (drift_K if c == "b" else 0.0)) / gain[k]
+    return frame
+
+
+def test_drift_between_two_calibrations_is_significant_when_real_and_rarely_otherwise():
+    false = [len(diff_records(RECORD, make_record(again(s))).significant) > 0 for s in range(1, 61)]
+    assert np.mean(false) <= 0.14  # 5 % over all rows, three sigma of 60 above it
+    found = diff_records(RECORD, make_record(again(1, 0.5)))
+    assert {q[0] for q in found.significant["quantity"]} == {"b"}
+    assert "drifted significantly: b" in found.sentence()
+
+
+def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loose():
+    found = diff_records(RECORD, make_record(chain=make_chain(0.06)))
+    assert "e differential lag_s" in set(found.significant["quantity"])
+    assert "e lag_s" not in set(found.significant["quantity"])
+
+
+def test_check_names_what_a_reader_would_ask():
+    assert check_record(RECORD) == []
+    odd = make_record(chain=None, created="2999-01-01T00:00:00+00:00", warnings=["hand made"])
+    said = " ".join(check_record(odd))
+    assert "hand made" in said
+    assert "future" in said
+    assert "no chain" in said
+
+
+def test_the_commands_show_compare_and_check(tmp_path):
+    runner = CliRunner()
+    one, two = write_record(RECORD, tmp_path / "a.json"), write_record(make_record(again(1, 0.5)), tmp_path / "b.json")
+    shown = runner.invoke(app, ["show", str(one)])
+    assert shown.exit_code == 0
+    assert "common" in shown.output
+    compared = runner.invoke(app, ["diff", str(one), str(two)])
+    assert compared.exit_code == 0
+    assert "drifted significantly" in compared.output
+    assert runner.invoke(app, ["diff", "--all", str(one), str(one)]).output.count("lag_s") >= 6
+    assert runner.invoke(app, ["check", str(one)]).exit_code == 0
+    write(tmp_path, "c.json", RECORD.to_json().replace('"disk": "fast"', '"disk": 7'))
+    refused = runner.invoke(app, ["check", str(tmp_path / "c.json")])
+    assert isinstance(refused.exception, InputError)
+
+
+def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_path):
+    oven = fit_static_lines(oven_frame())
+    page = write_page(
+        tmp_path / "fast.html",
+        "Disk fast",
+        certificate_sections(RECORD, oven),
+        verdict=certificate_verdict(RECORD),
+        assumptions=certificate_assumptions(RECORD),
+    )
+    text = page.read_text()
+    assert "6 of 6 thermocouples fit to use" in text
+    assert text.count("data:image/png") == 2
+    assert "Made from" in text

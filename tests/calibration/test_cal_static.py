@@ -1,0 +1,217 @@
+"""Static lines: the truth is inside the intervals as often as they say, and the tests see what they should."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from cal_cases import oven_frame, oven_truth
+
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.linefit import fit_line
+from calibration.oven import error_histogram, error_statistics, steady_minutes
+from calibration.static import (
+    PRT_U_DEGC,
+    StaticLine,
+    apply_lines,
+    apply_static,
+    fit_static_lines,
+    outside_range,
+    static_u,
+)
+from tcdyn.rig.oven import simulate_oven
+
+DATA = Path(os.environ.get("TCDYN_DATA", Path(__file__).parents[2] / "../shared/data"))
+OVENS = 200
+
+
+def test_the_line_agrees_with_nists_norris_to_ten_digits():
+    file = DATA / "strd" / "norris.csv"
+    if not file.exists():
+        pytest.skip(f"reference data not at {file}")
+    data = pd.read_csv(file)
+    fit = fit_line(data["x"], data["y"])
+    u = np.sqrt(np.diag(fit.covariance))
+    certified = (1.00211681802045, -0.262323073774029, 0.429796848199937e-03, 0.232818234301152, 0.884796396144373)
+    for own, theirs in zip((fit.slope, fit.intercept, u[0], u[1], fit.sd), certified):
+        assert own == pytest.approx(theirs, rel=1e-10)
+    assert fit.r_squared == pytest.approx(0.999993745883712, rel=1e-10)
+
+
+def coverage(ovens) -> dict[str, float]:
+    """How often the 95 % intervals of gain, offset and the corrected reading at 90 degC hold the truth."""
+    hits = {"gain": [], "offset": [], "at 90 degC": []}
+    for frame, gain, offset in ovens:
+        fit = fit_static_lines(frame)
+        for k, channel in enumerate(CHANNELS):
+            line = fit.lines[channel]
+            hits["gain"].append(line.gain_estimate.covers(gain[k]))
+            hits["offset"].append(line.offset_estimate.covers(offset[k]))
+            error = apply_static((90.0 - offset[k]) / gain[k], line) - 90.0
+            hits["at 90 degC"].append(abs(error) < 1.96 * static_u(line, 90.0))
+    return {name: float(np.mean(hit)) for name, hit in hits.items()}
+
+
+@pytest.mark.parametrize("noise", [0.05, *(pytest.param(n, marks=pytest.mark.slow) for n in (0.01, 0.2))])
+def test_95_percent_intervals_hold_the_truth_at_that_rate_over_200_ovens(noise):
+    found = coverage((oven_frame(s, noise), *oven_truth(s)) for s in range(OVENS))
+    # six channels share the PRT, so in effect between 200 and 1200 independent ovens: three sigma of 200 is 4.6 %
+    assert all(0.904 <= rate <= 0.996 for rate in found.values()), found
+
+
+def test_intervals_hold_the_truth_for_the_rigs_ovens_whose_minutes_share_an_error():
+    def ovens():
+        for seed in range(100):
+            frame, truth = simulate_oven("fast", seed=seed)
+            yield (
+                frame,
+                np.array([truth["gain"][c] for c in CHANNELS]),
+                np.array([truth["offset_degC"][c] for c in CHANNELS]),
+            )
+
+    found = coverage(ovens())
+    assert all(0.88 <= rate <= 1.0 for rate in found.values()), found  # three sigma of 100 is 6.5 %
+
+
+def test_the_joint_covariance_is_that_of_repeated_ovens():
+    fits = [fit_static_lines(oven_frame(s, 0.02).assign(repeat=1.0 + np.arange(24) // 8)) for s in range(OVENS)]
+    errors = []
+    for s, fit in enumerate(fits):
+        gain, offset = oven_truth(s)
+        errors.append(
+            np.ravel([[fit.lines[c].gain - g, fit.lines[c].offset - o] for c, g, o in zip(CHANNELS, gain, offset)])
+        )
+    seen = np.corrcoef(np.array(errors).T)
+    stated = np.mean([f.joint_covariance for f in fits], axis=0)
+    u = np.sqrt(np.diag(stated))
+    stated_correlation = stated / np.outer(u, u)
+    # correlation from 200 draws is good to 0.07; three sigma, and the stated one is shrunk by the 95 % widening
+    assert np.abs(seen - stated_correlation).max() < 0.3
+    assert stated_correlation[0, 2] > 0.6  # the PRT's errors are common to the channels
+
+
+def test_noise_of_the_logged_side_does_not_flatten_the_line():
+    rng = np.random.default_rng(0)
+    slopes, plain = [], []
+    for _ in range(400):
+        true = np.linspace(20, 160, 24)
+        logged = true + rng.normal(0, 8.0, 24)
+        prt = true + rng.uniform(-0.1, 0.1, 24)
+        slopes.append(fit_line(logged, prt, u_y=PRT_U_DEGC).slope)
+        plain.append(fit_line(logged, prt).slope)
+    # 8 degC of noise on a spread of 42 degC pulls the plain slope down by 3.5 %
+    assert np.mean(plain) == pytest.approx(1 / (1 + 64 / 42.2**2), abs=0.01)
+    assert np.mean(slopes) == pytest.approx(1.0, abs=3 * np.std(slopes) / 20 + 2e-3)
+
+
+def test_a_shared_prt_error_widens_the_offset_only():
+    frame = oven_frame()
+    without, with_shared = fit_static_lines(frame), fit_static_lines(frame, prt_shared_u_degC=0.05)
+    for c in CHANNELS:
+        a, b = np.array(without.lines[c].covariance), np.array(with_shared.lines[c].covariance)
+        assert b - a == pytest.approx(np.diag([0.0, 0.05**2]), abs=1e-12)
+
+
+def test_curvature_is_noticed():
+    frame = oven_frame()
+    frame["b_degC"] += 2e-4 * (frame["b_degC"] - 90) ** 2  # up to 1 degC
+    fit = fit_static_lines(frame)
+    assert any("channel b: a quadratic term" in w for w in fit.warnings)
+    assert any("channel b: the line does not fit" in w for w in fit.warnings)
+    assert fit.lines["b"].quadratic_p < 1e-6
+
+
+def test_false_alarms_are_as_rare_as_the_tests_say():
+    alarms = [w for s in range(100) for w in fit_static_lines(oven_frame(s)).warnings]
+    # 600 channels and four tests at 1 %: 24 expected, in clusters because channels share the PRT
+    assert 2 <= len(alarms) <= 70
+
+
+def test_an_outlying_row_is_named_by_repeat_and_set_point():
+    frame = oven_frame()
+    row = frame.index[(frame["repeat"] == 2) & (frame["setpoint_degC"] == 80)][0]
+    frame.loc[row, "d_degC"] += 1.0
+    notes = fit_static_lines(frame).warnings
+    assert any("channel d: repeat 2 at 80 degC lies" in w for w in notes)
+
+
+def test_a_shift_between_repeats_is_noticed_and_widens_the_offset():
+    frame = oven_frame()
+    moved = frame.copy()
+    moved["c_degC"] += 0.5 * (frame["repeat"] - 2)
+    fit = fit_static_lines(moved)
+    assert any("channel c: the repeats shift" in w for w in fit.warnings)
+    # shifts of -0.5, 0 and 0.5 degC have a mean good to 0.5/sqrt(3) = 0.29 degC
+    assert fit.lines["c"].offset_estimate.u > 0.25
+
+
+def test_minutes_of_one_hold_count_as_one_point():
+    frame = oven_frame()
+    often, once = fit_static_lines(frame.loc[frame.index.repeat(6)]), fit_static_lines(frame)
+    for c in CHANNELS:
+        assert often.lines[c].gain == pytest.approx(once.lines[c].gain, rel=1e-12)
+        assert often.lines[c].offset_estimate.u == pytest.approx(once.lines[c].offset_estimate.u, rel=1e-9)
+
+
+def test_table_2_6_describes_errors_before_and_after():
+    fit = fit_static_lines(oven_frame())
+    table = fit.statistics
+    assert list(table.index) == [
+        "Maximum error",
+        "Summation of the absolute error",
+        "Average of the absolute error",
+        "Standard deviation",
+    ]
+    assert (table["calibrated"] < table["raw"]).all()
+    assert error_statistics([-1.0, 1.0, 3.0]).maximum_K == 3.0
+    counts, edges = error_histogram(fit.raw_errors_K)
+    assert counts.sum() == 144
+    assert edges[0] < fit.raw_errors_K.min()
+    assert edges[-1] > fit.raw_errors_K.max()
+
+
+def test_steady_minutes_of_a_continuous_log_make_the_oven_rows():
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 6 * 3600.0, 2.0)
+    level = np.select([t < 7200, t < 14400], [40.0, 80.0], 120.0)
+    prt = np.empty_like(t)
+    prt[0] = 20.0
+    for i in range(1, len(t)):  # an oven of 8 minutes
+        prt[i] = prt[i - 1] + (level[i] - prt[i - 1]) * 2.0 / 480.0
+    frame = pd.DataFrame({"time_s": t, "prt_degC": prt + rng.normal(0, 0.01, len(t))})
+    for c in CHANNELS:
+        frame[f"{c}_degC"] = (prt - 0.3) / 1.01 + rng.normal(0, 0.1, len(t))
+    rows = steady_minutes(frame)
+    assert list(rows["setpoint_degC"]) == [40.0, 80.0, 120.0]
+    assert rows["prt_degC"].to_numpy() == pytest.approx([40, 80, 120], abs=0.1)
+    line = fit_static_lines(rows).lines["a"]
+    assert line.gain == pytest.approx(1.01, abs=0.002)  # three means good to 0.02 degC over 80 degC
+    with pytest.raises(InputError, match="no steady stretch"):
+        steady_minutes(frame[t < 1200])
+
+
+def test_a_line_knows_where_it_extrapolates_and_leaves_other_columns_alone():
+    line = StaticLine(gain=1.01, offset=-0.2, covariance=((1e-6, -9e-5), (-9e-5, 0.01)), range_degC=(20.0, 160.0))
+    assert outside_range(line, [10.0, 100.0, 170.0]).tolist() == [True, False, True]
+    frame = pd.DataFrame({"time_s": [0.0, 1.0], "fast_a_degC": [100.0, np.nan]})
+    out = apply_lines(frame, {"a": line}, "fast_")
+    assert out["fast_a_degC"][0] == 100.8
+    assert np.isnan(out["fast_a_degC"][1])
+    assert frame["fast_a_degC"][0] == 100.0
+
+
+def test_uncertainty_of_a_reading_is_smallest_in_the_middle_of_the_oven():
+    line = fit_static_lines(oven_frame()).lines["a"]
+    low, middle, high = static_u(line, [20.0, 90.0, 160.0])
+    assert middle < low
+    assert middle < high
+    assert middle == pytest.approx(line.residual_sd_degC / np.sqrt(24) * 1.06, rel=0.02)  # s/sqrt(n), t(22)/1.96
+
+
+def test_two_rows_are_too_few():
+    with pytest.raises(InputError, match="at least 3"):
+        fit_static_lines(oven_frame().iloc[:2])

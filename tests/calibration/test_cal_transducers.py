@@ -1,0 +1,128 @@
+"""Load cell, friction transducer, bearing friction and speed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.bearing import fit_bearing_friction, speed_from_counts_rpm, speed_from_pulses_rpm
+from calibration.errors import InputError
+from calibration.transducers import check_zero, fit_transducer
+
+LOADS = np.linspace(0, 2400, 9)
+
+
+def sessions(seed, slope=240.0, shifts=(0.0, 40.0, 100.0), sd_V=8.3e-4, twist=0.0):
+    """Three sessions as in figure 2.21: the zero shifts by 100 N between them."""
+    rng = np.random.default_rng(seed)
+    force = np.tile(LOADS, len(shifts))
+    session = np.repeat(np.arange(len(shifts)), len(LOADS))
+    own = slope * (1 + twist * session)
+    volts = (force - np.array(shifts)[session]) / own + rng.normal(0, sd_V, len(force))
+    return volts, force, session
+
+
+def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_right_rate():
+    slope, shift, alarms = [], [], []
+    for seed in range(400):
+        line = fit_transducer(*sessions(seed))
+        slope.append(line.slope_N_V.covers(240.0))
+        shift.append(line.intercept_N["2"].covers(100.0))
+        alarms.append(line.slopes_differ_p < 0.05)
+    # three sigma of a 95 % (5 %) rate over 400 draws is 3.3 %
+    assert 0.917 <= np.mean(slope) <= 0.983
+    assert 0.917 <= np.mean(shift) <= 0.983
+    assert np.mean(alarms) <= 0.083
+
+
+def test_the_shift_between_sessions_is_figure_2_21s():
+    line = fit_transducer(*sessions(0))
+    assert line.shift_N.value == pytest.approx(100.0, abs=3 * line.shift_N.u)
+    assert line.r_squared > 0.999
+    assert line.residual_sd_V == pytest.approx(8.3e-4, rel=0.5)
+    assert line.warnings == ()
+    assert line.force_N(1.0 + 0.25, zero_V=0.25) == pytest.approx(240.0, rel=1e-3)
+
+
+def test_a_changed_slope_is_noticed():
+    line = fit_transducer(*sessions(0, twist=0.002))
+    assert line.slopes_differ_p < 1e-4
+    assert "different slopes" in line.warnings[0]
+
+
+def test_the_zero_is_checked_after_unloading():
+    rng = np.random.default_rng(0)
+    before, after = rng.normal(2.0, 3.0, 500), rng.normal(2.0, 3.0, 700)
+    assert check_zero(before, after).stayed
+    moved = check_zero(before, after + 5.0)
+    assert not moved.stayed
+    assert "moved" in moved.sentence
+    assert check_zero(before, after + 5.0, allowed_N=10.0).stayed
+
+
+def test_a_slowly_wandering_zero_is_not_taken_for_a_drift():
+    rng = np.random.default_rng(1)
+    stayed = []
+    for _ in range(300):
+        a, b = (np.zeros(2000) for _ in range(2))
+        for x in (a, b):
+            x[0] = rng.normal(0, 1 / np.sqrt(1 - 0.9**2))
+            for i in range(1, len(x)):
+                x[i] = 0.9 * x[i - 1] + rng.normal()
+        stayed.append(check_zero(a, b).stayed)
+    assert np.mean(stayed) > 0.91  # 95 % less three sigma of 300
+
+
+def test_fewer_points_than_sessions_need_are_refused():
+    with pytest.raises(InputError, match="2 a session"):
+        fit_transducer([1.0, 2.0, 3.0], [0.0, 1.0, 2.0], [1, 1, 2])
+
+
+def bearing(seed=0, noise=0.0):
+    """Figure 2.25: four speeds, 800 to 2320 N, in pure rolling."""
+    rng = np.random.default_rng(seed)
+    speeds, loads = np.array([774.0, 1005.0, 1238.0, 1546.0]), np.linspace(800, 2320, 6)
+    rpm, load = (g.ravel() for g in np.meshgrid(speeds, loads, indexing="ij"))
+    friction = 2.0 + 0.004 * rpm + 0.002 * load
+    return load, friction + rng.normal(0, noise, len(load)), rpm + rng.normal(0, 1, len(load))
+
+
+def test_half_of_the_measured_bearing_friction_is_added():
+    fitted = fit_bearing_friction(*bearing())
+    assert len(fitted.lines) == 4
+    value, u = fitted.correction_N([800.0, 2000.0], [774.0, 1120.0])
+    assert value == pytest.approx(
+        0.5 * (2.0 + 0.004 * np.array([774.0, 1120.0]) + 0.002 * np.array([800, 2000])), abs=0.01
+    )
+    assert (u < 1e-6).all()
+    assert fitted.outside([1000.0, 3000.0, 1000.0], [774.0, 774.0, 400.0]).tolist() == [False, True, True]
+
+
+def test_bearing_intervals_hold_the_truth_at_the_right_rate():
+    hits = []
+    for seed in range(300):
+        value, u = fit_bearing_friction(*bearing(seed, 0.2)).correction_N(1500.0, 1005.0)
+        hits.append(abs(value - 0.5 * (2.0 + 0.004 * 1005 + 3.0)) < 1.96 * u)
+    # three sigma of 300 is 3.8 %; the t widening is exact for one family only, hence the upper side is left open
+    assert np.mean(hits) > 0.912
+
+
+def test_120_pulses_are_one_turn():
+    value, u = speed_from_counts_rpm(120 * 25, 1.0)
+    assert float(value) == 1500.0
+    rng = np.random.default_rng(0)
+    spread = [np.floor(1 / 60 * 1234.5 * 120 * 0.1 + rng.uniform()) for _ in range(4000)]
+    counted, u = speed_from_counts_rpm(spread, 0.1)
+    assert counted.mean() == pytest.approx(1234.5, abs=0.3)
+    assert counted.std() <= 1.3 * u  # one pulse over sqrt(6) is the mean over all speeds
+
+
+def test_whole_turns_cancel_the_unequal_slots():
+    rng = np.random.default_rng(0)
+    pitch = 1 / 120 * (1 + 0.1 * rng.standard_normal(120))
+    angle = np.cumsum(np.tile(pitch / pitch.sum(), 5))
+    rpm = speed_from_pulses_rpm(angle * 60.0 / 900.0)
+    assert np.isnan(rpm[:120]).all()
+    assert rpm[120:] == pytest.approx(900.0, rel=1e-12)
+    with pytest.raises(InputError, match="pulse 3"):
+        speed_from_pulses_rpm([0.0, 1.0, 0.5, *np.arange(2, 200)])
