@@ -1,3 +1,4 @@
+# ruff: noqa: E402  the thread limits must stand before numpy is loaded
 """The thesis's (beta, h) map against a factorised Crank-Nicolson: ``python -m tests.benchmarks.conduction``.
 
 12 film coefficients x 10 shares, 65 x 105 nodes, 1050 s at 75 Hz, junctions a, c, e, on one core. The baseline is
@@ -27,7 +28,7 @@ from tcdyn.conduction.rim import Mesh, Rim, points_of
 
 DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3
 FILMS, SHARES = np.linspace(100, 1200, 12), np.linspace(0.1, 1.0, 10)
-STRETCH = 500  # steps of the baseline that are timed
+STRETCH, PIECES = 1000, 5  # steps of the baseline that are timed; its fastest fifth counts
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def time_map(duration_s: float, mesh: Mesh) -> float:
 
 
 def time_baseline(mesh: Mesh, steps: int = STRETCH) -> tuple[float, float]:
-    """(seconds per step, seconds to factorise) of Crank-Nicolson with its forcing, one right-hand side."""
+    """(least seconds per step, seconds to factorise) of Crank-Nicolson with its forcing, one right-hand side."""
     rim = Rim.from_setup(load_rig().disk_setup("fast"))
     s = scheme(rim, 700.0, mesh)
     basis = spectrum(rim, 700.0, HALF_WIDTH_M, "modal", "hertz", mesh).profile
@@ -81,13 +82,15 @@ def time_baseline(mesh: Mesh, steps: int = STRETCH) -> tuple[float, float]:
     stepper = CrankNicolson.prepare(s, DT_S)
     factorised = time.perf_counter() - start
     field = np.full(len(air), 55.0)
-    now = columns @ u[0]
-    start = time.perf_counter()
-    for k in range(steps):
-        later = columns @ u[k + 1]
-        field = stepper.step(field, now, later)
-        now = later
-    return (time.perf_counter() - start) / steps, factorised
+    now, best = columns @ u[0], np.inf
+    for first in range(0, steps, steps // PIECES):
+        start = time.perf_counter()
+        for k in range(first, first + steps // PIECES):
+            later = columns @ u[k + 1]
+            field = stepper.step(field, now, later)
+            now = later
+        best = min(best, (time.perf_counter() - start) / (steps // PIECES))
+    return best, factorised
 
 
 def compare(mesh: Mesh | None = None) -> MapTiming:
@@ -115,7 +118,9 @@ def main() -> None:
     m = compare()
     print(f"map 12 h x 10 beta, 65 x 105, {DURATION_S:g} s at 75 Hz, junctions a, c, e, one core")
     print(f"  modal engine                     {m.ours_s:8.2f} s   peak memory {m.peak_MB:.0f} MB")
-    print(f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from {STRETCH} steps")
+    print(
+        f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the best of {PIECES} stretches"
+    )
     print(f"  ratio                            {m.ratio:8.0f}")
     print("cost per doubling of the mesh (both ways): whole map, one set of gains, one Crank-Nicolson step")
     for mesh in (Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(129, 209)):
