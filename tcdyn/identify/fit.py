@@ -204,7 +204,7 @@ def assemble(
     variance = float(innovation @ innovation) / (n - k)
     bread, full_rank = inverse(jacobian)
     cov_x, kind = variance * bread, 0.0
-    coloured = covariance == "auto" and whiteness(innovation, jacobian, parts, problem.dt_s, 25).p < ALARM
+    coloured = covariance == "auto" and whiteness(innovation, jacobian, parts, problem.dt_s, 20).p < ALARM
     if covariance == "robust" or coloured:
         cov_x, kind = sandwich(jacobian, innovation, parts), 1.0
     if loss != "linear" and noise.white:

@@ -223,19 +223,20 @@ def temperature_dependence(
     usable = bool(np.isfinite([at_low, at_high]).all())
     spread = abs(at_high - at_low) > 0.05 * abs(at_low) if usable else False
     unit = data.output_units[0] or "units"
+    two_said, one_said = f"{two.held_out_percent:.1f} %", f"{one.held_out_percent:.1f} %"
     if better and spread:
         words = (
-            f"The lag depends on the level: {at_low:.3g} s at {low:.4g} and {at_high:.3g} s at {high:.4g} {unit}; a quadratic "
-            f"NARX simulates the held-out part to {two.held_out_percent:.1f} % against {one.held_out_percent:.1f} % linear."
+            f"The lag depends on the level: {at_low:.3g} s at {low:.4g} and {at_high:.3g} s at {high:.4g} {unit}; "
+            f"a quadratic NARX simulates the held-out part to {two_said} against {one_said} linear."
         )
     elif better:
         words = (
-            f"A quadratic NARX simulates better ({two.held_out_percent:.1f} % against {one.held_out_percent:.1f} %), but not "
-            "by a lag that changes with the level: look at the static line."
+            f"A quadratic NARX simulates better ({two_said} against {one_said}), but not by a lag that changes with "
+            "the level: look at the static line."
         )
     else:
         words = (
-            f"No sign that the lag depends on the level: held out, a quadratic NARX simulates to {two.held_out_percent:.1f} %, "
-            f"a linear one to {one.held_out_percent:.1f} % (one step ahead both look like {one.one_step_percent:.1f} %)."
+            f"No sign that the lag depends on the level: held out, a quadratic NARX simulates to {two_said}, a linear "
+            f"one to {one_said} (one step ahead both look like {one.one_step_percent:.1f} %)."
         )
     return TemperatureDependence(one, two, (low, high), at_low, at_high, better and spread, words)

@@ -144,7 +144,25 @@ def inverse(jacobian: Array) -> tuple[Array, bool]:
     scale = np.linalg.norm(jacobian, axis=0)
     dead = scale == 0
     scale = np.where(dead, 1.0, scale)
-    _, s, vt = np.linalg.svd(jacobian / scale, full_matrices=False)
-    keep = s > 1e-8 * s[0]
-    v = vt[keep].T / s[keep]
-    return np.asarray((v @ v.T) / np.outer(scale, scale)), bool(keep.all() and not dead.any())
+    w, v = np.linalg.eigh((jacobian.T @ jacobian) / np.outer(scale, scale))
+    keep = w > 1e-14 * w[-1]
+    half = v[:, keep] / np.sqrt(w[keep])
+    return np.asarray((half @ half.T) / np.outer(scale, scale)), bool(w[0] > 1e-13 * w[-1] and not dead.any())
+
+
+def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
+    """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared singular values.
+
+    By the eigenvectors of the Gram matrix, twice, which for tall tables is far quicker than a full factorisation.
+    """
+    if table.shape[1] == 0:
+        return table
+    scale = np.linalg.norm(table, axis=0)
+    q = table[:, scale > 0] / scale[scale > 0]
+    for limit in (tolerance, 1e-3):
+        if q.shape[1] == 0:
+            return q
+        w, v = np.linalg.eigh(q.T @ q)
+        keep = w > limit * w[-1]
+        q = q @ (v[:, keep] / np.sqrt(w[keep]))
+    return np.asarray(q)

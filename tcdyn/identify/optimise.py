@@ -55,8 +55,8 @@ def least_squares(
         return None
     r, j = current
     cost, damping, status = float(r @ r), 1e-3, Status.STALLED
-    iteration = 0
-    for iteration in range(1, max_iterations + 1):
+    used = 0
+    for used in range(1, max_iterations + 1):
         gradient = j.T @ r
         held = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
         open_ = np.flatnonzero(~held)
@@ -87,4 +87,4 @@ def least_squares(
         if gain <= tolerance * (cost + 1e-300) and moved < 1e-4:
             status = Status.AT_BOUND if held.any() else Status.CONVERGED
             break
-    return Optimum(x, r, j, cost, status, iteration)
+    return Optimum(x, r, j, cost, status, used)

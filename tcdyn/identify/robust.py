@@ -45,7 +45,7 @@ def reweight(problem: Problem, optimum: Optimum, loss: Loss) -> tuple[Optimum, A
         for _ in range(25):
             found = problem.evaluate(optimum.x)
             assert found is not None
-            weights = weights_of(found[0], kind)  # type: ignore[arg-type]
+            weights = weights_of(found[0], kind)
             root = np.sqrt(weights)
 
             def evaluate(x: Array, root: Array = root) -> tuple[Array, Array] | None:

@@ -78,10 +78,10 @@ def solve(target: Array, regressors: Array, instruments: Array) -> Array:
 def simulated_cost(problem: Problem, num: Array, den: Array, delay_s: float, offset: float) -> float:
     """Sum of squared simulation errors."""
     known = problem.model.known
-    factors = (Factor.polynomial(den, False),)
+    factors: tuple[Factor, ...] = (Factor.polynomial(den, False),)
     if len(known.den) > 1:
         factors += (Factor.polynomial(np.asarray(known.den), False),)
-    model = Rational(np.convolve(num, known.num), factors, delay_s, problem.model.integrators)
+    model = Rational(np.asarray(np.convolve(num, known.num), dtype=float), factors, delay_s, problem.model.integrators)
     system = realise(model, sensitivities=False)
     start = "zero" if problem.initial == "zero" else "equilibrium"
     total = 0.0

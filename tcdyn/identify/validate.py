@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from tcdyn.identify.noise import Noise, autocovariance, fit_ar, stretches
+from tcdyn.identify.noise import Noise, autocovariance, fit_ar, orthonormal, stretches
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.realise import Array
 
@@ -56,7 +56,7 @@ class Validation:
         return self.input.p < ALARM
 
 
-def validate(fit: Fit, lags: int = 25) -> Validation:
+def validate(fit: Fit, lags: int = 20) -> Validation:
     """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags."""
     problem, parts = fit.problem, stretches(fit.problem)
     e, j = fit.innovation, fit.weighted_jacobian
@@ -100,7 +100,7 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
     value = total[1:] / total[0]
     statistic = float(np.sum(z**2))
     return Correlation(
-        lags_s=dt_s * np.arange(1, lags + 1),
+        lags_s=np.asarray(dt_s * np.arange(1, lags + 1)),
         value=value,
         bound95=1.96 * np.sqrt(pairs[1:]) / n,
         statistic=statistic,
@@ -140,8 +140,8 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Cor
     n, p = len(e), q.shape[1]
     total = float(e @ e)
     variance = total / (n - p)
-    basis, s, _ = np.linalg.svd(left, full_matrices=False)
-    basis = basis[:, s > 1e-7]
+    alive = np.linalg.norm(left, axis=0) > 1e-6
+    basis = orthonormal(left[:, alive])
     rank = basis.shape[1]
     explained = float(np.sum((basis.T @ e) ** 2))
     statistic, tail = 0.0, 1.0
@@ -151,13 +151,6 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Cor
     value = (left.T @ e) / np.sqrt(total)
     bound = 1.96 * np.linalg.norm(left, axis=0) * np.sqrt(variance / total)
     return Correlation(lags_s=lags_s, value=value, bound95=bound, statistic=statistic, degrees=rank, p=tail)
-
-
-def orthonormal(jacobian: Array) -> Array:
-    """Orthonormal basis (N, rank) of the Jacobian's columns."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    q, s, _ = np.linalg.svd(jacobian / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    return np.asarray(q[:, s > 1e-10 * max(s[0], 1e-300)]) if len(s) else q
 
 
 def fit_percent(problem: Problem, residual: Array) -> float:
@@ -184,8 +177,8 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
     elif coloured:
         said = (
             f"{name} leaves nothing of the input in its residuals ({p_text(cross.p)}), but they are coloured "
-            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell; intervals are "
-            "the robust ones. Try one lag more; if the colour stays, a noise model (noise=(2, 1)) uses the data better."
+            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell; "
+            "intervals are the robust ones. Try one lag more; if the colour stays, a noise model (noise=(2, 1)) uses the data better."
         )
     else:
         said = (
