@@ -175,7 +175,7 @@ def _cooling_shift(
 ) -> FitShift:
     """How (share, h) of the cooling fit move with the nuisances, through the traces and through the line."""
     temperatures = disk.readings_degC[rows]
-    nuis = nuisances(window, disk, temperatures, test.dt_s, fit.share, fit.h_W_m2K, u)
+    nuis = nuisances(window, disk, temperatures, test.dt_s, fit.share, fit.h_W_m2K, u, test.events.unload_u_s)
     slope = line.line.slope
     per_sd = []
     for q, name in enumerate(nuis.names):

@@ -162,13 +162,13 @@ def joint_fits(
 
 
 def _begin(
-    test: EhlTest, disk: DiskTraces, share: float, h: float, u: UncertaintyTable, window_s: float, profile: str
+    test: EhlTest, disk: DiskTraces, share: float, h: float, u: UncertaintyTable, window_s: float, profile: Profile
 ) -> tuple[_Side, _Point]:
     chain = disk.mean_chain
     taus = sorted(chain.taus_s, reverse=True)
     tau1 = max(taus[0], 0.02)
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
-    lag_u = float(np.hypot(max(disk.common_lag_u_s, LEAST_LAG_U_S), test.events.unload_u_s))
+    lag_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
     point = _Point(share, float(np.log(max(h, 20.0))), (float(np.log(tau1)), float(np.log(tau2))))
     side = _side(test, disk, point, u, window_s, profile, (disk.common_lag_s, lag_u, tau2))
     return side, point
@@ -196,7 +196,9 @@ def _side(
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, disk.mean_chain.with_lag_shift(shift))
     window = disk_window(test, disk, readings, rows, white_noise(readings), profile)
-    nuis = nuisances(window, disk, readings, test.dt_s, point.share, point.h, u)
+    power = chained_power(test, rows, common)
+    seen = window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
+    nuis = nuisances(seen, disk, readings, test.dt_s, point.share, point.h, u, test.events.unload_u_s)
     return _Side(disk, window, readings, rows, *prior, nuis)
 
 

@@ -48,11 +48,13 @@ def nuisances(
     share: float,
     h_W_m2K: float,
     u: UncertaintyTable,
+    parting_u_s: float = 0.0,
 ) -> Nuisances:
     """All nuisances of one disk about the point (share, h).
 
     ``stretch_readings`` (N, 6): the temperatures that drove ``window``. Static lines of all six channels, depths of
-    all six junctions, differential lags, steel, washer, half-width of the contact, friction scale and ambient.
+    all six junctions, differential lags, steel, washer, half-width of the contact, friction scale, ambient, and the
+    instant of parting, known to ``parting_u_s``.
     """
     gains = window.gains(h_W_m2K)
     rest, power = window.answer(gains)
@@ -87,6 +89,7 @@ def nuisances(
     slopes = boundary_gradient(window, stretch_readings, share, h_W_m2K)
     for i, ch in enumerate(INNER_ROW):
         add(f"depth {ch}", u.depth_mm * 1e-3, _through_boundary(window, slopes[:, i], dt_s, gains, i))
+    add("parting", parting_u_s, -share * np.gradient(power, window.blocks.time_s, axis=0), True)
     add("friction", u.friction_rel, share * power, True)
     add("ambient", u.ambient_K, static[4], True)
     _lags(window, disk, stretch_readings, dt_s, base, gains, add)

@@ -77,7 +77,7 @@ def _line(
     window = lagged_window(test, disk, rows, readings, profile)
 
     def at(share: float, h: float) -> Nuisances:
-        return nuisances(window, disk, readings, test.dt_s, share, h, u)
+        return nuisances(window, disk, readings, test.dt_s, share, h, u, test.events.unload_u_s)
 
     return disk_line(window, test.events.unload_s, weights, at)
 

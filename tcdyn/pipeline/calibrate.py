@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+
+import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.logs import read_log
@@ -29,7 +32,21 @@ class CalibrationRun:
 
     @property
     def warnings(self) -> tuple[str, ...]:
+        """All warnings of logs and fits."""
         return tuple(self.record.warnings)
+
+    def summary(self) -> str:
+        """Static errors, lags and what the plunges cannot tell, in a few lines."""
+        return self.fit.summary()
+
+    def fit_table(self) -> pd.DataFrame:
+        """Where the lags' uncertainty comes from [s]."""
+        return pd.DataFrame(
+            [
+                {"source": s.source, "u(common lag) [s]": s.u_common_s, "u(differential) [s]": s.u_differential_s}
+                for s in self.fit.budget
+            ]
+        )
 
 
 def calibrate_disk(
@@ -107,4 +124,10 @@ def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
 
 def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
     """What a reader of the record needs to judge the fit, as JSON."""
-    return {"correlation": correlation, "sentence": fit.sentence}
+    return {
+        "correlation": correlation,
+        "sentence": fit.sentence,
+        "converged": fit.converged,
+        "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
+        "lag_budget": [asdict(share) for share in fit.budget],
+    }

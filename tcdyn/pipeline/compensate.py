@@ -24,9 +24,12 @@ from tcdyn.partition.prepare import despiked, prepare, record_chains, white_nois
 from tcdyn.partition.refine import refine_lags, refined_chains
 
 
+DECIMALS = 5  # 0.01 mK: far below what any sample is known to
+
+
 @dataclass(frozen=True)
 class CompensatedLog:
-    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` beside each, and its notes."""
+    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes."""
 
     frame: pd.DataFrame
     metadata: dict[str, str]
@@ -83,8 +86,8 @@ def compensate_log(
             notes[f"{disk}_common_lag_s"] = f"{common.value:.4f} +- {common.u:.4f}, from the record"
         done[disk] = _one_disk(frame, disk, record, chains, covariance, dt, (events.load_on_s, events.unload_s), time)
         for i, ch in enumerate(CHANNELS):
-            frame[f"{disk}_{ch}_degC"] = done[disk].temperature[:, i]
-            frame[f"{disk}_{ch}_u_K"] = done[disk].sd[:, i]
+            frame[f"{disk}_{ch}_degC"] = np.round(done[disk].temperature[:, i], DECIMALS)
+            frame[f"{disk}_{ch}_u_K"] = np.round(done[disk].sd[:, i], DECIMALS)
         warnings += [f"{disk}: {w}" for w in done[disk].warnings]
     if not done:
         raise InputError("no record was given", remedy="add --record DISK.disk.json")

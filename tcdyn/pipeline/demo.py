@@ -94,8 +94,8 @@ def compare_with_truth(
         p, true = beta.partition, truth["tests"][name]
         for way, value in p.ways.items():
             add(f"{name} beta, {way}", "1", value, p.estimate(way, value).u, true["beta"])
-        add(f"{name} h fast, speed law", "W/m2K", p.speed.h_fast, p.estimate("h_fast", 0).u, true["h_fast_W_m2K"])
-        add(f"{name} h slow, speed law", "W/m2K", p.speed.h_slow, p.estimate("h_slow", 0).u, true["h_slow_W_m2K"])
+        add(f"{name} h fast, speed law", "W/m2K", p.speed.h_fast, p.estimate("h_fast", 0).u, true["h_fast"])
+        add(f"{name} h slow, speed law", "W/m2K", p.speed.h_slow, p.estimate("h_slow", 0).u, true["h_slow"])
         for disk in DISKS:
             lag = p.joint[disk].estimates["lag_s"]
             add(f"{name} {disk} common lag, unloading", "s", lag.value, lag.u, truth[disk]["common_lag_s"])

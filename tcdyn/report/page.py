@@ -85,7 +85,5 @@ def write_page(
     footer: str = "",
 ) -> Path:
     """Write the page beside and rename it into place; returns its path."""
-    html = render_page(
-        title, sections, verdict=verdict, warnings=warnings, assumptions=assumptions, footer=footer
-    )
+    html = render_page(title, sections, verdict=verdict, warnings=warnings, assumptions=assumptions, footer=footer)
     return write_text(path, html)

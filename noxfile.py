@@ -1,0 +1,52 @@
+"""The tasks that people and CI run; `nox -l` lists them."""
+
+import nox
+
+nox.options.sessions = ["lint", "test"]
+nox.options.reuse_existing_virtualenvs = True
+
+
+@nox.session
+def test(session: nox.Session) -> None:
+    """The default tests, under ten minutes."""
+    session.install(".[test]")
+    session.run("python", "-m", "pytest", *session.posargs)
+
+
+@nox.session
+def slow(session: nox.Session) -> None:
+    """The long studies: coverage of intervals, whole campaigns."""
+    session.install(".[test]")
+    session.run("python", "-m", "pytest", "-m", "slow", *session.posargs)
+
+
+@nox.session
+def coverage(session: nox.Session) -> None:
+    """Line and branch coverage of the three packages."""
+    session.install("-e", ".[test]")
+    session.run("python", "-m", "pytest", "--cov", "--cov-report=term-missing:skip-covered", *session.posargs)
+
+
+@nox.session
+def lint(session: nox.Session) -> None:
+    """Style, types and the house's import contracts."""
+    session.install(".[lint]")
+    session.run("ruff", "check", ".")
+    session.run("ruff", "format", "--check", ".")
+    session.run("mypy")
+    session.run("lint-imports")
+
+
+@nox.session
+def benchmarks(session: nox.Session) -> None:
+    """Ratios against named baselines in the same run."""
+    session.install(".[test,bench]")
+    for name in session.posargs or ("conduction", "identify", "compensate", "plunge"):
+        session.run("python", "-m", f"tests.benchmarks.{name}")
+
+
+@nox.session
+def demo(session: nox.Session) -> None:
+    """The main job on a simulated campaign."""
+    session.install(".")
+    session.run("tcdyn", "demo", *session.posargs)

@@ -1,0 +1,52 @@
+"""``tcdyn beta``: an EHL log and two records to the heat partition, by every way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibration.rigfile import load_rig
+from calibration.write import write_text
+from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, dump, say, stages, warn
+
+
+def beta(
+    log: Annotated[Path, typer.Argument(help="EHL log as it was recorded (not compensated)")],
+    record: RecordFiles,
+    rig: RigFile = None,
+    out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+    window_s: Annotated[float, typer.Option("--window-s", help="cooling used by the h-only fit")] = 5.0,
+    seed: Annotated[int, typer.Option(help="seed of the budget's Monte Carlo")] = 0,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Heat partition by the speed law, the cooling fits and the joint fits, cross-checked, with an uncertainty budget.
+
+    Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
+    --report beta.html
+    """
+    from tcdyn.pipeline import estimate_beta
+    from tcdyn.pipeline.records import records_by_disk
+
+    records = records_by_disk(record)
+    with stages(quiet or json_) as progress:
+        run = estimate_beta(log, load_rig(rig), records, window_s=window_s, seed=seed, progress=progress)
+        text = dump(run.to_dict())
+        if out is not None:
+            write_text(out, text)
+        if report is not None:
+            progress("writing the report")
+            from tcdyn.report.beta import write_beta_report
+
+            write_beta_report(report, {log.stem: run.partition})
+    if json_:
+        print(text, end="")
+        return
+    warn(run.partition.warnings, quiet)
+    say(run.summary(), quiet)
+    for word, path in (("numbers", out), ("report", report)):
+        if path is not None:
+            say(f"{word}: {path}", quiet)

@@ -1,0 +1,140 @@
+"""Pictures of one test's heat partition: traces at unloading, lines and points, ways to beta, budget, error map."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from calibration.disk import CHANNELS, DISKS
+from tcdyn.partition.analyse import Partition
+from tcdyn.plots.style import CHANNEL_STYLE, DISK_COLOUR, GREY
+
+SHOWN = ("e", "a", "b")
+
+
+def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
+    """Readings (grey) and compensated traces with 95 % bands about the parting; time from the parting [s]."""
+    t = p.test.time_s[p.rows] - p.test.events.unload_s
+    near = (t >= -before_s) & (t <= after_s)
+    done = p.compensated[disk]
+    for ch in SHOWN:
+        i = CHANNELS.index(ch)
+        ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
+        x, u = done.temperature[near, i], done.sd[near, i]
+        ax.fill_between(t[near], x - 1.96 * u, x + 1.96 * u, color=DISK_COLOUR[disk], alpha=0.25, linewidth=0)
+        depth = p.test.disks[disk].setup.junctions[ch].depth_m * 1e3
+        ax.plot(
+            t[near], x, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch], linewidth=1.6,
+            label=f"{ch}, {depth:g} mm deep, compensated",
+        )  # fmt: skip
+    ax.plot([], [], color=GREY, label="as logged (static line applied)")
+    ax.axvline(0.0, color="black", linewidth=0.8)
+    ax.set_xlabel("time from parting [s]")
+    ax.set_ylabel("temperature [°C]")
+    ax.set_title(f"{disk} disk", loc="left")
+    ax.legend(frameon=False, fontsize=8)
+    return ax
+
+
+def draw_lines(p: Partition, ax: Axes) -> Axes:
+    """Both steady lines as beta over h, the speed law's point on each, the cooling fits' and the joint fits' points."""
+    top = 1.25 * max([p.speed.h_fast, *(f.h_W_m2K for f in p.cooling.values())])
+    h = np.array([0.0, top])
+    for disk in DISKS:
+        line, colour = p.lines[disk].line, DISK_COLOUR[disk]
+        share = line.intercept + line.slope * h
+        beta = share if disk == "fast" else 1 - share
+        word = "β = A + B h" if disk == "fast" else "β = 1 - (C + D h)"
+        ax.plot(h, beta, color=colour, linestyle="-" if disk == "fast" else "--", label=f"{disk} steady line, {word}")
+        h_speed = p.speed.h_fast if disk == "fast" else p.speed.h_slow
+        _point(p, ax, f"h_{disk}", h_speed, "speed law", p.speed.beta, "o", colour, f"speed law, {disk}")
+        fit = p.cooling[disk]
+        _point(
+            p, ax, f"h cooling {disk}", fit.h_W_m2K, f"cooling {disk}", fit.beta, "s", colour, f"cooling fit, {disk}"
+        )
+        joint = p.joint[disk]
+        _point(p, ax, f"h joint {disk}", joint.h_W_m2K, f"joint {disk}", joint.beta, "^", colour, f"joint fit, {disk}")
+    ax.set_xlim(0, top)
+    ax.set_xlabel("heat transfer coefficient of the disk [W/m²K]")
+    ax.set_ylabel("heat partition β (share of the fast disk) [1]")
+    ax.legend(frameon=False, fontsize=8, ncols=2)
+    return ax
+
+
+def _point(
+    p: Partition, ax: Axes, h_key: str, h: float, key: str, beta: float, marker: str, colour: str, label: str
+) -> None:
+    """A point with 95 % bars from the budget's draws."""
+    draws = p.budget.draws
+    ax.errorbar(
+        h, beta, xerr=1.96 * float(np.std(draws[h_key])), yerr=1.96 * float(np.std(draws[key])), fmt=marker,
+        color=colour, markerfacecolor="white", markersize=7, capsize=2, linewidth=0.9, label=label,
+    )  # fmt: skip
+
+
+def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
+    """beta by every way with its 95 % interval; a simulation's truth as a line."""
+    rows = [(name, value, p.estimate(name, value).u) for name, value in p.ways.items()]
+    both = p.both.estimates["beta"]
+    rows.append(("joint, both disks", both.value, both.u))
+    for k, (name, value, u) in enumerate(reversed(rows)):
+        colour = DISK_COLOUR.get(name.split()[-1], "black")
+        ax.errorbar(value, k, xerr=1.96 * u, fmt="o", color=colour, capsize=3)
+    ax.set_yticks(range(len(rows)), [name for name, _, _ in reversed(rows)])
+    if truth is not None:
+        ax.axvline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
+        ax.legend(frameon=False, fontsize=8)
+    ax.set_ylim(-0.6, len(rows) - 0.4)
+    ax.set_xlabel("heat partition β [1], 95 % intervals")
+    return ax
+
+
+def draw_budget(p: Partition, ax: Axes) -> Axes:
+    """Standard uncertainty of beta by source: steady and transient, largest on top."""
+    rows = list(reversed(p.budget.rows))
+    y = np.arange(len(rows))
+    ax.barh(y + 0.2, [r.u_beta_steady for r in rows], height=0.38, color="#444444", label="speed law")
+    ax.barh(
+        y - 0.2, [r.u_beta_transient for r in rows], height=0.38, color="#bbbbbb", edgecolor="#444444",
+        label="cooling fit (the worse disk)",
+    )  # fmt: skip
+    ax.set_yticks(y, [r.source for r in rows])
+    ax.set_xlabel("standard uncertainty of β [1]")
+    ax.legend(frameon=False, fontsize=8, loc="lower right")
+    return ax
+
+
+def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
+    """Mean absolute misfit of the steady stretch over (h, share) with the line of least misfit (figure 4.11)."""
+    m = p.lines[disk].map
+    contours = ax.contour(
+        m.h_W_m2K, m.share, m.mean_abs_K.T, levels=[1, 2, 4, 8, 16, 32], colors=DISK_COLOUR[disk], linewidths=0.8
+    )
+    ax.clabel(contours, fmt="%g K", fontsize=7)
+    inside = (m.best_share > m.share[0]) & (m.best_share < m.share[-1])
+    ax.plot(m.h_W_m2K[inside], m.best_share[inside], "k.", markersize=4, label="least misfit at each h")
+    ax.plot(m.h_W_m2K, m.line.intercept + m.line.slope * m.h_W_m2K, "k-", linewidth=1, label="steady line")
+    ax.set_ylim(m.share[0], m.share[-1])
+    ax.set_xlabel(f"h of the {disk} disk [W/m²K]")
+    ax.set_ylabel("β [1]" if disk == "fast" else "1 - β [1]")
+    ax.set_title(f"{disk} disk: mean |measured - model| [K]", loc="left", fontsize=9)
+    ax.legend(frameon=False, fontsize=7, loc="upper left")
+    return ax
+
+
+def draw_temperatures(p: Partition, ax: Axes) -> Axes:
+    """Central thermocouples of both disks over the whole test (figure 6.1)."""
+    t = p.test.time_s
+    step = max(len(t) // 6000, 1)
+    for disk in DISKS:
+        for ch in SHOWN:
+            y = p.test.disks[disk].readings_degC[::step, CHANNELS.index(ch)]
+            ax.plot(
+                t[::step], y, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch], linewidth=1, label=f"{disk} {ch}"
+            )
+    for at in (p.test.events.load_on_s, p.test.events.unload_s):
+        ax.axvline(at, color="black", linewidth=0.7)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("temperature [°C]")
+    ax.legend(frameon=False, fontsize=8, ncols=2)
+    return ax

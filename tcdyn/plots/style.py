@@ -1,0 +1,26 @@
+"""One look for all pictures: legible in greyscale, units on every axis."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+FAST, SLOW, TRUTH, GREY = "#b5451b", "#1f4e79", "#000000", "#8a8a8a"
+DISK_COLOUR = {"fast": FAST, "slow": SLOW}
+CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
+
+
+def figure(rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2) -> tuple[Figure, list[Axes]]:
+    """A figure that belongs to no window, and its axes in reading order."""
+    fig = Figure(figsize=(width_in, height_in), layout="constrained")
+    axes = fig.subplots(rows, columns, squeeze=False)
+    return fig, [finish(ax) for ax in axes.ravel()]
+
+
+def finish(ax: Axes) -> Axes:
+    """Quiet grid, no frame lines that carry nothing."""
+    ax.grid(True, color="#dddddd", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    return ax

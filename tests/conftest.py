@@ -1,0 +1,45 @@
+"""Fixtures that several rooms share: a small campaign of the synthetic rig, written once."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calibration.record import DiskRecord, read_record, write_record
+from calibration.rigfile import Rig, load_rig
+from tcdyn.rig.campaign import CampaignFiles, simulate_campaign
+from tcdyn.rig.script import EhlOptions
+
+SEED = 3
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A short campaign on disk, its records, and its truth for the tests to compare with."""
+
+    files: CampaignFiles
+    rig: Rig
+    records: dict[str, DiskRecord]
+    record_paths: dict[str, Path]
+    truth: dict[str, Any]
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Ovens, two plunges a disk and test B3, loaded for 300 s only, so that it is quick."""
+    from tcdyn.pipeline import calibrate_disk
+
+    folder = tmp_path_factory.mktemp("campaign")
+    options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
+    files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
+    rig = load_rig(files.rig)
+    records, paths = {}, {}
+    for disk in ("fast", "slow"):
+        run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"])
+        paths[disk] = write_record(run.record, folder / f"{disk}.disk.json")
+        records[disk] = read_record(paths[disk])
+    return Campaign(files, rig, records, paths, json.loads(files.truth.read_text(encoding="utf-8")))

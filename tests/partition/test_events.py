@@ -1,0 +1,66 @@
+"""Loading and parting are found to better than a sample; logs without them are refused in a sentence."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.errors import InputError
+from tcdyn.partition.events import find_events
+from tcdyn.partition.friction import contact_force
+
+DT = 1 / 75
+
+
+def log(off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0) -> pd.DataFrame:
+    t = np.arange(0, 100, DT)
+    share = np.clip((off_s + parting_s / 2 - t) / parting_s, 0, 1) if parting_s else (t < off_s).astype(float)
+    loaded = (t >= 10.0) * share
+    noise = 0.1 * np.random.default_rng(seed).standard_normal(len(t))
+    contact = ((t >= 10.0) & (t < off_s + switch_late_s)).astype(int)
+    return pd.DataFrame({"time_s": t, "contact": contact, "friction_N": 0.3 + 20 * loaded + noise})
+
+
+def test_a_step_is_placed_within_its_sample() -> None:
+    events = find_events(log())
+    assert abs(events.unload_s - 80.0073) <= DT / 2 + 1e-9
+    assert events.unload_u_s >= DT / np.sqrt(12) * 0.999
+    assert events.load_on_s == pytest.approx(10.0, abs=DT)
+
+
+def test_a_ramp_of_1_5_s_is_measured_and_its_middle_found() -> None:
+    events = find_events(log(parting_s=1.5))
+    assert events.parting_s == pytest.approx(1.2, abs=0.05)  # 90-10 % of a straight fall of 1.5 s
+    assert events.unload_s == pytest.approx(80.0073, abs=0.02)
+
+
+def test_a_late_switch_widens_the_uncertainty() -> None:
+    near, far = find_events(log()), find_events(log(switch_late_s=0.05))
+    assert abs(far.unload_s - 80.0073) < DT
+    assert far.unload_u_s > 2 * near.unload_u_s
+
+
+def test_a_bouncing_contact_is_bridged_and_said() -> None:
+    frame = log()
+    frame.loc[3000:3005, "contact"] = 0
+    events = find_events(frame)
+    assert any("bounced" in w for w in events.warnings)
+    assert abs(events.unload_s - 80.0073) <= DT
+
+
+@pytest.mark.parametrize(
+    ("contact", "sentence"), [(0, "contact never goes to 1"), (1, "no unloading")], ids=["never", "always"]
+)
+def test_logs_without_the_event_are_refused(contact: int, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        find_events(log().assign(contact=contact))
+
+
+def test_force_is_not_smeared_over_the_parting() -> None:
+    frame = log()
+    t = frame["time_s"].to_numpy()
+    force = contact_force(t, frame["friction_N"].to_numpy(), find_events(frame))
+    last = force[(t > 79.0) & (t < 80.0)]
+    # zero of 0.3 N taken out; a two-second mean of 0.1 N noise is good to 0.01 N
+    assert np.abs(last - 20.0).max() < 0.05
+    assert force[t > 80.02].max() == 0.0
+    assert force[t < 9.9].max() == 0.0
