@@ -61,12 +61,14 @@ def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
     """
     x, w, _ = _barycentric(len(rates_per_s))
     low, high = np.log(rates_per_s[0]), np.log(rates_per_s[-1])
-    gap = ((2 * log_lambda - low - high) / (high - low))[:, None] - x
-    hit = np.abs(gap) < 1e-14
-    terms = w / np.where(hit, 1.0, gap)
-    weights = terms / terms.sum(axis=1, keepdims=True)
-    rows = hit.any(axis=1)
-    weights[rows] = hit[rows]
+    scaled = (2 * log_lambda - low - high) / (high - low)
+    weights = scaled[:, None] - x
+    with np.errstate(divide="ignore", invalid="ignore"):
+        np.divide(w, weights, out=weights)
+        total = weights.sum(axis=1)
+        weights /= total[:, None]
+    for row in np.flatnonzero(~np.isfinite(total)):  # exactly on a node
+        weights[row] = np.arange(len(x)) == np.argmin(np.abs(scaled[row] - x))
     return np.asarray(weights)
 
 

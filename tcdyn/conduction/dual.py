@@ -97,6 +97,18 @@ def einsum(spec: str, *args: Any) -> Any:
     return Dual(np.einsum(spec, *values), slope)
 
 
+def matmul(a: Any, b: Any) -> Any:
+    """``a @ b`` for a of any rank and b a matrix or a vector."""
+    if not isinstance(a, Dual) and not isinstance(b, Dual):
+        return a @ b
+    value = plain(a) @ plain(b)
+    slope: Any = a.slope @ plain(b) if isinstance(a, Dual) else 0.0
+    if isinstance(b, Dual):
+        lifted = b.slope.reshape(len(b.slope), *(1,) * (np.ndim(plain(a)) - 2), *b.shape)
+        slope = slope + (plain(a) @ lifted if len(b.shape) == 2 else np.einsum("...n,qn->q...", plain(a), b.slope))
+    return Dual(value, slope)
+
+
 def stack(items: list[Any]) -> Any:
     """``np.stack`` along a new first axis."""
     if not any(isinstance(a, Dual) for a in items):

@@ -7,7 +7,7 @@ rates (``bank.cardinal``), so a record is filtered once and any (h, K, rho c, de
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
 from tcdyn.conduction import operators as op
-from tcdyn.conduction.dual import eigen_tridiagonal, einsum, node_weights, plain, stack
+from tcdyn.conduction.dual import eigen_tridiagonal, einsum, matmul, node_weights, plain, stack
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
 Array = NDArray[np.float64]
@@ -161,11 +161,15 @@ def _axial_cached(rim: Rim, half_width: float, profile: Profile, flux: Flux, mes
 def forcing(s: Spectrum, split: bool = False) -> Any:
     """Steady amplitude (I, m, n) of every mode for a unit of every input."""
     rate = s.lam_r[:, None] + s.lam_z[None, :]
+    return _by_input(split, lambda r, z: s.force_r[r][:, None] * s.force_z[z][None, :]) / rate
+
+
+def _by_input(split: bool, part: Callable[[int, int], Any]) -> Any:
+    """The parts of all separable sources, summed input by input and stacked."""
     rows: list[Any] = [None] * (7 if split else 5)
     for i, r, z in terms(split):
-        part = s.force_r[r][:, None] * s.force_z[z][None, :]
-        rows[i] = part if rows[i] is None else rows[i] + part
-    return stack(rows) / rate
+        rows[i] = part(r, z) if rows[i] is None else rows[i] + part(r, z)
+    return stack(rows)
 
 
 def readings(rim: Rim, points: Sequence[Point], mesh: Mesh, inner_radius: Any, shift: Any = 0.0) -> tuple[Any, Array]:
@@ -186,14 +190,16 @@ def assemble(s: Spectrum, read_r: Any, read_z: Array, rates: Array, split: bool 
             f"the rim's slowest mode {plain(lam).min():.3g} 1/s is below the bank's lowest {rates[0]:.3g}",
             remedy="give node_rates a smaller slowest_per_s",
         )
-    at_r = einsum("pj,jm->pm", read_r[:, 1:], s.shape_r)
-    at_z = einsum("pz,zn->pn", read_z, s.shape_z)
-    seen = forcing(s, split)[:, None] * (at_r[:, :, None] * at_z[:, None, :])[None]
-    slow = plain(lam) < rates[-1]
-    weights = node_weights(rates, lam[slow])
-    gains = einsum("ipx,xk->ipk", seen[..., slow], weights)
-    last = np.eye(len(rates))[-1]
-    gains = gains + einsum("ipx->ip", seen[..., ~slow])[:, :, None] * last
+    at_r, at_z = matmul(read_r[:, 1:], s.shape_r), matmul(read_z, s.shape_z)
+    m, n = np.nonzero(plain(lam) < rates[-1])
+    force_r, force_z, rate = s.force_r[:, m], s.force_z[:, n], lam[m, n]
+    slow = _by_input(split, lambda r, z: force_r[r] * force_z[z])
+    slow = slow[:, None, :] * (at_r[:, m] * at_z[:, n] / rate)[None]
+    gains = matmul(slow, node_weights(rates, rate))
+    # what the modes beyond the bank add to the steady answer belongs to its fastest lag
+    steady = matmul(at_r[None] * s.force_r[:, None, :], 1 / lam) * at_z[None]
+    whole = _by_input(split, lambda r, z: matmul(steady[r], s.force_z[z]))
+    gains = gains + (whole - einsum("ipx->ip", slow))[:, :, None] * np.eye(len(rates))[-1]
     shapes = boundary_shapes(s, split, read_z)
     return gains, read_r[:, 0] * shapes
 
