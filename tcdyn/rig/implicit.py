@@ -37,8 +37,8 @@ class Stepping:
     """Steps grow in octaves from ``first_s`` after each break, never above ``growth`` times the time since it."""
 
     first_s: float = 1 / 300
-    largest_s: float = 3.5
-    growth: float = 0.08
+    largest_s: float = 7.0
+    growth: float = 0.15
 
 
 @dataclass(frozen=True)
