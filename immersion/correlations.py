@@ -93,9 +93,7 @@ CORRELATIONS: dict[str, Correlation] = {
     for c in (
         Correlation("mcadams", "(5.2)", nu_mcadams, "width", (1e4, 1e9), 0.10, _HOLMAN),
         Correlation("similarity", "(5.3)", nu_similarity, "width", (1e4, 1e9), 0.10, _HOLMAN),
-        Correlation(
-            "churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), 0.08, _HOLMAN
-        ),
+        Correlation("churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), 0.08, _HOLMAN),
         Correlation(
             "churchill-chu",
             "all Ra",

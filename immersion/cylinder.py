@@ -157,7 +157,8 @@ def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> In
     """
     rates, gains = cylinder.modes(r_m, modes)
     n = len(t_s)
-    direct = cylinder.static_profile(r_m) - gains.sum(axis=1)
+    sealed = gains * rates / (rates - cylinder.leak_1_s)  # static gains if nothing leaked
+    direct = cylinder.static_profile(r_m) - sealed.sum(axis=1)
     stack = np.empty((modes + 2, n * n))
     for k, rate in enumerate(rates):
         stack[k] = lag_matrix(t_s, rate).ravel()

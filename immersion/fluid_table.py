@@ -54,9 +54,7 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
         raise InputError("two rows or more at different T_degC are needed", where=where)
     rho, c, k, nu = (columns[name_][order] for name_ in COLUMNS[1:])
     if np.any(np.diff(rho) >= 0):
-        raise InputError(
-            "rho_kg_m3 must fall with T_degC", where=where, remedy="natural convection needs expansion"
-        )
+        raise InputError("rho_kg_m3 must fall with T_degC", where=where, remedy="natural convection needs expansion")
     u = {key: _column_mean(table, key, default, where) for key, default in _DEFAULT_U.items()}
     return Fluid(
         name=name,

@@ -116,9 +116,7 @@ _WATER_C_CURVE = CubicSpline(np.arange(0.0, 101.0, 10.0), _WATER_C)
 
 def _water_density(T: Array) -> Array:
     """Kell (1975), 0 to 150 degC at one atmosphere [kg/m3]."""
-    top = np.polyval(
-        [-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952], np.asarray(T)
-    )
+    top = np.polyval([-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952], np.asarray(T))
     return np.asarray(top / (1 + 16.879850e-3 * T))
 
 

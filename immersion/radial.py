@@ -64,9 +64,7 @@ def solve_surface(
             break
         if change < tolerance_K:
             return surface, q, slope
-    raise InputError(
-        "the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry"
-    )
+    raise InputError("the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry")
 
 
 @dataclass(frozen=True)

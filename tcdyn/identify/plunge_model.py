@@ -170,8 +170,9 @@ def predict_run(
     by_k, by_depth = model.junction_k @ q, model.junction_depth @ q  # (C, n)
     columns = np.empty((c, n, len(RUN_NAMES) + 3))  # value, 8 run derivatives, ln K, depth
     both = np.column_stack([q, surface.flux_by])
-    shifted = model.junction @ both + (dk * model.junction_k + depth[:, None, None] * model.junction_depth) @ both
-    columns[:, :, :10] = shifted
+    # the value follows K and depths exactly; its other derivatives take the matrices where they were built
+    columns[:, :, :10] = model.junction @ both
+    columns[:, :, 0] += dk * by_k + depth[:, None] * by_depth
     columns[:, :, 0] += surface.offset_K
     columns[:, :, 1:10] += surface.offset_by
     columns[:, :, 9] += by_k

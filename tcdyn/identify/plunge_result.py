@@ -77,7 +77,7 @@ def split_lags(lag: Array, covariance: Array, channels: tuple[str, ...]) -> tupl
 
     >>> common, rest = split_lags(np.array([0.7, 0.8]), np.array([[0.02, 0.0199], [0.0199, 0.02]]), ("a", "b"))
     >>> print(common, rest["b"])
-    0.75 +- 0.14 0.05 +- 0.005
+    0.75 +- 0.14 0.05 +- 0.0071
     """
     c = len(lag)
     one = np.full(c, 1 / c)

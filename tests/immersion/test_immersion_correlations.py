@@ -1,0 +1,85 @@
+"""Correlations against published numbers, against ht, and against their own limits."""
+
+import ht
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from immersion.correlations import (
+    CORRELATIONS,
+    Bath,
+    check_validity,
+    correlation,
+    nu_churchill_chu,
+    nu_churchill_chu_laminar,
+    nu_horizontal_cylinder,
+    nu_mcadams,
+    nu_similarity,
+)
+from immersion.fluids import fluid
+
+OIL = Bath(fluid("mobil-jet-ii"), correlation("5.4"), 0.00953, 0.0762)
+
+
+def test_the_three_of_the_thesis_at_oil_conditions() -> None:
+    # ANCHORS: Pr = 60, Ra = 1e6; two decimals are given
+    assert float(nu_mcadams(1e6, 60)) == pytest.approx(18.66, abs=0.005)
+    assert float(nu_similarity(1e6, 60)) == pytest.approx(21.34, abs=0.005)
+    assert float(nu_churchill_chu_laminar(1e6, 60)) == pytest.approx(21.26, abs=0.005)
+
+
+@pytest.mark.parametrize("pr", [0.7, 6.0, 60.0, 300.0])
+@pytest.mark.parametrize("ra", [1e4, 1e6, 1e8])
+def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
+    gr = ra / pr
+    assert float(nu_churchill_chu(ra, pr)) == pytest.approx(ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9)
+    assert float(nu_horizontal_cylinder(ra, pr)) == pytest.approx(
+        ht.Nu_horizontal_cylinder_Churchill_Chu(Pr=pr, Gr=gr), rel=1e-9
+    )
+    assert float(nu_mcadams(ra, pr)) == pytest.approx(
+        ht.Nu_vertical_cylinder_McAdams_Weiss_Saunders(Pr=pr, Gr=gr, turbulent=False), rel=1e-9
+    )
+
+
+def test_the_boundary_layer_solution_is_met_at_high_prandtl_number() -> None:
+    # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies 1.1 % above it
+    assert float(nu_similarity(1e6, 1e9)) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
+    assert float(nu_churchill_chu_laminar(1e8, 1e9)) / 100.0 == pytest.approx(0.670, abs=0.007)  # 0.68 left over
+
+
+def test_h_vanishes_with_the_difference_and_grows_with_its_fourth_root() -> None:
+    plain = Bath(fluid("water"), correlation("mcadams"), 0.01, 0.08)
+    assert float(plain.h_W_m2K(50.0, 50.0)) == 0.0
+    # same film temperature, sixteen times the difference: twice h
+    assert float(plain.h_W_m2K(34.0, 66.0) / plain.h_W_m2K(49.0, 51.0)) == pytest.approx(2.0, rel=1e-9)
+
+
+def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
+    own = Bath(fluid("mobil-jet-ii"), correlation("mcadams"), 0.00953, 0.0762)
+    parts = own.property_u_rel(30.0, 110.0)
+    f = own.fluid
+    assert parts["nu"] == pytest.approx(f.u_nu / 4, rel=0.05)  # h ~ nu^-1/4; one-sided step of 5 %
+    assert parts["k"] == pytest.approx(0.75 * f.u_k, rel=0.05)
+    assert parts["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
+    assert parts["total"] == pytest.approx(np.sqrt(sum(v**2 for k, v in parts.items() if k != "total")))
+
+
+def test_ranges_are_checked_and_said() -> None:
+    fine = check_validity(OIL, np.linspace(26, 100, 30), 110.0)
+    assert fine.warnings == () or all("plate" in w for w in fine.warnings)
+    tiny = check_validity(Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762), 26.0, 110.0)
+    assert any("holds for Ra" in w for w in tiny.warnings)
+    slender = check_validity(Bath(fluid("water"), correlation("5.4"), 0.3, 0.005), 20.0, 80.0)
+    assert not slender.plate_like
+    assert any("plate" in w for w in slender.warnings)
+
+
+def test_the_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:
+    # "This condition is satisfied in the immersion tests experiments", section 5.7; oil at 110 degC, disk at 26 degC
+    assert check_validity(OIL, 26.0, 110.0).plate_like
+
+
+def test_names_and_equation_numbers_find_the_same_correlation() -> None:
+    assert correlation("(5.3)") is CORRELATIONS["similarity"]
+    with pytest.raises(InputError, match="unknown correlation"):
+        correlation("5.9")
