@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -52,15 +52,16 @@ class CsvTable:
     def read(self, wanted: Sequence[str]) -> Columns:
         """The wanted columns; see ``Columns``."""
         with self.stream() as stream:
-            blank, rows = check_rows(stream, self.dialect, self.where)
-        if rows == 0:
+            found = check_rows(stream, self.dialect, self.where)
+        if found.rows == 0:
             raise InputError("no rows below the header", where=self.where)
-        return _assemble(self, self._arrow(wanted), wanted, self._rows(blank))
+        columns = _assemble(self, self._arrow(wanted), wanted, self._rows(found.blank))
+        return replace(columns, notes=columns.notes + found.notes)
 
     def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
         """The wanted columns piece by piece, about ``rows`` rows each, in bounded memory."""
         with self.stream() as stream:
-            blank, _ = check_rows(stream, self.dialect, self.where)
+            found = check_rows(stream, self.dialect, self.where)
         line = max(len(self.dialect.first_row) * 4, sum(len(cell) + 1 for cell in self.dialect.first_row))
         done = 0
         with self.stream() as stream:
@@ -68,8 +69,10 @@ class CsvTable:
                 reader = self._stream_reader(stream, wanted, max(rows * line, 1 << 16))
                 for batch in reader:
                     if batch.num_rows:
-                        yield _assemble(self, pa.Table.from_batches([batch]), wanted, self._rows(blank, done))
+                        yield _assemble(self, pa.Table.from_batches([batch]), wanted, self._rows(found.blank, done))
                         done += batch.num_rows
+                if found.notes:
+                    yield Columns({name: np.empty(0) for name in wanted}, found.notes, self._rows(found.blank, done))
             except pa.ArrowInvalid as problem:
                 raise _arrow_error(problem, self.where) from None
 
@@ -189,15 +192,24 @@ def clock_seconds(texts: list[str], name: str, where: str, rows: RowNumbers, not
     return np.asarray(np.round(second + 86400.0 * wraps - second[0], 9))
 
 
-def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> tuple[tuple[int, ...], int]:
+@dataclass(frozen=True)
+class RowCheck:
+    """How many rows of data there are, which lines are blank, what was noticed."""
+
+    rows: int
+    blank: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> RowCheck:
     """Count the fields of every row: a short or long row is refused by its number, a last short one as truncated.
 
-    Returns the numbers of blank lines and the number of rows of data.
+    A last row without line end may have lost digits: that is noted.
     """
     separator = dialect.separator.encode()
     want = dialect.fields - 1
     blank: list[int] = []
-    rows = 0
+    rows, line = 0, b"\n"
     short: tuple[int, int] | None = None
     for number, line in enumerate(stream, 1):
         if number <= dialect.skip:
@@ -222,7 +234,10 @@ def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> tuple[tuple[i
             expected="a whole last row",
             remedy="copy the file again, or delete the last row",
         )
-    return tuple(blank), rows
+    note = ""
+    if not line.endswith((b"\n", b"\r")):
+        note = f"row {dialect.skip + rows + len(blank)}, the last, has no line end: its last value may be cut short"
+    return RowCheck(rows, tuple(blank), (note,) if note else ())
 
 
 def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:

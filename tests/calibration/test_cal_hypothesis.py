@@ -60,9 +60,10 @@ def log_or_sentence(path, kind):
     """Either a log, or an InputError of one line."""
     try:
         return read_log(path, kind)
-    except InputError as said:
-        assert "\n" not in str(said)
-        return None
+    except InputError as problem:
+        said = str(problem)
+    assert "\n" not in said
+    return None
 
 
 @CALM

@@ -54,9 +54,14 @@ def test_killing_the_writer_leaves_the_previous_file_or_none(tmp_path, ending, b
 
 def test_a_failing_writer_leaves_the_previous_file_and_no_litter(tmp_path):
     target = write_text(tmp_path / "a.txt", "old")
-    with pytest.raises(RuntimeError), atomic_path(target) as beside:
-        beside.write_text("half")
-        raise RuntimeError
+
+    def half():
+        with atomic_path(target) as beside:
+            beside.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        half()
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
 
