@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
 from tcdyn.conduction.exact import modal_amplitudes
-from tcdyn.conduction.modal import forcing, readings, rim_gains, spectrum
+from tcdyn.conduction.modal import forcing, readings, rim_gains, rim_gains_batch, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
 Array = NDArray[np.float64]
@@ -168,7 +168,7 @@ def map_beta_h(
     """
     shares, hs = np.atleast_1d(np.asarray(share, dtype=float)), np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
     rates = node_rates(drive.dt_s)
-    all_gains = [rim_gains(rim, h, points, half_width_m, rates, profile, flux, mesh, drive.split) for h in hs]
+    all_gains = rim_gains_batch(rim, hs, points, half_width_m, rates, profile, flux, mesh, drive.split)
     u = drive.inputs
     gains = np.stack([g.gains for g in all_gains])  # (H, I, P, K)
     direct = np.stack([g.direct for g in all_gains])
@@ -177,7 +177,6 @@ def map_beta_h(
     still = np.moveaxis(direct, 1, 0).reshape(i, rows)
     n = len(u)
     out = np.empty((len(hs), len(shares), gains.shape[2], n))
-    flat = out.reshape(len(hs), len(shares), gains.shape[2], n)
     state: list[Array] | None = None
     for start in range(0, max(n - 1, 1), CHUNK):
         stop = min(start + CHUNK + 1, n)
@@ -188,8 +187,8 @@ def map_beta_h(
         heat = (weights[0] @ banks[0].T + np.outer(still[0], u[start:stop, 0])).reshape(len(hs), -1, stop - start)
         base = base.reshape(len(hs), -1, stop - start)
         for b, s in enumerate(shares):
-            np.multiply(heat, s, out=flat[:, b, :, start:stop])
-            flat[:, b, :, start:stop] += base
+            np.multiply(heat, s, out=out[:, b, :, start:stop])
+            out[:, b, :, start:stop] += base
     return out
 
 
