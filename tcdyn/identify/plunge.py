@@ -150,8 +150,7 @@ def _sentence(best: Optimum, common: Estimate, runs: int) -> str:
     if common.u <= max(0.05, 0.10 * common.value):
         return text + "; the entry burst is told apart from it."
     return (
-        text
-        + f"; with the entry burst and the entry time known it would be +- {known:.2f} s, so these data cannot "
+        text + f"; with the entry burst and the entry time known it would be +- {known:.2f} s, so these data cannot "
         "separate the lag from the burst: take the differences between channels from here and the common lag from an "
         "unloading."
     )

@@ -131,7 +131,9 @@ def minimise(
         starts = [s.temperature_degC for s in state[5]]
         accepted = False
         for _ in range(8):
-            step = -free @ _solve(curvature + damping * np.diag(np.diag(curvature)) + 1e4 * damping * np.diag(guard), slope)
+            step = -free @ _solve(
+                curvature + damping * np.diag(np.diag(curvature)) + 1e4 * damping * np.diag(guard), slope
+            )
             new = theta + _limited(step, lay)
             new[lay.lag] = np.maximum(new[lay.lag], LEAST_LAG_S)
             trial = normal_equations(problem, new, starts)
@@ -260,6 +262,5 @@ def _models(
 ) -> tuple[RunModel, ...]:
     ln_k, shift = float(theta[layout.ln_k]), theta[layout.depth]
     return tuple(
-        build_run_model(run, b, setup, layout, correlation, ln_k, shift, face_W_m2K)
-        for run, b in zip(runs, blocks)
+        build_run_model(run, b, setup, layout, correlation, ln_k, shift, face_W_m2K) for run, b in zip(runs, blocks)
     )

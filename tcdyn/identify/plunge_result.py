@@ -62,12 +62,9 @@ class PlungeFit:
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {len(self.runs)} plunges",
             f"  common lag {self.common_lag_s} s",
         ]
+        lines += [f"  {c}: lag {self.lag_s[c]} s, differential {self.differential_lag_s[c]} s" for c in self.channels]
         lines += [
-            f"  {c}: lag {self.lag_s[c]} s, differential {self.differential_lag_s[c]} s" for c in self.channels
-        ]
-        lines += [
-            f"  {s.source}: u {s.u_common_s:.3f} s common, {s.u_differential_s:.3f} s differential"
-            for s in self.budget
+            f"  {s.source}: u {s.u_common_s:.3f} s common, {s.u_differential_s:.3f} s differential" for s in self.budget
         ]
         return "\n".join([*lines, f"  {self.sentence}", *(f"  warning: {w}" for w in self.warnings)])
 

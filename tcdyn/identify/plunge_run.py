@@ -113,23 +113,25 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
     times, values = t[keep], run.readings_degC[keep]
     clean, spikes = despiked(values)
     noise = white_noise_sd(clean) if run.noise_sd_K is None else np.asarray(run.noise_sd_K, dtype=float)
-    edges = _edges(float(times[0]), float(times[-1]), run.dt_s, longest_s)
+    centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
+    bath_t, bath = smooth_bath(t, run.fluid_degC, end)
+    return Blocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
+
+
+def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
+    """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C)."""
+    edges = _edges(float(times[0]), float(times[-1]), dt_s, longest_s)
     index = np.searchsorted(edges, times, side="right") - 1
     size = len(edges)
     per_block = np.bincount(index, minlength=size)
     used = per_block > 0
     centre = np.bincount(index, times, minlength=size)[used] / per_block[used]
-    good = np.isfinite(clean)
-    count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in range(values.shape[1])])
-    total = np.column_stack(
-        [
-            np.bincount(index, np.where(good[:, j], clean[:, j], 0.0), minlength=size)[used]
-            for j in range(values.shape[1])
-        ]
-    )
-    mean = total / np.maximum(count, 1)
-    bath_t, bath = smooth_bath(t, run.fluid_degC, end)
-    return Blocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
+    good = np.isfinite(values)
+    filled = np.where(good, values, 0.0)
+    columns = range(values.shape[1])
+    count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in columns])
+    total = np.column_stack([np.bincount(index, filled[:, j], minlength=size)[used] for j in columns])
+    return centre, total / np.maximum(count, 1), count
 
 
 def _edges(start: float, end: float, dt: float, longest: float) -> Array:
@@ -172,7 +174,5 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
     for b in np.unique(bins):
         inside = bins == b
         times.append(float(np.mean(t[after][inside])))
-        values.append(
-            float(np.mean(np.sort(bath[after][inside])[inside.sum() // 5 : -(inside.sum() // 5) or None]))
-        )
+        values.append(float(np.mean(np.sort(bath[after][inside])[inside.sum() // 5 : -(inside.sum() // 5) or None])))
     return np.array(times), np.array(values)
