@@ -33,7 +33,7 @@ EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 
 LAYOUTS: dict[str, Layout] = {
-    "oven": Layout("an oven log", ("prt_degC", *DISK_CHANNELS), ("repeat", "setpoint_degC")),
+    "oven": Layout("an oven log", ("prt_degC", *DISK_CHANNELS), ("repeat", "setpoint_degC", "time_s")),
     "immersion": Layout("an immersion log", ("time_s", "switch", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)),
     "ehl": Layout(
         "an EHL log",
@@ -43,7 +43,7 @@ LAYOUTS: dict[str, Layout] = {
     "hole": Layout("a hole-comparison log", ("time_s",), ("switch", "probe_degC", "fluid_degC")),
 }
 ORDER: dict[str, tuple[str, ...]] = {
-    "oven": ("repeat", "setpoint_degC", "prt_degC", *DISK_CHANNELS),
+    "oven": ("time_s", "repeat", "setpoint_degC", "prt_degC", *DISK_CHANNELS),
     "immersion": ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS),
     "ehl": LAYOUTS["ehl"].all,
     "hole": LAYOUTS["hole"].all,
@@ -92,7 +92,7 @@ def match_columns(
                 _check_once(names, candidate, where)
                 chosen[canonical] = candidate
                 break
-    if kind != "oven" and "time_s" not in chosen and "time" in names:
+    if "time_s" not in chosen and "time" in names:
         _check_once(names, "time", where)
         chosen = {"time_s": "time", **chosen}
     missing = [c for c in layout.required if c not in chosen]

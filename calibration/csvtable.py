@@ -58,7 +58,7 @@ class CsvTable:
         columns = _assemble(self, self._arrow(wanted), wanted, self._rows(found.blank))
         return replace(columns, notes=columns.notes + found.notes)
 
-    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The wanted columns piece by piece, about ``rows`` rows each, in bounded memory."""
         with self.stream() as stream:
             found = check_rows(stream, self.dialect, self.where)

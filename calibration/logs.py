@@ -16,6 +16,7 @@ from calibration.columns import KNOWN, LAYOUTS, Kind, match_columns
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.logwrite import write_log
+from calibration.oven import steady_minutes
 from calibration.rigfile import Rig, load_rig
 from calibration.table import Columns, Table, open_table, shown
 from calibration.write import sha256
@@ -83,7 +84,7 @@ def read_log(
     else:
         frame, dt_s = trace_frame(columns, kind, raw, where, notes)
         _swapped(frame, kind, {d: _depths(rig, d, disk) for d in (*DISKS, "")}, notes)
-    notes += [f"column {name} is missing" for name in missing if not (kind == "hole" or name in frame)]
+    notes += [f"column {name} is missing" for name in missing if kind in ("ehl", "immersion")]
     return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
 
 
@@ -213,6 +214,9 @@ def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes:
         if gaps.any():
             notes.append(f"{place.at(name, int(np.argmax(gaps)))}: {int(gaps.sum())} value(s) missing")
     frame = pd.DataFrame(checked)
+    if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
+        frame = _steady_rows(frame, place, notes)
+        empty = np.zeros(len(frame), dtype=bool)
     notes.extend(check_oven(frame, place))
     frame = frame.loc[~empty].reset_index(drop=True)
     if "setpoint_degC" not in frame:
@@ -225,3 +229,20 @@ def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes:
         frame["repeat"] = hold.map(number).astype(float)
         notes.append("column repeat is missing; each return to a set point counts as the next repeat")
     return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]]
+
+
+def _steady_rows(frame: pd.DataFrame, place: Place, notes: list[str]) -> pd.DataFrame:
+    """Oven rows from a continuous log: the last steady minute of each plateau."""
+    time = frame["time_s"].to_numpy()
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.diff(time) > 0)
+    if bad.any():
+        i = int(np.argmax(bad)) + 1
+        raise InputError(
+            f"{place.at('time_s', i)}: time does not rise ({time[i - 1]:.6g} s, then {time[i]:.6g} s)",
+            where=place.where,
+            expected="time that rises from row to row",
+        )
+    rows = steady_minutes(frame)
+    notes.append(f"a continuous log: {len(rows)} steady minutes were found in {(time[-1] - time[0]) / 3600:.3g} h")
+    return rows

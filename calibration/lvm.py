@@ -35,7 +35,7 @@ class LvmTable:
         """The wanted columns; see ``Columns``."""
         return Columns({name: self.data[name] for name in wanted}, self.notes, self.rows)
 
-    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The wanted columns piece by piece (the file itself was read at once)."""
         for start in range(0, len(next(iter(self.data.values()))), rows):
             part = {name: self.data[name][start : start + rows] for name in wanted}

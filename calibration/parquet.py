@@ -49,7 +49,7 @@ class ParquetTable:
         notes: list[str] = []
         return Columns({n: self._floats(table.column(n), n, notes) for n in wanted}, tuple(notes))
 
-    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The wanted columns piece by piece, in bounded memory."""
         first = 1
         try:

@@ -30,6 +30,8 @@ class DiskTable(_Table):
 
     @model_validator(mode="after")
     def _bore_inside(self) -> DiskTable:
+        if 0.0 < self.bore_radius_mm < 0.5:
+            raise ValueError(f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?")
         if self.bore_radius_mm >= self.outer_radius_mm:
             raise ValueError("bore_radius_mm must be below outer_radius_mm")
         return self
@@ -45,8 +47,8 @@ class WasherTable(_Table):
 class JunctionTable(_Table):
     """[thermocouples] a = { depth_mm, z_mm, angle_deg }."""
 
-    depth_mm: float = Field(gt=0, lt=100)
-    z_mm: float = Field(gt=0, lt=200)
+    depth_mm: float = Field(gt=0.05, lt=100)  # a depth below 50 um is one given in metres
+    z_mm: float = Field(gt=0.05, lt=200)
     angle_deg: float = Field(0.0, ge=-360, le=360)
 
 

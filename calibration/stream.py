@@ -28,7 +28,7 @@ class LogPiece:
 
 
 def iter_log(
-    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *, rows: int = 100_000
+    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *, rows: int = 50_000
 ) -> Iterator[LogPiece]:
     """Pieces of a log in time order; put together they are ``read_log``'s frame.
 

@@ -56,7 +56,7 @@ class Table(Protocol):
         """The wanted columns by their names in the file."""
         ...
 
-    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The same piece by piece."""
         ...
 

@@ -37,12 +37,14 @@ class TdmsTable:
             self._check_size(file)
             channels = [c for group in file.groups() for c in group.channels()]
             names = [str(c.name).strip() for c in channels]
+            timed = any("wf_increment" in c.properties for c in channels)
             for owner in (file, *file.groups()):
                 for key, value in owner.properties.items():
                     self.metadata.setdefault(str(key)[:200], str(value)[:2000])
         if not names:
             raise InputError("holds no channels", where=self.where, expected="a TDMS log")
-        self.made_time = "time_s" not in names and "time" not in names
+        own = "time_s" in names or "time" in names
+        self.made_time = timed and not own
         self.names = tuple(["time_s", *names] if self.made_time else names)
 
     def read(self, wanted: Sequence[str]) -> Columns:
@@ -72,7 +74,7 @@ class TdmsTable:
             data = {"time_s": time, **data}
         return Columns(data, tuple(notes))
 
-    def chunks(self, wanted: Sequence[str], rows: int = 100_000) -> Iterator[Columns]:
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The wanted channels piece by piece, in bounded memory; they must share one start, rate and length."""
         with self._open() as file:
             channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -36,7 +37,7 @@ def test_the_pieces_are_the_whole(tmp_path, ending):
     assert said == []
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(at=st.integers(100, 2800), lost=st.integers(1, 20), spike=st.integers(100, 2800))
 def test_gaps_and_spikes_at_any_seam_are_found(tmp_path, at, lost, spike):
     frame = ehl_frame()
@@ -65,18 +66,16 @@ def test_oven_logs_are_not_read_in_pieces(tmp_path):
 
 
 PEAK = """
-import resource, sys
+import sys
 from calibration.stream import iter_log
-rows = 0
-first = None
-for piece in iter_log(sys.argv[1], "ehl"):
-    rows += len(piece.frame)
-    first = first or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-print(rows, first // 1024, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+rows = sum(len(piece.frame) for piece in iter_log(sys.argv[1], "ehl"))
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(rows, int(peak.split()[1]) // 1024)
 """
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="peak memory is read from Linux's /proc")
 def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
     size, path, k = 0, tmp_path / "long.csv", 0
     frame = ehl_frame(60_000).round(4)
@@ -89,7 +88,6 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
             block = "\n".join(f"{t:.6f},{rest}" for t, rest in zip(times.tolist(), text)) + "\n"
             size, k = size + stream.write(block), k + 1
     out = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True)
-    rows, first, peak = map(int, out.stdout.split())
+    rows, peak_MB = map(int, out.stdout.split())
     assert rows == k * len(frame)
-    assert peak < first + 300  # MB; the log's numbers alone are over 800
-    print(out.stdout)
+    assert peak_MB < 500  # the log's numbers alone are 900 MB, the interpreter and its libraries 130
