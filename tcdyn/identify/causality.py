@@ -37,8 +37,9 @@ def shift_scores(x: Array, y: Array, reach: int) -> Array:
 def check_causality(problem: Problem, where: str) -> None:
     """Raise InputError when a lag with a *negative* dead time explains the output far better than any real one.
 
-    Far better means: by more than two samples ahead, with r^2 above 0.8, and leaving less than a quarter of what
-    the best dead time from zero upwards leaves unexplained. A lead (a zero slower than the pole) does not do that.
+    Far better means: more than two samples ahead, r^2 above 0.3, and less than 0.7 of the variance that the best
+    dead time from zero upwards leaves unexplained. In trials every causal system, leads and integrators included,
+    stayed above 0.97, exchanged or shifted columns below 0.63.
     """
     plain = replace(problem, model=process("P1D", known=problem.model.known))
     if problem.model.integrators or sum(len(s.u) for s in problem.segments) < 40:
@@ -57,7 +58,7 @@ def check_causality(problem: Problem, where: str) -> None:
             if score[k] > best_ahead:
                 best_ahead, at = float(score[k]), reach - k
             best_behind = max(best_behind, float(score[reach - 2 :].max()))
-    if best_ahead > 0.8 and 1 - best_ahead < 0.25 * (1 - best_behind):
+    if best_ahead > 0.3 and 1 - best_ahead < 0.7 * (1 - best_behind):
         raise InputError(
             f"the output moves about {at * problem.dt_s:.3g} s before the input",
             where=where,

@@ -18,7 +18,7 @@ def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | No
     ones)."""
     evaluate = evaluate or problem.evaluate
     lower, upper = problem.bounds()
-    candidates = [start] if start is not None else starts(problem)[:3]
+    candidates = [start] if start is not None else diverse(problem, starts(problem))
     best: Optimum | None = None
     short = 12 if len(candidates) > 1 else 60
     for x0 in candidates:
@@ -34,6 +34,25 @@ def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | No
     final = least_squares(evaluate, best.x, lower, upper, max_iterations=80)
     assert final is not None
     return ordered(problem, kicked(problem, evaluate, final))
+
+
+def diverse(problem: Problem, ranked: list[Array], count: int = 4) -> list[Array]:
+    """The best starts that are not near copies of a better one: 30 % apart in some lag or dead time."""
+    chosen: list[Array] = []
+    for x in ranked:
+        theta = problem.theta(x)
+        times = np.array([v for n, v in theta.items() if n.startswith("T")] or [0.0])
+        size = np.abs(times).sum() + problem.dt_s
+        if all(np.max(np.abs(times - old)) > 0.15 * size for old in (spans(problem, c) for c in chosen)):
+            chosen.append(x)
+        if len(chosen) == count:
+            break
+    return chosen or ranked[:1]
+
+
+def spans(problem: Problem, x: Array) -> Array:
+    """The times among the parameters [s]."""
+    return np.array([v for n, v in problem.theta(x).items() if n.startswith("T")] or [0.0])
 
 
 def kicked(problem: Problem, evaluate: Evaluate, optimum: Optimum) -> Optimum:

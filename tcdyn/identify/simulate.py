@@ -18,7 +18,8 @@ TAYLOR = 1.0 / np.cumprod(np.concatenate([[1.0], np.arange(1.0, 16.0)]))
 
 
 def expm(a: NDArray) -> NDArray:
-    """exp(a) of a small matrix: Taylor's series to a^15 after scaling below 1/2 (error below rounding), then squaring.
+    """exp(a) of a small matrix: Taylor's series to a^15 after scaling below 1/2 (error below rounding), then
+    squaring.
 
     For the matrices here (at most some twenty rows) this takes a tenth of the general routine's time, and it never
     wakes a linear-algebra thread pool.

@@ -35,6 +35,7 @@ def lag_bank(problem: Problem, taus_s: Array) -> list[Array]:
 def best_shift(problem: Problem, bank: list[Array], k: int, limit: int) -> tuple[int, float]:
     """The whole-sample dead time at which lag ``k`` of the bank correlates best with the output, and that r^2."""
     score = np.zeros(limit + 1)
+    floor = 0.0 if problem.model.fixed.get("Kp", -1.0) > 0 else -np.inf  # a gain of either sign unless it is known
     xx = yy = 0.0
     for s, rows in zip(problem.segments, bank):
         x, y = rows[k], filled(s)
@@ -48,7 +49,9 @@ def best_shift(problem: Problem, bank: list[Array], k: int, limit: int) -> tuple
         left = n - np.arange(reach + 1)
         spread = squares[left] - head[left] ** 2 / n
         value = np.zeros(limit + 1)
-        value[: reach + 1] = np.maximum(cross[: reach + 1], 0.0) ** 2 / np.maximum(spread, 1e-12 * squares[-1] + 1e-300)
+        value[: reach + 1] = np.maximum(cross[: reach + 1], floor) ** 2 / np.maximum(
+            spread, 1e-12 * squares[-1] + 1e-300
+        )
         score += value
         xx, yy = xx + 1.0, yy + float(y @ y)
     best = int(np.argmax(score))

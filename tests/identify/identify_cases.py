@@ -40,7 +40,8 @@ def case_a(kind: str, seed: int, noise: float = 0.5, colour: float = 0.0) -> IOD
 
 
 def rao_garnier(seed: int, snr_dB: float = 10.0) -> IOData:
-    """(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600) driven by a PRBS of 10 stages held for 7 samples of 10 ms."""
+    """(-6400 s + 1600)/(s^4 + 5 s^3 + 408 s^2 + 416 s + 1600) driven by a PRBS of 10 stages held for 7 samples of
+    10 ms."""
     u = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 7)
     y = simulate(transfer(1, 4).rational(RAO_GARNIER), u, 0.01, "zoh", "zero")
     sd = np.std(y) * 10 ** (-snr_dB / 20)

@@ -1,0 +1,141 @@
+"""``tcdyn identify DATA.csv --input u --output y``: any input-output table to a model, with validation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import pandas as pd
+import typer
+
+from calibration.errors import InputError
+from calibration.write import write_text
+from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
+from tcdyn.identify.fit import Fit
+from tcdyn.report.page import Section, write_page
+
+
+def identify(
+    data: Annotated[Path, typer.Argument(help="CSV table: one row a sample.")],
+    input: Annotated[str, typer.Option("--input", "-u", help="Column of the input.")],
+    output: Annotated[str, typer.Option("--output", "-y", help="Column of the output.")],
+    run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
+    time: Annotated[str | None, typer.Option(help="Time column [s]; time_s, time or t is found by itself.")] = None,
+    dt_s: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s] where there is no time.")] = None,
+    resample_s: Annotated[float | None, typer.Option("--resample", help="Put uneven times on this grid [s].")] = None,
+    hold: Annotated[str, typer.Option(help="Input between samples: foh (straight line) or zoh (held).")] = "foh",
+    models: Annotated[str, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2).")] = ",".join(CANDIDATES),
+    gain: Annotated[float | None, typer.Option(help="Hold the static gain Kp at this value (process models).")] = None,
+    no_offset: Annotated[bool, typer.Option("--no-offset", help="The output has no offset.")] = False,
+    initial: Annotated[str, typer.Option(help="Start of each run: equilibrium, zero or estimated.")] = "equilibrium",
+    robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
+    held_out: Annotated[float, typer.Option(help="Share of the record kept for the held-out score.")] = 0.3,
+    out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
+) -> None:
+    """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say."""
+    check_choice("--hold", hold, ("foh", "zoh"))
+    check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
+    record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
+    fixed = {} if gain is None else {"Kp": gain}
+    structures = [structure(name, fixed, no_offset) for name in split_models(models)]
+    comparison = compare(record, structures, held_out=held_out, initial=initial, loss="huber" if robust else "linear")
+    typer.echo(comparison_text(comparison))
+    json_path = out or data.with_suffix(".identified.json")
+    html_path = report or json_path.with_suffix(".html")
+    write_text(json_path, comparison.best.identified.to_json() + "\n")
+    read_identified(json_path)
+    write_report(html_path, record, comparison)
+    typer.echo(f"wrote {json_path} and {html_path}")
+
+
+def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Refuse a value that is none of ``allowed``."""
+    if value not in allowed:
+        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
+
+
+def split_models(text: str) -> list[str]:
+    """Names separated by commas that are not inside brackets."""
+    names, depth, current = [], 0, ""
+    for c in text:
+        depth += (c == "(") - (c == ")")
+        if c == "," and depth == 0:
+            names.append(current)
+            current = ""
+        else:
+            current += c
+    return [n.strip() for n in [*names, current] if n.strip()]
+
+
+def structure(name: str, fixed: dict[str, float], no_offset: bool) -> Any:
+    """The named model with the command's constraints."""
+    from dataclasses import replace
+
+    from tcdyn.identify.models import as_model
+
+    model = as_model(name)
+    kept = {k: v for k, v in fixed.items() if k in model.names}
+    return replace(model, fixed=kept, offset="none" if no_offset else model.offset)
+
+
+def comparison_text(comparison: Comparison) -> str:
+    """The order table, the recommendation and the recommended model as people read them."""
+    table = comparison.table.drop(columns=["remark"])
+    best = comparison.best
+    lines = [table.to_string(index=False, float_format=lambda v: f"{v:.4g}"), "", f"Recommended: {comparison.why}", ""]
+    lines.append(best.summary())
+    model = best.identified
+    if not model.model.integrators:
+        times = ", ".join(f"{k} = {v} s" for k, v in percent_times(model).items())
+        lines.append(f"  lag (first moment) {model.lag_s} s; step response {times}")
+    return "\n".join(lines)
+
+
+def parameter_table(fit: Fit) -> pd.DataFrame:
+    """Parameters, lag and percent times with their intervals."""
+    model = fit.identified
+    rows = [(n, e, model.model.unit(n)) for n, e in fit.estimates.items()]
+    if not model.model.integrators:
+        rows += [("lag", model.lag_s, "s"), *((n, e, "s") for n, e in percent_times(model).items())]
+    return pd.DataFrame(
+        [
+            {"quantity": n, "value": e.value, "u": e.u, "low 95 %": e.low95, "high 95 %": e.high95, "unit": unit}
+            for n, e, unit in rows
+        ]
+    )
+
+
+def write_report(path: Path, record: IOData, comparison: Comparison) -> None:
+    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests."""
+    from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
+
+    best = comparison.best
+    model = best.identified
+    sections = [
+        Section("Which model", f"Recommended: {comparison.why}", comparison.table),
+        Section(
+            "Fit",
+            f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
+            None,
+            fit_figure(best),
+        ),
+        Section(
+            "Parameters", "95 % intervals; profile likelihood where the quadratic ones are poor.", parameter_table(best)
+        ),
+        Section(
+            "Dynamics",
+            "Step response and Bode diagram of the identified model with 95 % bands.",
+            None,
+            dynamics_figure(model),
+        ),
+        Section("Residuals", model.sentence, None, residual_figure(best)),
+    ]
+    write_page(
+        path,
+        f"{model.model.name}: {model.input_name} to {model.output_name}",
+        sections,
+        verdict=model.sentence,
+        warnings=model.warnings,
+        footer=f"identified from {record.name}",
+    )

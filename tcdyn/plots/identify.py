@@ -1,0 +1,120 @@
+"""Pictures of an identification: fit, step response and Bode diagram with their bands, residual tests."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tcdyn.identify.bands import Band, bode_band, percent_times, step_band
+from tcdyn.identify.fit import Fit
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.validate import Correlation, Validation, validate
+from tcdyn.plots.style import figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def label(name: str, unit: str) -> str:
+    """Axis label with its unit."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
+    """Measured input and output with the simulated output of one stretch of data."""
+    s, model = fit.problem.segments[segment], fit.identified
+    t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
+    ax.plot(t, s.y, ".", markersize=2.5, color="0.55", label=f"{model.output_name} measured")
+    ax.plot(t, fit.simulated()[segment], color="C3", linewidth=1.3, label=f"{model.model.name} simulated")
+    style = "steps-post" if fit.problem.hold == "zoh" else "default"
+    twin = ax.twinx()
+    twin.plot(t, s.u, color="C0", linewidth=0.8, drawstyle=style, alpha=0.6)
+    twin.set_ylabel(label(model.input_name, model.input_unit), color="C0")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(label(model.output_name, model.output_unit))
+    ax.set_title(f"fit {model.statistics['fit_percent']:.2f} %")
+    ax.legend(loc="best", fontsize=8)
+    return ax
+
+
+def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
+    """A curve and its 95 % band."""
+    ax.plot(band.x, band.value, color="C3", linewidth=1.3, label=text or None)
+    ax.fill_between(band.x, band.low95, band.high95, color="C3", alpha=0.25, linewidth=0)
+    return ax
+
+
+def draw_step(model: Identified, ax: Axes) -> Axes:
+    """Unit step response with its 95 % band and the percent times."""
+    draw_band(step_band(model), ax)
+    if not model.model.integrators:
+        for (name, time), share in zip(percent_times(model).items(), (0.5, 1 - np.exp(-1), 0.9)):
+            ax.plot([time.value], [share * model.gain], "o", color="C0", markersize=4)
+            ax.annotate(f" {name} = {time.value:.3g} s", (time.value, share * model.gain), fontsize=8, va="top")
+    ax.set_xlabel("time after a unit step [s]")
+    ax.set_ylabel(label(model.output_name, model.output_unit))
+    return ax
+
+
+def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Axes]:
+    """Magnitude and phase with their 95 % bands."""
+    bode = bode_band(model)
+    draw_band(bode.magnitude_dB, magnitude)
+    draw_band(bode.phase_deg, phase)
+    magnitude.set_ylabel("magnitude [dB]")
+    phase.set_ylabel("phase [deg]")
+    for ax in (magnitude, phase):
+        ax.set_xscale("log")
+        ax.set_xlabel("frequency [Hz]")
+        ax.grid(True, which="both", alpha=0.25)
+    return magnitude, phase
+
+
+def draw_correlation(c: Correlation, ax: Axes, title: str) -> Axes:
+    """Correlations as stems over the 95 % bound of each."""
+    order = np.argsort(c.lags_s)
+    ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color="0.85", label="95 % of each lag")
+    ax.vlines(c.lags_s, 0.0, c.value, color="C3")
+    ax.plot(c.lags_s, c.value, "o", color="C3", markersize=3)
+    ax.axhline(0.0, color="0.3", linewidth=0.8)
+    ax.set_xlabel("lag [s]")
+    ax.set_title(f"{title}: p = {c.p:.2g}", fontsize=10)
+    return ax
+
+
+def draw_residuals(fit: Fit, ax: Axes) -> Axes:
+    """Residuals in the order of the record."""
+    ax.plot(fit.residual, ".", markersize=2.5, color="0.4")
+    ax.axhline(0.0, color="C3", linewidth=0.8)
+    ax.set_xlabel("measured sample")
+    ax.set_ylabel(label("residual", fit.identified.output_unit))
+    return ax
+
+
+def fit_figure(fit: Fit) -> Figure:
+    """Every stretch of data (at most four) under its simulation."""
+    count = min(4, len(fit.problem.segments))
+    fig, axes = figure(count, 1, 8.5, 3.0 * count)
+    for k in range(count):
+        draw_fit(fit, axes[k], k)
+    return fig
+
+
+def dynamics_figure(model: Identified) -> Figure:
+    """Step response and Bode diagram."""
+    fig, axes = figure(1, 3, 12.0, 3.4)
+    draw_step(model, axes[0])
+    draw_bode(model, axes[1], axes[2])
+    return fig
+
+
+def residual_figure(fit: Fit, validation: Validation | None = None) -> Figure:
+    """Residuals, their autocorrelation and their correlation with the input."""
+    v = validation or validate(fit)
+    fig, axes = figure(1, 3, 12.0, 3.2)
+    draw_residuals(fit, axes[0])
+    draw_correlation(v.whiteness, axes[1], "residual autocorrelation")
+    draw_correlation(v.input, axes[2], "residual and input")
+    return fig

@@ -1,0 +1,134 @@
+"""Data in, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from identify_cases import case_a
+
+from calibration.errors import InputError
+from tcdyn.identify import IOData, fit, from_csv, from_frame
+
+
+def table(n: int = 200) -> pd.DataFrame:
+    data = case_a("PRBS", 0)
+    return pd.DataFrame({"time_s": data.times_s()[:n], "u": data.runs[0].u[:n, 0], "y": data.runs[0].y[:n, 0]})
+
+
+def test_slicing_is_in_seconds_with_both_ends():
+    part = case_a("PRBS", 0)[2.0:5.0]
+    assert part.n_samples == 61
+    assert part.runs[0].start_s == pytest.approx(2.0)
+
+
+def test_merged_runs_stay_apart():
+    one, two = case_a("PRBS", 0), case_a("PRBS", 1)
+    both = one.merge(two)
+    assert [r.n for r in both.runs] == [800, 800]
+    # concatenated, the level jump at the seam would be fitted as dynamics; merged, both runs tell the same dead time
+    result = fit(both, "P2D")
+    assert result.identified.theta["Td"] == pytest.approx(0.37, abs=4 * result.estimates["Td"].u)
+    assert len(result.problem.segments) == 2
+
+
+def test_data_are_read_only():
+    with pytest.raises(ValueError, match="read-only"):
+        case_a("PRBS", 0).runs[0].u[0] = 1.0
+
+
+def test_merge_refuses_another_hold():
+    with pytest.raises(InputError, match="hold"):
+        case_a("PRBS", 0).merge(case_a("plunge", 0))
+
+
+def test_a_run_column_separates_recordings():
+    frame = pd.concat([table().assign(run="a"), table().assign(run="b")])
+    assert [r.name for r in from_frame(frame, input="u", output="y", run="run").runs] == ["a", "b"]
+
+
+def test_missing_rows_become_a_gap_and_the_fit_lives_with_it():
+    frame = table(800).drop(index=range(300, 330))
+    data = from_frame(frame, input="u", output="y", hold="zoh")
+    assert data.n_samples == 800 and data.missing == 30
+    result = fit(data, "P2D", initial="estimated")
+    assert result.estimates["Tp1"].value == pytest.approx(2.0, abs=4 * result.estimates["Tp1"].u)
+
+
+def test_rounded_time_stamps_do_not_drift():
+    t = np.round(np.arange(7500) / 75, 3)
+    frame = pd.DataFrame({"t": t, "u": np.sin(t), "y": np.sin(t)})
+    assert from_frame(frame, input="u", output="y").dt_s == pytest.approx(1 / 75, rel=1e-4)
+
+
+def test_semicolons_and_decimal_commas(tmp_path):
+    path = tmp_path / "euro.csv"
+    path.write_text("t;u;y\n0,0;1,5;2,5\n0,5;1,5;2,5\n1,0;3,5;2,75\n", encoding="utf-8")
+    data = from_csv(path, input="u", output="y")
+    assert data.dt_s == 0.5 and data.runs[0].u[2, 0] == 3.5
+
+
+def uneven() -> None:
+    frame = table()
+    frame.loc[100:, "time_s"] += 0.02
+    from_frame(frame, input="u", output="y")
+
+
+def backwards() -> None:
+    frame = table()
+    frame.loc[50, "time_s"] = 0.0
+    from_frame(frame, input="u", output="y")
+
+
+def exchanged() -> None:
+    data = case_a("PRBS", 0)
+    fit(IOData.from_arrays(data.runs[0].y, data.runs[0].u, 0.05, hold="zoh"), "P1D")
+
+
+def early_output() -> None:
+    data = case_a("plunge", 0)
+    u = data.runs[0].u[:, 0]
+    fit(IOData.from_arrays(np.concatenate([np.full(60, u[0]), u[:-60]]), data.runs[0].y, 0.05), "P1D")
+
+
+def wrapped() -> None:
+    counts = (np.arange(60) * 1000).astype(np.int64)
+    IOData.from_arrays(((counts + 2**15) % 2**16 - 2**15).astype(np.int16), np.zeros(60), 0.1)
+
+
+BAD = {
+    "constant input": (lambda: fit(IOData.from_arrays(np.ones(100), np.arange(100.0), 0.1)), "constant"),
+    "two samples": (lambda: fit(IOData.from_arrays([0.0, 1.0], [0.0, 0.5], 0.1)), "2 measured samples"),
+    "NaN everywhere": (lambda: fit(IOData.from_arrays(np.arange(50.0), np.full(50, np.nan), 0.1)), "NaN everywhere"),
+    "NaN input": (lambda: fit(IOData.from_arrays(np.full(50, np.nan), np.arange(50.0), 0.1)), "NaN everywhere"),
+    "uneven time": (uneven, "not evenly spaced"),
+    "backward time": (backwards, "runs backwards"),
+    "exchanged columns": (exchanged, "before the input"),
+    "output before input": (early_output, "before the input"),
+    "integer overflow": (wrapped, "16-bit integer overflowed"),
+    "infinite": (lambda: IOData.from_arrays([0.0, np.inf], [0.0, 1.0], 0.1), "infinite"),
+    "text": (lambda: IOData.from_arrays(["a", "b"], [0.0, 1.0], 0.1), "numbers"),
+    "lengths": (lambda: IOData.from_arrays([0.0, 1.0], [0.0], 0.1), "equal lengths"),
+    "no such column": (lambda: from_frame(table(), input="x", output="y"), "missing"),
+    "hold": (lambda: IOData.from_arrays([0.0], [0.0], 0.1, hold="linear"), "hold"),
+    "dead output": (lambda: fit(IOData.from_arrays(np.arange(60.0) % 7, np.ones(60), 0.1)), "never moves"),
+    "no such model": (lambda: fit(case_a("PRBS", 0), "P4"), "no process model"),
+    "held dead time alone": (lambda: fit(case_a("PRBS", 0), "P0D"), "add a lag"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_data_get_one_clear_sentence(name):
+    call, words = BAD[name]
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_a_lead_is_not_mistaken_for_an_output_that_moves_first():
+    from tcdyn.identify import process, simulate
+
+    u = case_a("PRBS", 2).runs[0].u[:, 0]
+    y = simulate(process("P1Z").rational({"Kp": 1.0, "Tp1": 0.3, "Tz": 0.9}), u, 0.05, "zoh")
+    y = y + 0.3 * np.random.default_rng(0).normal(size=len(y))
+    result = fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1Z")
+    assert result.identified.theta["Tz"] == pytest.approx(0.9, abs=4 * result.estimates["Tz"].u)

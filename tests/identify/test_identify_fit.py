@@ -1,0 +1,147 @@
+"""Recovery of known truth within the stated uncertainty, for every structure, start-free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
+
+from calibration.disk import Conditioning
+from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer
+from tcdyn.identify.models import as_model
+
+TRUTHS = {
+    "P1": {"Kp": 2.0, "Tp1": 0.8},
+    "P1D": {"Kp": 2.0, "Tp1": 0.8, "Td": 1.23},
+    "P2": {"Kp": 1.0, "Tp1": 1.0, "Tp2": 0.3},
+    "P2Z": {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.4, "Tz": -0.5},
+    "P2DZ": {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.4, "Tz": 1.0, "Td": 0.3},
+    "P2U": {"Kp": 1.0, "Tw": 0.6, "Zeta": 0.3},
+    "P2UD": {"Kp": -1.0, "Tw": 0.6, "Zeta": 0.5, "Td": 0.52},
+    "P3": {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.6, "Tp3": 0.2},
+    "P1I": {"Kp": 0.4, "Tp1": 0.8},
+    "P1H": {"Kp": 1.0, "Tp1": 1.0, "Tc": 0.9},
+    "P1HD": {"Kp": 1.0, "Tp1": 1.0, "Tc": 0.9, "Td": 0.27},
+    "P0D": {"Kp": 1.5, "Td": 0.77},
+    "TF(1,2)D": {"b0": 1.0, "b1": 0.5, "a1": 1.2, "a2": 0.5, "Td": 0.4},
+}
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_every_structure_finds_its_truth_from_no_start(name):
+    model, truth = as_model(name), TRUTHS[name]
+    rng = np.random.default_rng(5)
+    u, hold = case_a_input("PRBS", rng)
+    u = u - 25.0 if name == "P1I" else u
+    hold = "foh" if name == "P0D" else hold
+    y = simulate(model.rational(truth), u, 0.05, hold) + 0.3 * rng.normal(size=len(u)) + 4.0
+    found = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model)
+    for key, value in truth.items():
+        # 4 standard uncertainties: 1 in 16 000 for each of the 40 parameters here
+        assert found.estimates[key].value == pytest.approx(value, abs=4 * found.estimates[key].u + 1e-9), key
+    assert found.identified.offset == pytest.approx(4.0, abs=1.0)
+
+
+@pytest.mark.parametrize("kind", ["plunge", "PRBS"])
+def test_case_a_small_study(kind):
+    # 30 seeds; the 200-seed study is test_identify_studies.py
+    fits = [fit(case_a(kind, seed), "P2D") for seed in range(100, 130)]
+    for name, truth in CASE_A.items():
+        z = np.array([(f.estimates[name].value - truth) / f.estimates[name].u for f in fits])
+        assert abs(z.mean()) < 3 / np.sqrt(30), name  # three standard errors
+        assert 0.6 < z.std() < 1.45, name  # chi-square 99.9 % limits for 29 degrees of freedom
+
+
+def test_wrong_hold_shifts_the_dead_time_by_half_a_sample():
+    data = case_a("PRBS", 3)
+    wrong = IOData.from_arrays(data.runs[0].u, data.runs[0].y, 0.05, hold="foh")
+    shift = fit(wrong, "P2D").identified.theta["Td"] - fit(data, "P2D").identified.theta["Td"]
+    assert shift == pytest.approx(0.025, abs=0.004)  # half of 0.05 s; the same noise in both fits
+
+
+def test_known_conditioning_is_multiplied_in_and_not_estimated():
+    known = Conditioning(0.8, 2)
+    model = chain_model("P1D", known)
+    u, hold = case_a_input("plunge", np.random.default_rng(0))
+    y = simulate(model.rational({"Tp1": 0.6, "Td": 0.11}), u, 0.05, hold)
+    y = y + 0.1 * np.random.default_rng(1).normal(size=len(u))
+    found = fit(IOData.from_arrays(u, y, 0.05), model)
+    assert found.estimates["Tp1"].value == pytest.approx(0.6, abs=4 * found.estimates["Tp1"].u)
+    chain = found.identified.chain(known)
+    assert chain.lag_s == pytest.approx(found.identified.lag_s.value, rel=1e-12)
+    assert np.allclose(chain.response(u, 0.05), found.simulated()[0], atol=1e-9)
+
+
+def test_unknown_initial_state_is_estimated_and_does_not_bias_the_lags():
+    rng = np.random.default_rng(0)
+    u, hold = case_a_input("PRBS", rng, 1200)
+    y = simulate(process("P2D").rational(CASE_A), u, 0.05, hold) + 0.3 * rng.normal(size=1200)
+    cut = IOData.from_arrays(u[407:], y[407:], 0.05, hold=hold)  # begins amid a transient
+    found = fit(cut, "P2D", initial="estimated")
+    for name, truth in CASE_A.items():
+        # a dead time of 7 samples hides some of the past: the state is only as good as the record's start
+        assert found.estimates[name].value == pytest.approx(truth, abs=5 * found.estimates[name].u), name
+    assert found.identified.statistics["rms"] < fit(cut, "P2D").identified.statistics["rms"]
+
+
+def test_spikes_move_least_squares_but_not_the_robust_fit():
+    data = case_a("PRBS", 4)
+    y = data.runs[0].y[:, 0].copy()
+    y[50::40] += 40.0
+    spiked = IOData.from_arrays(data.runs[0].u, y, 0.05, hold="zoh")
+    plain, huber, tukey = (fit(spiked, "P2D", loss=loss) for loss in ("linear", "huber", "bisquare"))
+    assert "spikes" in plain.identified.sentence
+    for robust in (huber, tukey):
+        for name, truth in CASE_A.items():
+            assert robust.estimates[name].value == pytest.approx(truth, abs=4.5 * robust.estimates[name].u), name
+        assert robust.estimates["Td"].u < 0.25 * plain.estimates["Td"].u
+
+
+def test_coloured_noise_widens_the_robust_interval_and_a_noise_model_narrows_it():
+    data = case_a("PRBS", 0, colour=0.9)
+    classical = fit(data, "P2D", covariance="classical")
+    sandwich = fit(data, "P2D")
+    modelled = fit(data, "P2D", noise=(1, 0))
+    assert sandwich.identified.statistics["robust_covariance"] == 1.0
+    assert sandwich.estimates["Tp1"].u > 1.5 * classical.estimates["Tp1"].u
+    assert modelled.estimates["Td"].u < sandwich.estimates["Td"].u
+    assert modelled.noise.ar[0] == pytest.approx(-0.9, abs=4 * np.sqrt((1 - 0.81) / 800))
+    assert modelled.validation.whiteness.p > 0.001
+
+
+def test_rao_garnier_from_no_start():
+    found = fit(rao_garnier(0), transfer(1, 4), initial="zero")
+    for name, truth in RAO_GARNIER.items():
+        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u), name
+
+
+def test_profile_and_quadratic_intervals_agree_where_the_cost_is_quadratic():
+    found = fit(case_a("PRBS", 1), "P2D", intervals="quadratic")
+    for name in ("Tp1", "Td"):
+        e, inside = profile(found, name)
+        assert inside
+        assert (e.low95, e.high95) == pytest.approx(
+            (found.estimates[name].low95, found.estimates[name].high95), abs=0.1 * found.estimates[name].u
+        )
+
+
+def test_a_lag_the_data_do_not_ask_for_gets_an_open_interval_and_a_warning():
+    found = fit(case_a("PRBS", 3), "P3D")
+    assert any("Tp3" in w for w in found.warnings)
+    assert found.estimates["Tp3"].high95 < 0.3
+
+
+def test_json_and_control_give_the_same_model_back():
+    found = fit(case_a("PRBS", 0), "P2D").identified
+    again = Identified.from_json(found.to_json())
+    assert again.to_json() == found.to_json()
+    assert np.array_equal(again.simulate(np.arange(50.0)), found.simulate(np.arange(50.0)))
+    g = found.transfer_function(pade_order=4)
+    f = np.array([0.01, 0.1, 0.3])
+    exact = found.rational.frequency_response(f)
+    assert np.allclose(g(2j * np.pi * f), exact, atol=2e-3)  # Pade of order 4 at Td w < 0.7
+
+
+def test_the_same_fit_twice_is_the_same_fit():
+    data = case_a("plunge", 7)
+    assert fit(data, "P2D").identified.to_json() == fit(data, "P2D").identified.to_json()

@@ -1,0 +1,63 @@
+"""The full Monte Carlo studies: bias, coverage, convergence and false alarms (slow)."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from identify_cases import CASE_A, RAO_GARNIER, case_a, rao_garnier
+
+from tcdyn.identify import fit, transfer
+
+pytestmark = pytest.mark.slow
+
+
+def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
+    """Errors (R, 4), covered (R, 4), p values (R, 2) and seconds (R,) of default P2D fits."""
+    errors, covered, p, seconds = [], [], [], []
+    for seed in seeds:
+        data = case_a(kind, seed)
+        began = time.perf_counter()
+        found = fit(data, "P2D")
+        seconds.append(time.perf_counter() - began)
+        errors.append([found.estimates[n].value - v for n, v in CASE_A.items()])
+        covered.append([found.estimates[n].covers(v) for n, v in CASE_A.items()])
+        p.append([found.identified.statistics[k] for k in ("p_white", "p_input")])
+    return {k: np.array(v) for k, v in zip(("errors", "covered", "p", "seconds"), (errors, covered, p, seconds))}
+
+
+@pytest.mark.parametrize("kind", ["plunge", "PRBS"])
+def test_case_a_over_200_seeds(kind):
+    s = study_case_a(kind, range(200))
+    bias = s["errors"].mean(axis=0) / (s["errors"].std(axis=0, ddof=1) / np.sqrt(200))
+    assert np.all(np.abs(bias) < 2), bias
+    # 93..97 % widened by the sampling error of 200 draws, 1.5 %
+    cover = s["covered"].mean(axis=0)
+    assert np.all((cover > 0.93 - 0.015) & (cover < 0.97 + 0.015)), cover
+    # no run lost: every error within six standard deviations of the others
+    assert np.all(np.abs(s["errors"]) < 6 * s["errors"].std(axis=0))
+
+
+def test_rao_garnier_100_runs_at_10_dB():
+    errors = []
+    for seed in range(100):
+        found = fit(rao_garnier(seed), transfer(1, 4), initial="zero", intervals="quadratic", check=False)
+        errors.append([found.estimates[n].value - v for n, v in RAO_GARNIER.items()])
+    errors = np.array(errors)
+    spread = 1.4826 * np.median(np.abs(errors), axis=0)
+    good = np.all(np.abs(errors) < 6 * spread, axis=1)
+    assert good.sum() >= 98
+    kept = errors[good]
+    bias = kept.mean(axis=0) / (kept.std(axis=0, ddof=1) / np.sqrt(len(kept)))
+    assert np.all(np.abs(bias) < 2), bias
+
+
+def test_false_alarms_over_2000_runs():
+    p = []
+    for kind in ("plunge", "PRBS"):
+        for seed in range(1000):
+            s = fit(case_a(kind, 10_000 + seed), "P2D", intervals="quadratic", check=False).identified.statistics
+            p.append((s["p_white"], s["p_input"]))
+    alarms = 100 * np.mean(np.array(p) < 0.05, axis=0)
+    assert np.all((alarms > 4) & (alarms < 6)), alarms
