@@ -98,7 +98,7 @@ def analyse(
     joint, both = joint_fits(test, joint_start(speed), u, joint_length_s(test), profile)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
-    compensated, windows, cooling, shifts = {}, {}, {}, {}
+    compensated, windows, cooling, shifts, by_lag = {}, {}, {}, {}, {}
     for d in DISKS:
         disk = test.disks[d]
         compensated[d] = compensate_stretch(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
@@ -106,15 +106,15 @@ def analyse(
         noise = float(np.median(compensated[d].sd_noise[:, OUTER]))
         cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
         progress(f"cooling fit, {d} disk")
-        shifts[d] = _cooling_shift(
-            test, disk, rows, compensated[d], windows[d], joint[d], lines[d], cooling[d], u, profile
-        )
+        shifts[d] = _cooling_shift(test, disk, rows, windows[d], lines[d], cooling[d], u)
+        by_lag[d] = _by_lag(test, disk, rows, compensated[d], windows[d], lines[d], cooling[d], profile)
         warnings += _lag_warnings(d, disk, joint[d])
     budget = monte_carlo(
         {d: lines[d].line for d in DISKS},
         {d: lines[d].shift for d in DISKS},
         {d: (cooling[d].share, cooling[d].h_W_m2K) for d in DISKS},
         shifts,
+        by_lag,
         {d: (joint[d].share, joint[d].h_W_m2K) for d in DISKS},
         {d: joint[d].shift for d in DISKS},
         test.speed_ratio,
@@ -165,40 +165,39 @@ def _cooling_shift(
     test: EhlTest,
     disk: DiskTraces,
     rows: slice,
-    done: Compensated,
     window: DiskWindow,
-    joint: DiskFit,
     line: DiskLine,
     fit: CoolingFit,
     u: UncertaintyTable,
-    profile: Profile,
 ) -> FitShift:
-    """How (share, h) of the cooling fit move with the nuisances, through the traces and through the line."""
-    temperatures = disk.readings_degC[rows]
-    nuis = nuisances(window, disk, temperatures, test.dt_s, fit.share, fit.h_W_m2K, u, test.events.unload_u_s)
+    """Errors of (share, h) of the cooling fit by the nuisances, through the traces and through the line."""
+    nuis = nuisances(
+        window, disk, disk.readings_degC[rows], test.dt_s, fit.share, fit.h_W_m2K, u, test.events.unload_u_s
+    )
     slope = line.line.slope
     per_sd = []
     for q, name in enumerate(nuis.names):
         k = line.shift.names.index(name)
-        share_moves = float(line.shift.per_sd[k] @ np.array([1.0, fit.h_W_m2K]))
-        change = fit.pull(nuis.effect[q] * nuis.sd[q] + share_moves * fit.power)
-        per_sd.append((share_moves + slope * change, change))
-    lag_u = joint.estimates["lag_s"].u
+        share_off = float(line.shift.per_sd[k] @ np.array([1.0, fit.h_W_m2K]))
+        h_off = -fit.pull(nuis.effect[q] * nuis.sd[q] - share_off * fit.power)
+        per_sd.append((share_off + slope * h_off, h_off))
+    toward = np.array([slope, 1.0])
+    noise = fit.h_noise**2 * np.outer(toward, toward)
+    noise[0, 0] += line.shift.noise[0, 0]
+    return FitShift(nuis.names, nuis.shared, np.array(per_sd), noise)
+
+
+def _by_lag(
+    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, window: DiskWindow, line: DiskLine, fit: CoolingFit,
+    profile: Profile,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Error of (share, h) of the cooling fit per second by which the compensated lag is too long."""
     longer = replace(done, temperature=done.temperature + LAG_STEP_S * done.lag_sensitivity)
     moved = _compensated_window(test, disk, rows, longer, profile)
     rest, _ = moved.answer(moved.gains(fit.h_W_m2K))
     before, _ = window.answer(window.gains(fit.h_W_m2K))
-    change = fit.pull((rest - before) - (moved.y - window.y)) * lag_u / LAG_STEP_S
-    per_sd.append((slope * change, change))
-    noise_h = fit.h_noise
-    share_noise = float(np.sqrt(line.shift.noise[0, 0]))
-    noise = np.array(
-        [
-            [(slope * noise_h) ** 2 + share_noise**2, slope * noise_h**2],
-            [slope * noise_h**2, noise_h**2],
-        ]
-    )
-    return FitShift((*nuis.names, "common lag"), (*nuis.shared, False), np.array(per_sd), noise)
+    change = fit.pull((rest - before) - (moved.y - window.y)) / LAG_STEP_S
+    return np.array([line.line.slope * change, change])
 
 
 def _lag_warnings(name: str, disk: DiskTraces, fit: DiskFit) -> list[str]:

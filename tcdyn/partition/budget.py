@@ -13,7 +13,7 @@ from tcdyn.partition.shift import FitShift
 from tcdyn.partition.steady import Line, speed_law_beta
 
 DRAWS = 4000
-MODEL_FORM_REL = 0.004  # of the share: the rim's inner profile and mesh against full-disk solutions
+MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk, symmetric
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ def monte_carlo(
     shifts: Mapping[str, FitShift],
     cooling: Mapping[str, tuple[float, float]],
     cooling_shifts: Mapping[str, FitShift],
+    cooling_by_lag: Mapping[str, NDArray[np.float64]],
     joint: Mapping[str, tuple[float, float]],
     joint_shifts: Mapping[str, FitShift],
     speed_ratio: float,
@@ -73,42 +74,28 @@ def monte_carlo(
     normal = {key: rng.standard_normal(draws) for key in names}
     uniform = rng.uniform(u.speed_exponent_low, u.speed_exponent_high, draws)
     uniform = uniform + (exponent - 0.667) * (abs(exponent - 0.667) > 1e-9)
-    noise = {d: rng.standard_normal((draws, 6)) for d in ("fast", "slow")}
+    noise = {d: rng.standard_normal((draws, 7)) for d in ("fast", "slow")}
 
     def run(active: str | None) -> dict[str, NDArray[np.float64]]:
         n = uniform if active in (None, "speed exponent") else np.full(draws, exponent)
         moved: dict[str, NDArray[np.float64]] = {}
         coefficient = {}
         for d in ("fast", "slow"):
-            s = shifts[d]
-            change = np.zeros((draws, 2))
-            for q, (name, shared) in enumerate(zip(s.names, s.shared)):
-                if active in (None, source_of(name)):
-                    change += normal[("both" if shared else d, name)][:, None] * s.per_sd[q]
-            if active in (None, "noise"):
-                change += noise[d][:, :2] @ _root(s.noise).T
+            change = _errors(shifts[d], d, active, normal, noise[d][:, :2])
             line = lines[d]
             coefficient[d] = (line.intercept + change[:, 0], line.slope + change[:, 1])
+            grow = 1 + MODEL_FORM_REL * normal[(d, "model form")]
             if active in (None, "rim model form"):
-                grow = 1 + MODEL_FORM_REL * normal[(d, "model form")]
                 coefficient[d] = (coefficient[d][0] * grow, coefficient[d][1] * grow)
-            for kind, centre, shift, at in (
-                ("cooling", cooling.get(d), cooling_shifts.get(d), 2),
-                ("joint", joint.get(d), joint_shifts.get(d), 4),
-            ):
-                if centre is None or shift is None:
-                    continue
-                value = np.zeros((draws, 2))
-                for q, (name, shared) in enumerate(zip(shift.names, shift.shared)):
-                    if active in (None, source_of(name)):
-                        value += normal[("both" if shared else d, name)][:, None] * shift.per_sd[q]
-                if active in (None, "noise"):
-                    value += noise[d][:, at : at + 2] @ _root(shift.noise).T
-                if active in (None, "rim model form"):
-                    value[:, 0] += centre[0] * MODEL_FORM_REL * normal[(d, "model form")]
-                share = centre[0] + value[:, 0]
+            off = _errors(joint_shifts[d], d, active, normal, noise[d][:, 4:])
+            late = off[:, 2:] * cooling_by_lag[d]
+            cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4]) + late
+            for kind, centre, value in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
+                grown = centre[0] * (grow - 1.0) if active in (None, "rim model form") else 0.0
+                share = centre[0] + value[:, 0] + grown
                 moved[f"{kind} {d}"] = share if d == "fast" else 1 - share
                 moved[f"h {kind} {d}"] = centre[1] + value[:, 1]
+            moved[f"lag {d}"] = off[:, 2]
         (a, b), (c, dd) = coefficient["fast"], coefficient["slow"]
         moved["speed law"] = np.asarray(speed_law_beta(a, b, c, dd, speed_ratio**n))  # type: ignore[arg-type]
         moved["h_fast"] = (moved["speed law"] - a) / b
@@ -126,6 +113,23 @@ def monte_carlo(
         rows.append(BudgetRow(source, float(np.std(one["speed law"])), max(transient, default=0.0)))
     rows.sort(key=lambda r: -max(r.u_beta_steady, r.u_beta_transient))
     return Budget(tuple(rows), everything)
+
+
+def _errors(
+    shift: FitShift,
+    disk: str,
+    active: str | None,
+    normal: Mapping[tuple[str, str], NDArray[np.float64]],
+    noise: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Drawn errors (draws, k) of one fit, of all sources or of the ``active`` one."""
+    out = np.zeros((len(noise), shift.per_sd.shape[1]))
+    for q, (name, shared) in enumerate(zip(shift.names, shift.shared)):
+        if active in (None, source_of(name)):
+            out += normal[("both" if shared else disk, name)][:, None] * shift.per_sd[q]
+    if active in (None, "noise"):
+        out += noise @ _root(shift.noise).T
+    return out
 
 
 def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -195,7 +195,8 @@ def _side(
     shift = common.lag_s - disk.mean_chain.lag_s
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, disk.mean_chain.with_lag_shift(shift))
-    window = disk_window(test, disk, readings, rows, white_noise(readings), profile)
+    noise = np.maximum(white_noise(readings), 0.5 * disk.noise_K)
+    window = disk_window(test, disk, readings, rows, noise, profile)
     power = chained_power(test, rows, common)
     seen = window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
     nuis = nuisances(seen, disk, readings, test.dt_s, point.share, point.h, u, test.events.unload_u_s)
@@ -343,8 +344,8 @@ def _disk_fit(name: str, p: _Point, side: _Side, post: _Posterior, window_s: flo
     jac[0, 0], jac[1, 1] = 1.0, p.h
     jac[2, 2:] = chain.taus_s
     names = (*side.nuisance.names, "common lag", "lag shape")
-    per_sd = (jac[:2] @ np.concatenate([post.nuisance, post.priors], axis=1)).T
-    shift = FitShift(names, (*side.nuisance.shared, False, False), per_sd, jac[:2] @ post.noise @ jac[:2].T)
+    per_sd = (jac @ np.concatenate([post.nuisance, post.priors], axis=1)).T
+    shift = FitShift(names, (*side.nuisance.shared, False, False), per_sd, jac @ post.noise @ jac.T)
     sigma = dict(zip(side.nuisance.names, (float(x) for x in post.sigma)))
     return DiskFit(name, p.share, p.h, chain, jac @ post.covariance @ jac.T, post.rms_K, window_s, shift, sigma)
 

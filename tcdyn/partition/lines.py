@@ -1,4 +1,4 @@
-"""The steady line of one disk from its window, and how it moves with what nobody measured."""
+"""The steady line of one disk from its window, and its error by what nobody measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
 
 @dataclass(frozen=True)
 class DiskLine:
-    """Map and line of one disk, and the shift of (intercept, slope) per standard uncertainty of each nuisance."""
+    """Map and line of one disk, and the error of (intercept, slope) per standard uncertainty of each nuisance."""
 
     map: SteadyMap
     shift: FitShift
@@ -47,7 +47,7 @@ def disk_line(
         nuis = at(found.line.at(h), h)
         p, w = power[k], weights / weights.sum()
         effect = nuis.effect[:, steady] * nuis.sd[:, None, None]
-        moved.append(-np.einsum("qrp,rp,p->q", effect, p, w) / np.einsum("rp,rp,p->", p, p, w))
+        moved.append(np.einsum("qrp,rp,p->q", effect, p, w) / np.einsum("rp,rp,p->", p, p, w))
     h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
     slope = (moved[1] - moved[0]) / (h_high - h_low)
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])

@@ -1,4 +1,4 @@
-"""How a fitted pair of numbers moves with what nobody measured: the linear half of every budget."""
+"""How fitted numbers move with what nobody measured: the linear half of every budget."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class FitShift:
-    """Change of two fitted numbers by one standard uncertainty of each nuisance, and their noise.
+    """Error of fitted numbers by one standard uncertainty of each nuisance, and their noise.
 
-    ``names`` (Q,); ``shared`` (Q,) marks nuisances that both disks have in common; ``per_sd`` (Q, 2) in the units of
-    the pair: (share, h [W/m2K]) of a transient fit, (intercept, slope) of a steady line; ``noise`` (2, 2) covariance.
+    ``names`` (Q,); ``shared`` (Q,) marks nuisances that both disks have in common; ``per_sd`` (Q, k): how far the fit
+    is off when the true disk departs by one standard uncertainty from the stated one, in the units of the fitted
+    numbers: (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit, (share, h, lag [s]) of a joint
+    fit; ``noise`` (k, k) covariance.
     """
 
     names: tuple[str, ...]
