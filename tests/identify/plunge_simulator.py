@@ -17,7 +17,7 @@ R_IN, R_OUT, WIDTH, RHO_C, K_STEEL = 0.0205, 0.0381, 0.00953, 7850.0 * 470.0, 41
 def oil_h(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """Churchill and Chu (5.4) in Mobil Jet Oil II; Walther's constants as printed in ANCHORS.md."""
     film = (wall + bulk) / 2
-    nu = (10 ** 10 ** (9.31259 - 3.66650 * np.log10(film + 273.15)) - 0.7) * 1e-6
+    nu = (10**10 ** (9.31259 - 3.66650 * np.log10(film + 273.15)) - 0.7) * 1e-6
     rho = 1003.5 - 0.7 * (film - 15)
     k = 0.14868 - 2.2275e-4 * (film + 273.15 - 366.67)
     diffusivity = k / (rho * 2000.0)
@@ -90,7 +90,9 @@ def lag_update(state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndar
     return new - slope * tau + (state - old + slope * tau) * e
 
 
-def simulate(d: Draws, after_s: float, rng: np.random.Generator, before_s: float = 8.0) -> tuple[np.ndarray, np.ndarray]:
+def simulate(
+    d: Draws, after_s: float, rng: np.random.Generator, before_s: float = 8.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) after entry and readings (N, M, 6) of every plunge, noise added; entry at time 0."""
     m = len(d.bath)
     dt = 1 / (RATE_Hz * STEPS_PER_SAMPLE)

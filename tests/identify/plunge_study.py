@@ -23,9 +23,7 @@ def make_runs(
     for k in range(len(d.bath)):
         event = EntryEvent(100 + entry_u_s * rng.standard_normal(), entry_u_s, None, None, "drawn")
         bath = d.bath[k] + 0.5 * rng.standard_normal() + 0.05 * rng.standard_normal(len(times))
-        runs.append(
-            PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, fluid("mobil-jet-ii"), bath, event)
-        )
+        runs.append(PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, fluid("mobil-jet-ii"), bath, event))
     return runs
 
 

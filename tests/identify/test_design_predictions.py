@@ -1,0 +1,85 @@
+"""Test design: Fisher information against limits one can work out, and against its own scaling."""
+
+import numpy as np
+import pytest
+
+from calibration.rigfile import load_rig
+from tcdyn.design.compare import compare_tests
+from tcdyn.design.plunge_plan import PlungePlan, predict_plunges, vary
+from tcdyn.design.prediction import combined, from_covariances, information
+from tcdyn.design.step_plan import StepPlan, predict_step
+from tcdyn.design.touch_plan import TouchPlan, patch_response, predict_touches
+
+SETUP = load_rig().disk_setup("fast")
+PLAN = PlungePlan(duration_s=60.0)
+
+
+def test_less_noise_more_runs_and_a_better_event_all_help() -> None:
+    base = predict_plunges([PLAN], SETUP, draws=8)
+    quiet = predict_plunges([vary(PLAN, noise_K=0.03)], SETUP, draws=8)
+    twice = predict_plunges([PLAN, PLAN], SETUP, draws=8)
+    sharp = predict_plunges([vary(PLAN, entry_u_s=0.005)], SETUP, draws=8)
+    assert quiet.u_differential_s < base.u_differential_s
+    assert twice.u_common_s < base.u_common_s
+    assert sharp.u_common_s < base.u_common_s
+
+
+def test_a_plunge_tells_differences_far_better_than_the_common_lag() -> None:
+    one = predict_plunges([PLAN], SETUP, draws=8)
+    assert one.u_differential_s < 0.4 * one.u_common_s
+
+
+def test_an_unloading_tells_the_common_lag_better_than_a_plunge() -> None:
+    plunge, unloading = predict_plunges([PLAN], SETUP, draws=8), predict_step(StepPlan(), SETUP)
+    assert unloading.u_common_s < plunge.u_common_s
+    both = combined("both", [plunge, unloading])
+    assert both.u_common_s < unloading.u_common_s
+    assert both.u_differential_s < plunge.u_differential_s * 1.001
+
+
+def test_an_uncertain_instant_enters_the_common_lag_but_less_than_one_to_one() -> None:
+    # a lag bends the edge where a late instant only shifts it, so the data tell part of the instant themselves
+    late = predict_step(StepPlan(depth_u_m=1e-9, conductivity_log_u=1e-6, instant_u_s=0.05), SETUP)
+    sharp = predict_step(StepPlan(depth_u_m=1e-9, conductivity_log_u=1e-6, instant_u_s=1e-4), SETUP)
+    added = np.sqrt(late.u_common_s**2 - sharp.u_common_s**2)
+    assert 0.01 < added < 0.05
+
+
+def test_junction_depths_limit_what_a_step_tells() -> None:
+    known = predict_step(StepPlan(depth_u_m=1e-9), SETUP)
+    assert predict_step(StepPlan(depth_u_m=2e-4), SETUP).u_common_s > 1.3 * known.u_common_s
+
+
+def test_the_patch_response_has_the_steady_state_of_carslaw_and_jaeger() -> None:
+    z, a, k = 2e-3, 1.5e-3, 41.0
+    late = patch_response(np.array([1e5]), z, a, k, 1.1e-5)[0]
+    # the approach is a^2/(2 K sqrt(4 pi alpha t)): 1e-4 of the limit at 1e5 s
+    assert late == pytest.approx((np.hypot(z, a) - z) / k, rel=1e-2)
+    early = patch_response(np.array([1e-6]), z, a, k, 1.1e-5)[0]
+    assert early < 1e-20  # heat has gone 3 um
+
+
+def test_a_touch_cannot_beat_its_unknown_onset() -> None:
+    vague = predict_touches(TouchPlan(onset_log_u=1.0, onset_s=0.3), SETUP)
+    crisp = predict_touches(TouchPlan(onset_log_u=0.05, onset_s=0.05), SETUP)
+    assert vague.u_common_s > crisp.u_common_s
+
+
+def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
+    # y_r = x + s: own x_r flat, shared s with prior sd 2; one reading of noise 1 each: var x = 1 + 4
+    c = information([np.array([[1.0, 1.0]])] * 3, 1.0, 1, 1, np.array([np.inf]), np.array([2.0]))
+    np.testing.assert_allclose(np.diag(c)[:3], 5.0, rtol=1e-9)
+    np.testing.assert_allclose(c[0, 1], 4.0, rtol=1e-9)
+
+
+def test_common_and_differential_parts_of_a_covariance() -> None:
+    p = from_covariances("x", "y", [np.full((6, 6), 0.04) + 1e-4 * np.eye(6)])
+    assert p.u_common_s == pytest.approx(np.sqrt(0.04 + 1e-4 / 6))
+    assert p.u_differential_s == pytest.approx(np.sqrt(1e-4 * 5 / 6))
+
+
+def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
+    design = compare_tests(SETUP, [PLAN, vary(PLAN, bath_degC=138.0)], draws=4)
+    assert len(design.table()) == 7
+    assert len(design.sentences()) == 8
+    assert all(s.endswith(".") for s in design.sentences())

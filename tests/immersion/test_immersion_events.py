@@ -1,0 +1,75 @@
+"""Entry events: switch and probe, alone, together, bouncing, missing, contradicting."""
+
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from immersion.events import find_entry, probe_time, reconcile_entry, switch_time, useful_end
+
+T = np.arange(0, 60, 1 / 75)
+ENTRY = 20.004
+
+
+def probe(lag: float = 0.3, noise: float = 0.1, seed: int = 0) -> np.ndarray:
+    since = np.clip(T - ENTRY, 0, None)
+    return 27 + 83 * (1 - np.exp(-since / lag)) + noise * np.random.default_rng(seed).standard_normal(len(T))
+
+
+def pressed(at: float, held: bool = True, bounces: int = 0) -> np.ndarray:
+    on = (at <= T) & (held | (at + 0.6 > T))
+    for k in range(bounces):
+        start = at + 0.04 * (k + 1)
+        on &= ~((start <= T) & (start + 0.02 > T))
+    return on.astype(float)
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("bounces", [0, 3])
+def test_the_switch_tells_its_first_closing(held: bool, bounces: int) -> None:
+    time, bounced = switch_time(T, pressed(ENTRY, held, bounces))
+    assert time == pytest.approx(ENTRY, abs=1 / 150 + 1e-9)  # half a sample
+    assert bounced == (bounces > 0)
+
+
+@pytest.mark.parametrize("lag", [0.1, 0.3, 0.6])
+def test_the_probe_tells_the_entry_well_within_its_own_lag(lag: float) -> None:
+    found = [probe_time(T, probe(lag, seed=s)) for s in range(10)]
+    # a first-order probe's chord from 0 to 50 % meets the level before the entry by up to 0.1 lag
+    assert np.max(np.abs(np.array(found, dtype=float) - ENTRY)) < 0.1 * lag + 0.02
+
+
+def test_both_witnesses_are_weighted_and_their_uncertainty_is_honest() -> None:
+    errors = []
+    rng = np.random.default_rng(3)
+    for s in range(60):
+        event = find_entry(T, pressed(ENTRY + 0.10 * rng.standard_normal()), probe(0.3, 0.1, s))
+        errors.append((event.time_s - ENTRY) / event.u_s)
+    assert np.mean(np.abs(errors) < 2) > 0.9
+
+
+def test_one_witness_serves_with_a_warning() -> None:
+    alone = find_entry(T, np.zeros_like(T), probe())
+    assert alone.source == "probe"
+    assert "never moved" in alone.warnings[0]
+    by_hand = find_entry(T, pressed(ENTRY), np.full_like(T, 27.0))
+    assert by_hand.source == "switch"
+    assert by_hand.u_s > 0.1
+
+
+def test_disagreement_widens_and_contradiction_is_refused() -> None:
+    apart = reconcile_entry(20.0, 20.6)
+    together = reconcile_entry(20.0, 20.05)
+    assert apart.u_s > 2 * together.u_s
+    with pytest.raises(InputError, match=r"20\.00 s and 31\.00 s"):
+        reconcile_entry(20.0, 31.0)
+    with pytest.raises(InputError, match="no entry found"):
+        find_entry(T, None, None)
+
+
+def test_the_record_ends_when_the_disk_is_taken_out() -> None:
+    t = np.arange(0, 200, 0.1)
+    y = 26 + 84 * (1 - np.exp(-np.clip(t - 10, 0, None) / 60))
+    out = np.where(t > 120, y[np.searchsorted(t, 120)] * np.exp(-(t - 120) / 30), y)
+    bath = np.full(len(t), 110.0)
+    assert useful_end(t, y[:, None], bath, 10.0) == pytest.approx(200, abs=0.2)
+    assert useful_end(t, out[:, None], bath, 10.0) == pytest.approx(120, abs=1.5)  # one-second means
