@@ -40,7 +40,7 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     ax.axhline(0.0, color="0.3", linewidth=0.8)
     ax.set_xlabel("PRT [degC]")
     ax.set_ylabel("PRT minus line [K]")
-    ax.legend(ncol=4, fontsize="small")
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     return ax
 
 

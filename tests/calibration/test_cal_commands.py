@@ -1,0 +1,84 @@
+"""A new user's run from files to certificate, and the damaged corpus through the real commands."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from cal_cases import immersion_frame, oven_frame
+from cal_corpus import CORPUS, REFUSED
+from test_cal_record import RECORD
+
+from calibration.logs import write_log
+from calibration.record import read_record, write_record
+from tcdyn.cli.app import app, run
+from tcdyn.plots.plunges import plunge_sections
+
+
+def tcdyn(*words) -> int:
+    """The exit code of ``tcdyn WORDS``."""
+    try:
+        return run(lambda: app([str(w) for w in words], standalone_mode=False))
+    except SystemExit as end:
+        return int(end.code or 0)
+
+
+@pytest.mark.slow
+def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_path):
+    campaign = tmp_path / "rig"
+    assert tcdyn("simulate", "campaign", "--out", campaign, "--test", "B3", "--seed", 4) == 0
+    plunges = [w for k in (1, 2) for w in ("--immersion", campaign / f"plunge_fast_{k}.csv")]
+    record, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"
+    oven = campaign / "oven_fast.csv"
+    code = tcdyn(
+        "calibrate", "--rig", campaign / "rig.toml", "--disk", "fast", "--oven", oven, *plunges,
+        "--fluid", "mobil-jet-ii", "--out", record, "--report", page, "--quiet",
+    )  # fmt: skip
+    assert code == 0
+    found = read_record(record)
+    truth = json.loads((campaign / "truth" / "truth.json").read_text())
+    assert {i.file for i in found.inputs} == {"oven_fast.csv", "plunge_fast_1.csv", "plunge_fast_2.csv"}
+    assert "thermocouples fit to use" in page.read_text()
+    assert truth
+    assert tcdyn("record", "show", record) == 0
+
+
+@pytest.mark.slow
+def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path, capsys):
+    record = write_record(RECORD, tmp_path / "fast.disk.json")
+    oven = write_log(oven_frame(), tmp_path / "oven.csv")
+    plunge = write_log(immersion_frame(), tmp_path / "plunge.csv")
+    before = set(tmp_path.iterdir())
+    for damage in (d for d in CORPUS if d.fate == REFUSED and "zero byte in the path" not in d.name):
+        folder = tmp_path / "damaged"
+        folder.mkdir()
+        path = damage.build(folder)
+        out = tmp_path / "out.json"
+        words = {
+            "oven": ("calibrate", "--disk", "fast", "--oven", path, "--immersion", plunge, "--out", out),
+            "immersion": ("calibrate", "--disk", "fast", "--oven", oven, "--immersion", path, "--out", out),
+            "ehl": ("compensate", path, "--record", record, "--out", tmp_path / "out.csv"),
+        }[damage.kind]
+        assert tcdyn(*words) == 2, damage.name
+        said = capsys.readouterr().err
+        assert "Traceback" not in said, damage.name
+        shutil.rmtree(folder)
+        assert set(tmp_path.iterdir()) == before, damage.name
+
+
+@pytest.mark.slow
+def test_the_certificate_shows_the_plunges(tmp_path):
+    from calibration.rigfile import load_rig
+    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.rig.files import write_log as write_rig_log
+    from tcdyn.rig.oven import simulate_oven
+    from tcdyn.rig.plunge import simulate_plunge
+
+    write_rig_log(simulate_oven("fast", seed=3)[0], tmp_path / "oven.csv")
+    write_rig_log(simulate_plunge("fast", seed=3, bath_degC=95.0)[0], tmp_path / "p.csv")
+    found = calibrate_disk(load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"])
+    (section,) = plunge_sections(found.fit)
+    assert section.image.startswith("data:image/png")
+    # what is left is noise of 0.1 degC and the spread of the first unaveraged blocks
+    assert all(float(section.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
