@@ -207,3 +207,72 @@ def test_a_compensated_log_is_refused_a_second_time(tmp_path, ending):
 def test_a_held_and_a_momentary_switch_are_both_fine(tmp_path, momentary):
     path = write_log(immersion_frame(momentary=momentary), tmp_path / "p.csv")
     assert read_log(path, "immersion").warnings == ()
+
+
+def test_lvm_with_an_x_column_for_each_channel_is_aligned(tmp_path):
+    frame = immersion_frame()
+    names = list(frame.columns[1:])
+    head = [
+        "LabVIEW Measurement",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "X_Columns\tMulti",
+        "***End_of_Header***",
+        "",
+    ]
+    head += [f"Channels\t{len(names)}", "***End_of_Header***", "\t".join(f"X_Value\t{n}" for n in names) + "\tComment"]
+    rows = [
+        "\t".join(f"{t!r}\t{float(v)!r}" for v in row)
+        for t, row in zip(frame["time_s"].tolist(), frame[names].to_numpy())
+    ]
+    log = read_log(write(tmp_path, "p.lvm", "\n".join(head + rows) + "\n"), "immersion")
+    assert np.array_equal(log.frame[names].to_numpy(), frame[names].to_numpy())
+    assert log.frame["time_s"].to_numpy() == pytest.approx(frame["time_s"].to_numpy(), abs=1e-9)
+
+
+def test_lvm_segments_follow_one_another(tmp_path):
+    frame = immersion_frame()
+    first, second = lvm_text(frame[:1000]), lvm_text(frame[1000:])
+    text = first + "\n" + second[second.index("Channels") :]
+    same(write(tmp_path, "p.lvm", text), "immersion", frame)
+    other = second[second.index("Channels") :].replace("probe_degC", "probe")
+    with pytest.raises(InputError, match="different channels"):
+        read_log(write(tmp_path, "q.lvm", first + "\n" + other), "immersion")
+
+
+def test_parquet_columns_of_other_types_become_numbers(tmp_path):
+    frame = immersion_frame()
+    stamp = pd.Timestamp("2015-03-09 12:00:00") + pd.to_timedelta(np.arange(len(frame)) * 13_333_333, unit="ns")
+    typed = frame.rename(columns={"time_s": "time"}).assign(
+        time=stamp,
+        switch=frame["switch"] > 0.5,
+        probe_degC=frame["probe_degC"].astype(np.float32),
+        fluid_degC=frame["fluid_degC"].map(repr),
+    )
+    typed.to_parquet(tmp_path / "p.parquet")
+    log = read_log(tmp_path / "p.parquet", "immersion")
+    assert log.frame["fluid_degC"].equals(frame["fluid_degC"])
+    assert log.frame["switch"].equals(frame["switch"])
+    assert log.dt_s == pytest.approx(1 / 75, rel=1e-6)  # nanosecond stamps
+    assert log.frame["probe_degC"].to_numpy() == pytest.approx(frame["probe_degC"].to_numpy(), rel=1e-7)  # float32
+
+
+def test_excel_words_for_on_and_off_are_a_switch(tmp_path):
+    frame = immersion_frame()
+    text = csv_text(frame).split("\n")
+    rows = [text[0]]
+    for line in text[1:-1]:
+        time, switch, rest = line.split(",", 2)
+        rows.append(f"{time},{'TRUE' if switch == '1.0' else 'FALSE'},{rest}")
+    same(write(tmp_path, "p.csv", "\n".join(rows) + "\n"), "immersion", frame)
+
+
+def test_filled_joins_missing_samples_by_straight_lines(tmp_path):
+    frame = immersion_frame()
+    gap = frame.copy()
+    gap.loc[1000:1002, "a_degC"] = np.nan
+    log = read_log(write_log(gap, tmp_path / "p.csv"), "immersion")
+    assert log.frame["a_degC"].isna().sum() == 3
+    expected = np.linspace(frame["a_degC"][999], frame["a_degC"][1003], 5)
+    assert log.filled()["a_degC"][999:1004].to_numpy() == pytest.approx(expected, abs=1e-12)
+    assert log.channels == ("a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC")

@@ -1,0 +1,46 @@
+"""Reading and checking a 2000 s EHL log, against pandas reading the same numbers without a look at them.
+
+Run with ``python -m tests.benchmarks.log_reading``.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pandas as pd
+
+from calibration.logs import read_log, write_log
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
+from cal_cases import ehl_frame
+
+
+def best_s(work: Callable[[], object], times: int = 3) -> float:
+    """The shortest of some runs [s]."""
+    spans = []
+    for _ in range(times):
+        start = time.perf_counter()
+        work()
+        spans.append(time.perf_counter() - start)
+    return min(spans)
+
+
+def main() -> None:
+    """Print times and ratios."""
+    frame = ehl_frame(150_000)
+    with tempfile.TemporaryDirectory() as folder:
+        path = write_log(frame, Path(folder) / "log.csv")
+        plain = best_s(lambda: pd.read_csv(path))
+        print(f"pandas.read_csv {plain:.2f} s ({path.stat().st_size / 1e6:.0f} MB)")
+        for ending in ("csv", "parquet", "tdms"):
+            own = write_log(frame, Path(folder) / f"own.{ending}")
+            span = best_s(lambda own=own: read_log(own, "ehl"))
+            print(f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV")
+
+
+if __name__ == "__main__":
+    main()
