@@ -56,7 +56,8 @@ def least_squares(
     r, j = current
     cost, damping, status = float(r @ r), 1e-3, Status.STALLED
     used = 0
-    for used in range(1, max_iterations + 1):
+    while used < max_iterations:
+        used += 1
         gradient = j.T @ r
         held = ((x <= lower) & (gradient > 0)) | ((x >= upper) & (gradient < 0))
         open_ = np.flatnonzero(~held)

@@ -165,6 +165,13 @@ def p_text(p: float) -> str:
     return f"p = {p:.2f}" if p >= 0.01 else f"p = {p:.0e}" if p > 1e-99 else "p < 1e-99"
 
 
+def colour_advice(fit: Fit) -> str:
+    """What to do about coloured residuals, given what was done already."""
+    if not fit.noise.white:
+        return "Try a noise model of higher order, or one lag more."
+    return "Intervals are the robust ones; try one lag more, and if the colour stays, noise=(2, 1)."
+
+
 def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, spikes: int, percent: float) -> str:
     """One or two sentences: what is wrong with the model, or that the record holds nothing against it."""
     name = fit.problem.model.name
@@ -177,8 +184,8 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
     elif coloured:
         said = (
             f"{name} leaves nothing of the input in its residuals ({p_text(cross.p)}), but they are coloured "
-            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell; "
-            "intervals are the robust ones. Try one lag more; if the colour stays, a noise model (noise=(2, 1)) uses the data better."
+            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell. "
+            f"{colour_advice(fit)}"
         )
     else:
         said = (

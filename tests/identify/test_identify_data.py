@@ -50,7 +50,8 @@ def test_a_run_column_separates_recordings():
 def test_missing_rows_become_a_gap_and_the_fit_lives_with_it():
     frame = table(800).drop(index=range(300, 330))
     data = from_frame(frame, input="u", output="y", hold="zoh")
-    assert data.n_samples == 800 and data.missing == 30
+    assert data.n_samples == 800
+    assert data.missing == 30
     result = fit(data, "P2D", initial="estimated")
     assert result.estimates["Tp1"].value == pytest.approx(2.0, abs=4 * result.estimates["Tp1"].u)
 
@@ -65,7 +66,8 @@ def test_semicolons_and_decimal_commas(tmp_path):
     path = tmp_path / "euro.csv"
     path.write_text("t;u;y\n0,0;1,5;2,5\n0,5;1,5;2,5\n1,0;3,5;2,75\n", encoding="utf-8")
     data = from_csv(path, input="u", output="y")
-    assert data.dt_s == 0.5 and data.runs[0].u[2, 0] == 3.5
+    assert data.dt_s == 0.5
+    assert data.runs[0].u[2, 0] == 3.5
 
 
 def uneven() -> None:

@@ -30,14 +30,16 @@ from tcdyn.identify.narx import temperature_dependence
 def test_one_lag_is_caught_where_its_fit_looks_excellent():
     # the "fit misleads" case: 94 to 99 % and yet 4 to 21 degC wrong when used to recover a faster record
     one, delayed, right = (fit(case_a("plunge", 0), m) for m in ("P1", "P1D", "P2D"))
-    assert one.identified.statistics["fit_percent"] > 90 and delayed.identified.statistics["fit_percent"] > 98
+    assert one.identified.statistics["fit_percent"] > 90
+    assert delayed.identified.statistics["fit_percent"] > 98
     for wrong in (one, delayed):
         v = validate(wrong)
         assert v.whiteness.p < 1e-4
         assert "coloured" in v.sentence or "misses dynamics" in v.sentence
     assert validate(one).dynamics_missing
     v = validate(right)
-    assert v.whiteness.p > 0.01 and v.input.p > 0.01
+    assert v.whiteness.p > 0.01
+    assert v.input.p > 0.01
     assert "holds nothing against" in v.sentence
 
 
@@ -63,7 +65,8 @@ def test_the_table_recommends_the_true_structure_and_says_why():
     c = compare(case_a("PRBS", 3), ["P1", "P1D", "P2", "P2D", "P2Z"])
     assert c.recommended == "P2D"
     assert list(c.table["BIC"]) == sorted(c.table["BIC"])
-    assert "BIC" in c.why and c.best.problem.model.name == "P2D"
+    assert "BIC" in c.why
+    assert c.best.problem.model.name == "P2D"
     assert c.table["held_out_rms"].iloc[0] == pytest.approx(0.5, abs=0.06)  # the noise, sd of its own estimate 0.02
 
 
@@ -165,7 +168,8 @@ def test_narx_says_whether_the_lag_depends_on_temperature():
         noisy = y + 0.1 * rng.normal(size=len(u))
         answers.append(temperature_dependence(IOData.from_arrays(u, noisy, 0.05, hold="zoh"), lags=2))
     constant, varying = answers
-    assert not constant.depends and "No sign" in constant.sentence
+    assert not constant.depends
+    assert "No sign" in constant.sentence
     assert varying.depends
     # truth at the levels used: 0.5 + 0.5 (level - 20)/160
     for level, lag in zip(varying.levels, (varying.lag_low_s, varying.lag_high_s)):
@@ -184,11 +188,13 @@ def test_command_writes_model_and_page(tmp_path, capsys):
     )
     identify(path, "u", "y", hold="zoh", models="P1D,P2D,TF(0,2)D")
     said = capsys.readouterr().out
-    assert "Recommended: P2D" in said and "Tp2" in said
+    assert "Recommended: P2D" in said
+    assert "Tp2" in said
     model = Identified.from_json((tmp_path / "data.identified.json").read_text(encoding="utf-8"))
     assert model.theta["Td"] == pytest.approx(0.37, abs=0.03)
     page = (tmp_path / "data.identified.html").read_text(encoding="utf-8")
-    assert "Residuals" in page and page.count("data:image/png") == 3
+    assert "Residuals" in page
+    assert page.count("data:image/png") == 3
     with pytest.raises(InputError, match="--hold"):
         identify(path, "u", "y", hold="linear")
 
@@ -222,7 +228,9 @@ def test_tclab_step():
     data = from_frame(frame, input="heater", output="T_K", hold="zoh", resample_s=1.0, name="TCLab")
     c = compare(data, ["P1", "P1D", "P2D"], held_out=0.4)
     held = c.table.set_index("model")["held_out_percent"]
-    assert held["P1D"] > 95 and held["P2D"] > 94 and held["P1"] < 80
+    assert held["P1D"] > 95
+    assert held["P2D"] > 94
+    assert held["P1"] < 80
     # the sensor is quantised in steps of 0.32 K: its residuals cannot be white, and the sentence says so
     assert "coloured" in c.best.identified.sentence
     assert c.best.identified.statistics["robust_covariance"] == 1.0
