@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,9 +101,16 @@ class EhlTest:
         return slice(int(np.searchsorted(self.time_s, start_s)), int(np.searchsorted(self.time_s, stop_s)))
 
 
-def prepare(log: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> EhlTest:
+def prepare(
+    log: Log,
+    rig: Rig,
+    records: Mapping[str, DiskRecord],
+    friction_correction_N: Callable[[float, float], float] | None = None,
+) -> EhlTest:
     """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
 
+    ``friction_correction_N`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the
+    bearings' friction (section 2.10), which the transducer on the slow shaft does not see.
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
@@ -147,6 +154,9 @@ def prepare(log: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> EhlTest:
             where=where,
             expected="both above zero",
         )
+    if friction_correction_N is not None:
+        added = friction_correction_N(load_N, rpm[1])
+        friction, friction_N = friction + added * load / load_N, friction_N + added
     if not 0.002 < friction_N / load_N < 0.2:
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
     setups = [rig.disk_setup(d) for d in DISKS]

@@ -38,12 +38,13 @@ def estimate_beta(
     *,
     window_s: float = WINDOW_S,
     seed: int = 0,
+    friction_correction_N: Callable[[float, float], float] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits."""
     progress("reading the log")
     table = read_log(log, "ehl", rig)
-    test = prepare(table, rig, records)
+    test = prepare(table, rig, records, friction_correction_N)
     return BetaRun(table, analyse(test, rig.common.uncertainty, window_s=window_s, seed=seed, progress=progress))
 
 
