@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import json
 import math
 from collections.abc import Iterable
@@ -128,6 +129,14 @@ class DiskRecord(_Part):
 def now_utc() -> str:
     """The moment as the record writes it."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def user_name() -> str:
+    """Who runs this, for ``created_by``; empty where the system does not say."""
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError, ImportError):
+        return ""
 
 
 def moment(text: str) -> datetime:

@@ -198,6 +198,7 @@ CORPUS: tuple[Damage, ...] = (
     Damage("contact in volts", "ehl", FLAGGED, "levels 0 and 5", _csv("ehl", _map("contact", lambda x: 5 * x))),
     Damage("contact bounces", "ehl", FLAGGED, "bounces", _csv("ehl", _set([376, 378, 380], "contact", 0.0))),
     Damage("load in kilonewtons", "ehl", REFUSED, "kilonewtons", _csv("ehl", _map("load_N", lambda x: x / 1000))),
+    Damage("a dead load cell", "ehl", REFUSED, "dead cell", _csv("ehl", _map("load_N", lambda x: 0 * x + 3.0))),
     Damage("speeds swapped", "ehl", REFUSED, "swapped", _csv("ehl", _swap("speed_fast_rpm", "speed_slow_rpm"))),
     Damage("standing still", "ehl", REFUSED, "rpm", _csv("ehl", lambda f: f.assign(speed_fast_rpm=0.0, speed_slow_rpm=0.0))),
     Damage("friction's sign", "ehl", FLAGGED, "negative", _csv("ehl", _map("friction_N", lambda x: -x))),
