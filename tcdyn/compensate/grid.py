@@ -115,6 +115,19 @@ def readings(grid: Grid, s: Sensor, mean: Array, samples: int, dt_s: float) -> A
     return out
 
 
+def read_variance(grid: Grid, s: Sensor, cov: Array, samples: int, dt_s: float) -> Array:
+    """Variance (samples,) of those readings, from the covariances at the knots ``cov (J, n, n)``."""
+    out = np.zeros(samples)
+    for k in range(len(grid.example)):
+        where = np.flatnonzero(grid.kind == k)
+        first, rows = _rows(grid, s, k, dt_s)
+        index = first[where][:, None] + np.arange(len(rows))
+        values = np.einsum("ri,jik,rk->jr", rows, cov[where], rows, optimize=True)
+        inside = (index >= 0) & (index < samples)
+        out[index[inside]] = values[inside]
+    return out
+
+
 def _rows(grid: Grid, s: Sensor, k: int, dt_s: float) -> tuple[NDArray[np.intp], Array]:
     """First sample of every cell (J+1,), and the rows (count, n) that read the samples of a cell of kind ``k``."""
     first = np.ceil((grid.knots_s + s.delay_s) / dt_s - 1e-6).astype(int)

@@ -67,9 +67,7 @@ def smooth(
         start = np.array([estimate_noise_sd(data[:, c]) for c in range(m)])
     else:
         start = np.broadcast_to(np.asarray(noise_sd, dtype=float), (m,)).copy()
-    flags = flags_of(data, start)
-    warnings = refuse_or_warn(flags)
-    stretch = _stretch(data, flags, dt_s, chains, events_s)
+    stretch, flags, warnings = stretch_of(data, dt_s, chains, events_s, start)
     u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
     if intensity is None:
         chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
@@ -109,9 +107,12 @@ def smooth(
     )  # fmt: skip
 
 
-def _stretch(
-    data: Array, flags: NDArray[np.uint8], dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float]
-) -> Stretch:
+def stretch_of(
+    data: Array, dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float], noise_sd: Array
+) -> tuple[Stretch, NDArray[np.uint8], tuple[str, ...]]:
+    """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and warnings."""
+    flags = flags_of(data, noise_sd)
+    warnings = refuse_or_warn(flags)
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
@@ -124,7 +125,7 @@ def _stretch(
     y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
     weight = np.where(flags == 0, 1.0, 0.0)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(y, weight, dt_s, tuple(listed), tuple(stacked(listed)), events)
+    return Stretch(y, weight, dt_s, tuple(listed), tuple(stacked(listed)), events), flags, warnings
 
 
 def _bridged(y: Array, good: NDArray[np.bool_]) -> Array:

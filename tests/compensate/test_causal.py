@@ -1,0 +1,118 @@
+"""Proper inverse, its stream, the live smoother and the report before use."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.compensate.before_use import before_use, widest_bandwidth_Hz
+from tcdyn.compensate.inverse import lag_sensitivity, proper_inverse
+from tcdyn.compensate.live import LiveSmoother, LiveState
+from tcdyn.compensate.stream import InverseState, InverseStream
+
+DT = 1 / 75
+CHAIN = Chain((0.6, 0.07))
+
+
+def slow_wave(n=3000):
+    t = np.arange(n) * DT
+    return t, 80 + 20 * np.sin(2 * np.pi * 0.05 * t)
+
+
+def test_inverse_of_a_slow_trace_is_the_trace_shifted_by_what_it_states():
+    """Far below the bandwidth chain x inverse is a pure delay of the stated length; tolerance: (w lag)^2 / 2 of 20 K."""
+    t, x = slow_wave()
+    f = proper_inverse(CHAIN, DT, 2.0)
+    back = f(CHAIN.response(x, DT))
+    late = 80 + 20 * np.sin(2 * np.pi * 0.05 * (t - f.remaining_shift_s))
+    assert np.max(np.abs(back - late)[600:]) < 20 * (2 * np.pi * 0.05 * f.remaining_shift_s) ** 2
+    assert np.max(np.abs(back - x)[600:]) < 0.2 * np.max(np.abs(CHAIN.response(x, DT) - x)[600:])
+
+
+@pytest.mark.parametrize("chain", [CHAIN, Chain((0.8,), zero_s=0.1), Chain((0.8, 0.2), zero_s=-0.05, delay_s=0.04)])
+def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
+    f = proper_inverse(chain, DT, 1.5)
+    assert np.all(np.abs(np.roots(f.a)) < 1)
+    assert f.b.sum() / f.a.sum() == pytest.approx(1.0, abs=1e-9)
+    assert before_use(f, 0.15).bandwidth_Hz == pytest.approx(1.5, rel=0.02)  # 2 %: FOH against the continuous roll-off
+
+
+def test_noise_gain_is_the_gain_of_noise():
+    """Monte Carlo of 2e5 samples: the sd of an sd is 0.2 %, correlation makes it a few times that."""
+    f = proper_inverse(CHAIN, DT, 2.0)
+    out = f(np.random.default_rng(0).standard_normal(200_000))
+    assert np.std(out[2000:]) == pytest.approx(f.noise_gain, rel=0.03)
+
+
+def test_lag_sensitivity_is_the_change_with_the_lag():
+    _, x = slow_wave()
+    y = CHAIN.response(x, DT)
+    f, longer = (proper_inverse(c, DT, 2.0) for c in (CHAIN, CHAIN.with_lag_shift(1e-4)))
+    assert np.allclose((longer(y) - f(y)) / 1e-4, lag_sensitivity(f, y), atol=0.02)  # of 6 K/s
+
+
+def test_any_chunking_gives_the_batch_answer_through_a_saved_state():
+    rng = np.random.default_rng(0)
+    y = 80 + np.cumsum(rng.standard_normal((900, 3)), axis=0) * 0.1
+    y[400, 1] = np.nan
+    y[600, 2] += 50
+    stream = InverseStream.of([proper_inverse(CHAIN, DT, 2.0)] * 3, spike_K=10.0)
+    live = LiveSmoother.of([CHAIN] * 3, DT, 0.1, 0.1, lag_samples=10)
+    _, whole, flags = stream.run(stream.start(y[0]), y)
+    _, live_whole, live_sd, live_flags = live.run(live.start(y[0]), y)
+    state, live_state, parts, live_parts = stream.start(y[0]), live.start(y[0]), [], []
+    cuts = np.r_[0, np.sort(rng.choice(np.arange(1, 900), 25, replace=False)), 900]
+    for a, b in zip(cuts[:-1], cuts[1:]):
+        state, part, _ = stream.run(InverseState.from_json(json.loads(json.dumps(state.to_json()))), y[a:b])
+        saved = LiveState.from_json(json.loads(json.dumps(live_state.to_json())))
+        live_state, live_part, _, _ = live.run(saved, y[a:b])
+        parts.append(part)
+        live_parts.append(live_part)
+    assert np.max(np.abs(np.concatenate(parts) - whole)) < 1e-12
+    assert np.max(np.abs(np.concatenate(live_parts) - live_whole)) < 1e-12
+    assert flags[400, 1] == 1
+    assert flags[600, 2] == 2
+    assert live_flags[600, 2] == 2
+    assert np.all(np.isfinite(live_sd))
+
+
+def test_spike_does_not_ring_through_the_stream():
+    y = np.full((400, 1), 80.0) + 0.1 * np.random.default_rng(0).standard_normal((400, 1))
+    spiked = y.copy()
+    spiked[200] += 60
+    stream = InverseStream.of([proper_inverse(CHAIN, DT, 2.0)], spike_K=5.0)
+    clean, hit = (stream.run(stream.start(v[0]), v)[1] for v in (y, spiked))
+    assert np.max(np.abs(hit - clean)) < 0.2 * 60  # one sample replaced by a median: noise-sized, not spike-sized
+    assert np.max(np.abs(hit - clean)[:200]) == 0
+
+
+def test_live_smoother_follows_an_unannounced_event_within_one_degree():
+    """Case B of the anchors, nothing known of the event: causal, at most 1.0 degC rms; 95 % bands hold 90 % or more."""
+    dt, n = 0.05, 800
+    t = np.arange(n * 20) * dt / 20
+    fine = 25 + 155 * (1 - np.exp(-np.maximum(t - 5, 0) / 3))
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    x = fine[::20]
+    y = chain.response(fine, dt / 20)[::20, None] + 0.2 * np.random.default_rng(0).standard_normal((n, 30))
+    for quiet in (0.01, 1.0, 20.0):
+        live = LiveSmoother.of([chain] * 30, dt, 0.2, quiet)
+        _, ours, sd, _ = live.run(live.start(y[0]), y)
+        error = ours - x[:, None]
+        assert np.sqrt(np.mean(error[60:740] ** 2)) < 1.0
+        assert np.mean(np.abs(error[60:]) < 1.96 * sd[60:]) > 0.9
+
+
+def test_report_warns_when_the_bandwidth_cannot_be_had_and_says_which_can():
+    said = before_use(proper_inverse(CHAIN, DT, 15.0), 0.15, wanted_K=1.0)
+    assert any("can be had" in w for w in said.warnings)
+    best = widest_bandwidth_Hz(CHAIN, DT, 0.15, 1.0)
+    assert proper_inverse(CHAIN, DT, best).noise_gain * 0.15 <= 1.0
+    assert said.rise_s < said.raw_rise_s
+    assert "remaining shift" in said.summary()
+
+
+def test_bandwidth_above_half_the_sampling_is_refused_with_the_remedy():
+    with pytest.raises(InputError, match=r"37\.5 \(half of the 75 Hz sampling\); got 50; lower it"):
+        proper_inverse(CHAIN, DT, 50.0)
