@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pacsv
 
-from calibration.dialect import ABSENT, CLOCK, FLAGS, HEAD_BYTES, Dialect, is_number, sniff
+from calibration.dialect import ABSENT, HEAD_BYTES, Dialect, is_number, sniff
 from calibration.errors import InputError
+from calibration.rowcheck import check_rows
 from calibration.table import Columns, FloatArray, RowNumbers
+from calibration.textcolumn import text_column
 
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
 
@@ -133,120 +134,6 @@ def _assemble(table: CsvTable, arrow: pa.Table, wanted: Sequence[str], rows: Row
 
 def _decoded(value: bytes | None) -> str:
     return "" if value is None else value.decode("utf-8", errors="replace").strip().strip('"').strip()
-
-
-def text_column(
-    texts: list[str], decimal: str, name: str, where: str, rows: RowNumbers, notes: list[str]
-) -> FloatArray:
-    """Numbers from cells of text: clock times to seconds, on/off words to 1 and 0, the rest to NaN with a note.
-
-    Raises InputError when more than one cell in a hundred (and more than three) is no number.
-    """
-    full = [t for t in texts if t.lower() not in ABSENT]
-    if full and sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full):
-        return clock_seconds(texts, name, where, rows, notes)
-    out = np.full(len(texts), np.nan)
-    bad: list[int] = []
-    for i, text in enumerate(texts):
-        low = text.lower()
-        if is_number(text, decimal):
-            out[i] = float(text.replace(",", "."))
-        elif low in FLAGS:
-            out[i] = FLAGS[low]
-        elif low not in ABSENT:
-            bad.append(i)
-        elif "inf" in low:
-            out[i] = np.inf
-    if bad:
-        place = f"column {name}, row {rows.of(bad[0])}: {texts[bad[0]][:40]!r} is no number"
-        if len(bad) > max(3, 0.01 * len(texts)):
-            raise InputError(
-                f"{place} ({len(bad)} of {len(texts)} cells)",
-                where=where,
-                expected=f"numbers with decimal {'comma' if decimal == ',' else 'point'}",
-            )
-        notes.append(f"{place}" + (f" (and {len(bad) - 1} more)" if len(bad) > 1 else "") + "; taken as missing")
-    return out
-
-
-def clock_seconds(texts: list[str], name: str, where: str, rows: RowNumbers, notes: list[str]) -> FloatArray:
-    """Clock times (with or without a date) as seconds since the first one; midnight may pass.
-
-    >>> clock_seconds(["23:59:59.5", "00:00:00,25"], "time", "x.csv", RowNumbers(), [])
-    array([0.  , 0.75])
-    """
-    series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
-    parts = series.str.extract(r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?")
-    hour = pd.to_numeric(parts["h"]).to_numpy(dtype=float)
-    afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
-    morning = (parts["half"] == "AM").to_numpy(dtype=bool)
-    hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
-    minute = pd.to_numeric(parts["m"]).to_numpy(dtype=float)
-    second = hour * 3600 + minute * 60 + pd.to_numeric(parts["s"]).to_numpy(dtype=float)
-    if not np.isfinite(second[0]):
-        raise InputError(f"column {name}, row {rows.of(0)}: {texts[0]!r} is no clock time", where=where)
-    steps = np.diff(second, prepend=second[0])
-    wraps = np.cumsum(np.where(steps < -43200.0, 1.0, 0.0))
-    if wraps[-1]:
-        notes.append(f"column {name}: the clock passes midnight; the time runs on")
-    return np.asarray(np.round(second + 86400.0 * wraps - second[0], 9))
-
-
-@dataclass(frozen=True)
-class RowCheck:
-    """How many rows of data there are, which lines are blank, what was noticed."""
-
-    rows: int
-    blank: tuple[int, ...]
-    notes: tuple[str, ...]
-
-
-def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> RowCheck:
-    """Count the fields of every row: a short or long row is refused by its number, a last short one as truncated.
-
-    A last row without line end may have lost digits: that is noted.
-    """
-    separator = dialect.separator.encode()
-    want = dialect.fields - 1
-    blank: list[int] = []
-    rows, line = 0, b"\n"
-    short: tuple[int, int] | None = None
-    for number, line in enumerate(stream, 1):
-        if number <= dialect.skip:
-            continue
-        if short is not None and line.strip():
-            raise _row_error(short, dialect.fields, where)
-        count = line.count(separator)
-        if count == want:
-            rows += 1
-        elif not line.strip():
-            blank.append(number)
-        elif count < want:
-            short = (number, count + 1)
-        elif b'"' not in line:
-            raise _row_error((number, count + 1), dialect.fields, where)
-        if b"\x00" in line:
-            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
-    if short is not None:
-        raise InputError(
-            f"row {short[0]}, the last, has {short[1]} of {dialect.fields} fields: the file is truncated",
-            where=where,
-            expected="a whole last row",
-            remedy="copy the file again, or delete the last row",
-        )
-    note = ""
-    if not line.endswith((b"\n", b"\r")):
-        note = f"row {dialect.skip + rows + len(blank)}, the last, has no line end: its last value may be cut short"
-    return RowCheck(rows, tuple(blank), (note,) if note else ())
-
-
-def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
-    return InputError(
-        f"row {row[0]} has {row[1]} fields",
-        where=where,
-        expected=f"{fields} as in the first row",
-        remedy="repair or delete that row",
-    )
 
 
 def _arrow_error(problem: Exception, where: str) -> InputError:

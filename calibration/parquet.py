@@ -11,9 +11,9 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet as pq
 
-from calibration.csvtable import text_column
 from calibration.errors import InputError
 from calibration.table import Columns, FloatArray, RowNumbers
+from calibration.textcolumn import text_column
 
 
 @dataclass
