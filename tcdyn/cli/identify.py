@@ -20,9 +20,15 @@ def identify(
     input: Annotated[str, typer.Option("--input", "-u", help="Column of the input.")],
     output: Annotated[str, typer.Option("--output", "-y", help="Column of the output.")],
     run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
-    time: Annotated[str | None, typer.Option(help="Time column [s]; time_s, time or t is found by itself.")] = None,
-    dt_s: Annotated[float | None, typer.Option("--dt", help="Sampling interval [s] where there is no time.")] = None,
-    resample_s: Annotated[float | None, typer.Option("--resample", help="Put uneven times on this grid [s].")] = None,
+    time: Annotated[
+        str | None, typer.Option(help="Time column in seconds; time_s, time or t is found by itself.")
+    ] = None,
+    dt_s: Annotated[
+        float | None, typer.Option("--dt", help="Sampling interval in seconds where there is no time.")
+    ] = None,
+    resample_s: Annotated[
+        float | None, typer.Option("--resample", help="Put uneven times on a grid of so many seconds.")
+    ] = None,
     hold: Annotated[str, typer.Option(help="Input between samples: foh (straight line) or zoh (held).")] = "foh",
     models: Annotated[str, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2).")] = ",".join(CANDIDATES),
     gain: Annotated[float | None, typer.Option(help="Hold the static gain Kp at this value (process models).")] = None,

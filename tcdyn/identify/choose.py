@@ -14,7 +14,7 @@ from calibration.errors import InputError
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.problem import cut, pose
+from tcdyn.identify.problem import cut
 from tcdyn.identify.realise import realise
 from tcdyn.identify.simulate import simulate_rows
 
@@ -53,6 +53,7 @@ def compare(
     """
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
+    first: InputError | None = None
     train, test, from_s = divide(data, held_out)
     for entry in models:
         model = as_model(entry)
@@ -61,6 +62,7 @@ def compare(
             score = whole if train is None else trained(train, model, options)
             rms, percent = held_out_score(score, test, from_s)
         except InputError as error:
+            first = first or error
             rows.append({"model": model.name, "remark": str(error)})
             continue
         fits[model.name] = whole
@@ -81,7 +83,7 @@ def compare(
             }
         )
     if not fits:
-        raise InputError("no model could be fitted", where=data.name, remedy=str(rows[0]["remark"]))
+        raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", ignore_index=True)
     name, why = recommend(table)
     return Comparison(table, fits, name, why)
@@ -185,4 +187,4 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
     return str(best["model"]), reason + "."
 
 
-__all__ = ["CANDIDATES", "Comparison", "compare", "held_out_score", "pose", "recommend"]
+__all__ = ["CANDIDATES", "Comparison", "compare", "held_out_score", "recommend"]

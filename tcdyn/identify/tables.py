@@ -77,6 +77,8 @@ def from_frame(
 def from_csv(path: str | Path, **options: object) -> IOData:
     """:func:`from_frame` on a CSV file; separators and decimal commas are recognised."""
     path = Path(path)
+    if not path.is_file():
+        raise InputError("no such file", where=str(path), expected="a CSV table")
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
