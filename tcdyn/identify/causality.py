@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.errors import InputError
 from tcdyn.identify.models import process
@@ -16,22 +17,25 @@ from tcdyn.identify.start import lag_bank
 
 
 def shift_scores(x: Array, y: Array, reach: int) -> Array:
-    """r^2 of y(t) with x(t - k) for k = -reach..reach over the samples both have."""
+    """r^2 of y(t) with x(t - k) for k = -reach..reach over the samples both have, with the sign of r."""
     n = len(x)
     size = 2 ** int(np.ceil(np.log2(2 * n)))
-    fx, fy = np.fft.rfft(np.array([np.ones(n), x, x**2]), size), np.fft.rfft(np.array([np.ones(n), y, y**2]), size)
+    cross = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(x, size)), size)
+    sxy = np.concatenate([cross[size - reach :], cross[: reach + 1]])
+    k = np.arange(-reach, reach + 1)
+    behind, ahead = np.maximum(k, 0), np.maximum(-k, 0)
+    count = n - np.abs(k)
 
-    def pair(i: int, j: int) -> Array:
-        c = np.fft.irfft(fy[j] * np.conj(fx[i]), size)
-        return np.concatenate([c[size - reach :], c[: reach + 1]])
+    def total(v: Array, first: NDArray[np.int_], last: NDArray[np.int_]) -> Array:
+        sums = np.concatenate([[0.0], np.cumsum(v)])
+        return np.asarray(sums[last] - sums[first])
 
-    count = n - np.abs(np.arange(-reach, reach + 1))
-    sx, sy, sxy, sxx, syy = pair(1, 0), pair(0, 1), pair(1, 1), pair(2, 0), pair(0, 2)
+    sx, sxx = (total(v, ahead, n - behind) for v in (x, x**2))
+    sy, syy = (total(v, behind, n - ahead) for v in (y, y**2))
     vx, vy = sxx - sx**2 / count, syy - sy**2 / count
-    floor = 1e-9 * np.array([np.var(x), np.var(y)]) * n
-    good = (vx > floor[0]) & (vy > floor[1])
+    good = (vx > 1e-9 * np.var(x) * n) & (vy > 1e-9 * np.var(y) * n)
     cov = sxy - sx * sy / count
-    return np.where(good, np.maximum(cov, 0.0) ** 2 / np.where(good, vx * vy, 1.0), 0.0)
+    return np.asarray(np.where(good, np.sign(cov) * cov**2 / np.where(good, vx * vy, 1.0), 0.0))
 
 
 def check_causality(problem: Problem, where: str) -> None:
@@ -51,9 +55,9 @@ def check_causality(problem: Problem, where: str) -> None:
     taus = np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)
     y = filled(longest)
     best_ahead, best_behind, at = 0.0, 0.0, 0
-    for sign in (1.0, -1.0):
-        for x in lag_bank(one, taus)[0]:
-            score = shift_scores(x - x[0], sign * (y - y[0]), reach)
+    for x in lag_bank(one, taus)[0]:
+        signed = shift_scores(x - x[0], y - y[0], reach)
+        for score in (signed, -signed):
             k = int(np.argmax(score[: reach - 2]))
             if score[k] > best_ahead:
                 best_ahead, at = float(score[k]), reach - k

@@ -20,9 +20,9 @@ def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | No
     lower, upper = problem.bounds()
     candidates = [start] if start is not None else diverse(problem, starts(problem))
     best: Optimum | None = None
-    short = 12 if len(candidates) > 1 else 60
+    short = 6 if len(candidates) > 1 else 60
     for x0 in candidates:
-        found = least_squares(evaluate, x0, lower, upper, max_iterations=short, tolerance=1e-7)
+        found = least_squares(evaluate, x0, lower, upper, max_iterations=short, tolerance=1e-4)
         if found is not None and np.isfinite(found.cost) and (best is None or found.cost < best.cost):
             best = found
     if best is None:

@@ -121,7 +121,7 @@ def process_starts(problem: Problem) -> list[Array]:
     for (tau, delay), pattern in product(seen, range(3)):
         pool.append(polished(problem, spread(problem.model, tau, delay, pattern)))
     poles = problem.model.order
-    if poles in (2, 3) and "Tc" not in problem.model.names:
+    if poles in (2, 3) and {"Tw", "Tz"} & set(problem.model.names) and "Tc" not in problem.model.names:
         tau, delay = seen[0]
         zeros = int("Tz" in problem.model.names)
         for share in (1.0, 0.5):

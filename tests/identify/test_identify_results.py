@@ -53,12 +53,13 @@ def test_bounds_of_the_input_correlation_know_what_the_fit_has_used():
 
 def test_false_alarms_of_both_residual_tests_are_near_nominal():
     p = []
-    for seed in range(150):
-        s = fit(case_a("PRBS", 5000 + seed), "P2D", intervals="quadratic", check=False).identified.statistics
+    for seed in range(100):
+        data = case_a("PRBS", 5000 + seed)
+        s = fit(data, "P2D", start=CASE_A, intervals="quadratic", check=False).identified.statistics
         p.append((s["p_white"], s["p_input"]))
     alarms = np.mean(np.array(p) < 0.05, axis=0)
-    # nominal 5 %, standard error 1.8 % over 150 runs: within three; the 2000-run study is marked slow
-    assert np.all(alarms < 0.105)
+    # nominal 5 %, standard error 2.2 % over 100 runs: within three; the 2000-run study is marked slow
+    assert np.all(alarms < 0.115)
 
 
 def test_the_table_recommends_the_true_structure_and_says_why():
@@ -108,7 +109,7 @@ def test_bands_cover_the_truth_as_often_as_they_say():
     g = 20 * np.log10(np.abs(truth.frequency_response(f)))
     covered = []
     for seed in range(60):
-        m = fit(case_a("PRBS", 300 + seed), "P2D", intervals="quadratic", check=False).identified
+        m = fit(case_a("PRBS", 300 + seed), "P2D", start=CASE_A, intervals="quadratic", check=False).identified
         b, s = bode_band(m, f).magnitude_dB, step_band(m, t)
         times = percent_times(m)["t90"]
         covered.append(
