@@ -27,6 +27,7 @@ from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, r
 from tcdyn.partition.shift import FitShift
 from tcdyn.partition.steady import SpeedLawPoint
 from tcdyn.partition.surface import Surface, surface_temperatures
+from tcdyn.partition.tension import tensions
 from tcdyn.partition.window import OUTER, DiskWindow, disk_window, stretch_of
 
 WINDOW_S = 5.0
@@ -108,7 +109,6 @@ def analyse(
         progress(f"cooling fit, {d} disk")
         shifts[d] = _cooling_shift(test, disk, rows, windows[d], lines[d], cooling[d], u)
         by_lag[d] = _by_lag(test, disk, rows, compensated[d], windows[d], lines[d], cooling[d], profile)
-        warnings += _lag_warnings(d, disk, joint[d])
     budget = monte_carlo(
         {d: lines[d].line for d in DISKS},
         {d: lines[d].shift for d in DISKS},
@@ -126,7 +126,7 @@ def analyse(
     ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
     ways |= {f"joint {d}": joint[d].beta for d in DISKS}
     steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
-    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady)
+    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, u))
     surface = surface_temperatures(test, speed, windows)
     budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
     return Partition(
@@ -188,9 +188,15 @@ def _cooling_shift(
 
 
 def _by_lag(
-    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, window: DiskWindow, line: DiskLine, fit: CoolingFit,
+    test: EhlTest,
+    disk: DiskTraces,
+    rows: slice,
+    done: Compensated,
+    window: DiskWindow,
+    line: DiskLine,
+    fit: CoolingFit,
     profile: Profile,
-) -> NDArray[np.float64]:  # fmt: skip
+) -> NDArray[np.float64]:
     """Error of (share, h) of the cooling fit per second by which the compensated lag is too long."""
     longer = replace(done, temperature=done.temperature + LAG_STEP_S * done.lag_sensitivity)
     moved = _compensated_window(test, disk, rows, longer, profile)
@@ -198,15 +204,3 @@ def _by_lag(
     before, _ = window.answer(window.gains(fit.h_W_m2K))
     change = fit.pull((rest - before) - (moved.y - window.y)) / LAG_STEP_S
     return np.array([line.line.slope * change, change])
-
-
-def _lag_warnings(name: str, disk: DiskTraces, fit: DiskFit) -> list[str]:
-    lag = fit.estimates["lag_s"]
-    spread = float(np.hypot(max(disk.common_lag_u_s, 0.02), lag.u))
-    z = abs(lag.value - disk.common_lag_s) / spread
-    if z > 3:
-        return [
-            f"{name} disk: the unloading gives a common lag of {lag.value:.3f} s, the record {disk.common_lag_s:.3f} "
-            f"+- {disk.common_lag_u_s:.3f} s ({z:.1f} standard deviations apart)"
-        ]
-    return []

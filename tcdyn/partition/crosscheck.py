@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,19 @@ SUSPECT_Z = 3.0
 
 
 @dataclass(frozen=True)
+class Tension:
+    """Something the data contradict: what it is in words, and by how many standard deviations."""
+
+    what: str
+    z: float
+
+
+@dataclass(frozen=True)
 class CrossCheck:
-    """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference."""
+    """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference.
+
+    ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first.
+    """
 
     z: float
     agree: bool
@@ -23,49 +35,61 @@ class CrossCheck:
     pair: tuple[str, str]
     p_value: float
     pairs: tuple[tuple[str, str, float, float], ...]
+    suspects: tuple[Tension, ...]
 
 
-def cross_check(values: dict[str, float], draws: dict[str, NDArray[np.float64]], steady: Estimate) -> CrossCheck:
+def cross_check(
+    values: dict[str, float],
+    draws: dict[str, NDArray[np.float64]],
+    steady: Estimate,
+    tensions: Sequence[Tension] = (),
+) -> CrossCheck:
     """Compare the ways to beta, given Monte Carlo ``draws`` of each that share their common errors.
 
     ``values`` and ``draws`` have the same keys. The difference of two ways is judged against the spread of the
     difference of their draws, so an error that moves both alike does not count. With several pairs the largest z is
-    judged by the chance that any of so many would be as large (``p_value`` from the draws themselves).
+    judged by the chance that any of so many would be as large (``p_value`` from the draws themselves). ``tensions``
+    beyond ``SUSPECT_Z`` become named suspects. The ways agree when no pair and no suspect is beyond it.
     """
     names = list(values)
     pairs, zs = [], []
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
             gap = values[one] - values[other]
-            spread = float(np.std(draws[one] - draws[other]))
-            z = abs(gap) / max(spread, 1e-12)
-            pairs.append((one, other, float(gap), float(z)))
             centred = draws[one] - draws[other]
-            zs.append(np.abs(centred - centred.mean()) / max(spread, 1e-12))
+            spread = max(float(np.std(centred)), 1e-12)
+            pairs.append((one, other, float(gap), float(abs(gap) / spread)))
+            zs.append(np.abs(centred - centred.mean()) / spread)
     worst = max(pairs, key=lambda row: row[3])
     largest = np.max(np.stack(zs), axis=0)
     p = float(np.mean(largest >= worst[3]))
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
-    agree = worst[3] < SUSPECT_Z
-    return CrossCheck(
-        worst[3], agree, _sentence(agree, worst, values, steady, p), (worst[0], worst[1]), p, tuple(pairs)
-    )
+    suspects = tuple(sorted((t for t in tensions if abs(t.z) >= SUSPECT_Z), key=lambda t: -abs(t.z)))
+    agree = worst[3] < SUSPECT_Z and not suspects
+    sentence = _sentence(worst, values, steady, suspects)
+    return CrossCheck(worst[3], agree, sentence, (worst[0], worst[1]), p, tuple(pairs), suspects)
 
 
 def _sentence(
-    agree: bool, worst: tuple[str, str, float, float], values: dict[str, float], steady: Estimate, p: float
+    worst: tuple[str, str, float, float], values: dict[str, float], steady: Estimate, suspects: Sequence[Tension]
 ) -> str:
     one, other, gap, z = worst
     spread = f"{min(values.values()):.3f} to {max(values.values()):.3f}"
-    if agree:
+    blame = "; ".join(f"{t.what} ({abs(t.z):.1f} standard deviations)" for t in suspects[:3])
+    if z >= SUSPECT_Z:
         return (
-            f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
-            f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations."
+            f"The ways to beta do NOT agree: {one} and {other} differ by {abs(gap):.3f}, {z:.1f} standard deviations "
+            f"of their difference; suspect {blame or _suspect(one, other)}."
+        )
+    if suspects:
+        return (
+            f"The ways to beta lie together ({spread}), but the data contradict what was stated: suspect {blame}. "
+            "Do NOT trust beta before that is cleared up."
         )
     return (
-        f"The ways to beta do NOT agree: {one} and {other} differ by {abs(gap):.3f}, {z:.1f} standard deviations of "
-        f"their difference; suspect {_suspect(one, other)}."
+        f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
+        f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations."
     )
 
 

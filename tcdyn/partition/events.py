@@ -37,7 +37,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     """Find the loaded stretch of an EHL log and the instant of parting, to better than a sample where possible.
 
     The contact switch names the samples; the friction's fall through half its level places the end of the heat
-    between them, averaged with switch and load cell where they agree. Raises InputError without a contact or without an unloading.
+    between them, averaged with switch and load cell where they agree. Raises InputError without a contact or
+    without an unloading.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     contact = frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5

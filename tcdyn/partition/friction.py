@@ -1,4 +1,4 @@
-"""The heat that enters the contact: friction with its zero taken out, steady where it is steady, ended when it ended."""
+"""The force in the contact: its zero taken out, steady where it is steady, ended when it ended."""
 
 from __future__ import annotations
 

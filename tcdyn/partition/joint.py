@@ -27,13 +27,18 @@ from tcdyn.partition.window import DiskWindow, chained_power, disk_window, stret
 
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
+LEAST_TOLD = 0.02  # below this the data say nothing of a nuisance, and its pull means nothing
 STEPS = 25
 TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True)
 class DiskFit:
-    """Share, h and common chain of one disk, with the covariance of (share, h, lag_s)."""
+    """Share, h and common chain of one disk, with the covariance of (share, h, lag_s).
+
+    ``pulls``: how many standard deviations the data would move each nuisance from its stated value; about standard
+    normal on a sound rig.
+    """
 
     disk: str
     share: float
@@ -43,7 +48,7 @@ class DiskFit:
     rms_K: float
     window_s: float
     shift: FitShift
-    nuisance_sigma: dict[str, float]
+    pulls: dict[str, float]
 
     @property
     def beta(self) -> float:
@@ -70,6 +75,7 @@ class BothFit:
     speed_ratio: float
     covariance: NDArray[np.float64]
     chains: dict[str, Chain]
+    pulls: dict[str, float]
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -127,8 +133,17 @@ class _Posterior:
     nuisance: NDArray[np.float64]
     priors: NDArray[np.float64]
     columns: list[list[tuple[int, int]]]
-    sigma: NDArray[np.float64]
+    pulls: NDArray[np.float64]
     rms_K: float
+
+    def named_pulls(self, sides: Sequence[_Side]) -> dict[str, float]:
+        """Pull of each nuisance by its name, with its disk unless both disks share it."""
+        out = {}
+        for value, members in zip(self.pulls, self.columns):
+            side, q = sides[members[0][0]], members[0][1]
+            name = side.nuisance.names[q]
+            out[name if side.nuisance.shared[q] else f"{name} of the {side.disk.name} disk"] = float(value)
+        return out
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -243,6 +258,7 @@ def _solve(
     rows, target = _stacked(test, sides, points, columns, shared_share)
     covariance = np.linalg.inv(rows.T @ rows)
     solution = covariance @ (rows.T @ target)
+    told = 1.0 - np.diag(covariance)[4 * len(sides) :]  # share of each nuisance's prior variance that the data removed
     data = sum(s.window.y.size for s in sides)
     residual = (target - rows @ solution)[:data]
     k = 4 * len(sides)
@@ -251,7 +267,8 @@ def _solve(
     nuisance = gain @ rows[:data, k:]
     priors = covariance[:k] @ rows[data : data + 2 * len(sides)].T
     rms = float(np.sqrt(np.mean([np.mean((r / s.window.weight.ravel()) ** 2) for r, s in _split(residual, sides)])))
-    return points, _Posterior(noise, nuisance, priors, columns, solution[k:], rms)
+    pulls = solution[k:] / np.sqrt(np.clip(told, LEAST_TOLD, None))
+    return points, _Posterior(noise, nuisance, priors, columns, pulls, rms)
 
 
 def _split(residual: NDArray[np.float64], sides: Sequence[_Side]) -> list[tuple[NDArray[np.float64], _Side]]:
@@ -346,8 +363,8 @@ def _disk_fit(name: str, p: _Point, side: _Side, post: _Posterior, window_s: flo
     names = (*side.nuisance.names, "common lag", "lag shape")
     per_sd = (jac @ np.concatenate([post.nuisance, post.priors], axis=1)).T
     shift = FitShift(names, (*side.nuisance.shared, False, False), per_sd, jac @ post.noise @ jac.T)
-    sigma = dict(zip(side.nuisance.names, (float(x) for x in post.sigma)))
-    return DiskFit(name, p.share, p.h, chain, jac @ post.covariance @ jac.T, post.rms_K, window_s, shift, sigma)
+    covariance = jac @ post.covariance @ jac.T
+    return DiskFit(name, p.share, p.h, chain, covariance, post.rms_K, window_s, shift, post.named_pulls([side]))
 
 
 def _solve_both(test: EhlTest, sides: dict[str, _Side], points: dict[str, _Point]) -> BothFit:
@@ -356,4 +373,12 @@ def _solve_both(test: EhlTest, sides: dict[str, _Side], points: dict[str, _Point
     jac = np.zeros((3, 8))
     jac[0, 0], jac[1, 1], jac[2, 5] = 1.0, final[0].h, final[1].h
     chains = {name: p.chain(sides[name].disk.mean_chain) for name, p in zip(("fast", "slow"), final)}
-    return BothFit(final[0].share, final[0].h, final[1].h, test.speed_ratio, jac @ post.covariance @ jac.T, chains)
+    return BothFit(
+        final[0].share,
+        final[0].h,
+        final[1].h,
+        test.speed_ratio,
+        jac @ post.covariance @ jac.T,
+        chains,
+        post.named_pulls(order),
+    )

@@ -71,6 +71,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "agree": p.crosscheck.agree,
             "sentence": p.crosscheck.sentence,
             "p_value": p.crosscheck.p_value,
+            "suspects": [{"what": t.what, "z": t.z} for t in p.crosscheck.suspects],
             "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in p.crosscheck.pairs],
         },
         "budget": [

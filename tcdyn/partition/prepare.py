@@ -23,6 +23,7 @@ from tcdyn.rig.contact import half_width_m
 
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0
+SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ def prepare(
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
-    warnings = [*log.warnings, *events.warnings]
+    warnings = [*gathered(log.warnings), *events.warnings]
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
     rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
@@ -177,6 +178,16 @@ def prepare(
     )
 
 
+def gathered(warnings: Sequence[str]) -> list[str]:
+    """The reader's warnings, those about spikes in one sentence: every slip ring has some."""
+    spiky = [(int(found[2]), found[1]) for w in warnings if (found := SPIKES.search(w))]
+    rest = [w for w in warnings if not SPIKES.search(w)]
+    if not spiky:
+        return rest
+    total, (most, column) = sum(n for n, _ in spiky), max(spiky)
+    return [f"{total} spikes in {len(spiky)} channels were taken as missing, most in {column} ({most})", *rest]
+
+
 def disk_traces(
     frame: pd.DataFrame,
     disk: str,
@@ -205,7 +216,7 @@ def disk_traces(
         low, high = line.range_degC
         if not low - 2 <= mean <= high + 2:
             warnings.append(
-                f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated range {low:.0f} to {high:.0f} degC (extrapolated)"
+                f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated {low:.0f} to {high:.0f} degC (extrapolated)"
             )
         columns.append(values)
         spikes.append(marked)

@@ -20,9 +20,8 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.prepare import despiked, prepare, record_chains, white_noise
+from tcdyn.partition.prepare import despiked, gathered, prepare, record_chains, white_noise
 from tcdyn.partition.refine import refine_lags, refined_chains
-
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 
@@ -58,7 +57,7 @@ def compensate_log(
     frame = table.frame.copy()
     time = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(time)))
-    warnings = list(table.warnings)
+    warnings = gathered(table.warnings)
     notes = {"tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     events = find_events(frame, table.path.name)
     fits: Mapping[str, DiskFit] = {}

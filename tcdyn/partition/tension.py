@@ -1,0 +1,36 @@
+"""What the data of a test contradict: the record's lags, the speed exponent, a depth, a static line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from calibration.rigfile import UncertaintyTable
+from tcdyn.partition.crosscheck import Tension
+from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
+from tcdyn.partition.prepare import EhlTest
+
+
+def tensions(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, u: UncertaintyTable) -> tuple[Tension, ...]:
+    """Every stated value with the number of standard deviations by which the joint fits would move it.
+
+    The lag's prior and posterior differ with variance u_prior^2 - u_posterior^2; an exponent inside its stated range
+    is no tension, outside it counts from the nearer end; nuisances come as pulls of the fit of both disks.
+    """
+    out = []
+    for name, fit in joint.items():
+        disk = test.disks[name]
+        lag = fit.estimates["lag_s"]
+        prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
+        told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
+        words = f"the lag of the {name} disk: record {disk.common_lag_s:.3f} s, unloading {lag.value:.3f} s"
+        out.append(Tension(words, float((lag.value - disk.common_lag_s) / told)))
+    n = both.estimates["exponent"]
+    outside = n.value - float(np.clip(n.value, u.speed_exponent_low, u.speed_exponent_high))
+    words = (
+        f"the speed exponent: {test.speed_exponent:.3f} assumed, {n.value:.3f} +- {n.u:.3f} implied by the two disks"
+    )
+    out.append(Tension(words, outside / n.u))
+    out += [Tension(name, pull) for name, pull in both.pulls.items()]
+    return tuple(out)

@@ -1,0 +1,68 @@
+"""The pure-rolling test of section 2.10 from its file: what to add to the friction that the transducer measures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from calibration.bearing import BearingFriction, fit_bearing_friction
+from calibration.errors import InputError
+from calibration.write import sha256
+
+COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
+
+
+@dataclass(frozen=True)
+class BearingFile:
+    """Lines of figure 2.25 and the file they came from."""
+
+    friction: BearingFriction
+    file: str
+    sha256: str
+
+    def correction(self) -> Callable[[float, float], float]:
+        """Function of (load [N], slow shaft [rpm]) for ``prepare``: half of both shafts' bearing friction [N]."""
+        return lambda load_N, speed_rpm: float(self.friction.correction_N(load_N, speed_rpm)[0])
+
+    def warnings(self, load_N: float, speed_rpm: float) -> list[str]:
+        """Says so when load or speed lies outside what was measured."""
+        if not bool(self.friction.outside(load_N, speed_rpm)):
+            return []
+        low, high = self.friction.load_range_N
+        slow, fast = min(self.friction.speeds_rpm), max(self.friction.speeds_rpm)
+        return [
+            f"bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {self.file} covers "
+            f"{low:.0f} to {high:.0f} N and {slow:.0f} to {fast:.0f} rpm"
+        ]
+
+
+def read_bearing(path: str | Path) -> BearingFile:
+    """Read a CSV with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
+
+    Raises InputError for an unreadable file, a missing column, a value that is no number, or too few loads a speed.
+    """
+    where = str(path)
+    try:
+        frame = pd.read_csv(path, comment="#")
+    except FileNotFoundError:
+        raise InputError("no such file", where=where) from None
+    except (OSError, ValueError) as problem:
+        raise InputError(f"not readable as CSV ({problem})", where=where) from None
+    missing = [c for c in COLUMNS if c not in frame.columns]
+    if missing:
+        raise InputError(f"column {missing[0]} is missing", where=where, expected=", ".join(COLUMNS))
+    values = []
+    for name in COLUMNS:
+        column = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=float)
+        if not np.isfinite(column).all():
+            raise InputError(f"column {name}, row {int(np.argmin(np.isfinite(column))) + 2}: no number", where=where)
+        values.append(column)
+    try:
+        lines = fit_bearing_friction(*values)
+    except InputError as problem:
+        raise InputError(str(problem), where=where) from None
+    return BearingFile(lines, Path(path).name, sha256(path))

@@ -1,0 +1,220 @@
+"""Many EHL logs to one table: spread over workers, resumable, and one failing log does not stop the others."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+import tcdyn
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
+from calibration.record import DiskRecord
+from calibration.rigfile import Rig
+from calibration.write import sha256, write_text
+from tcdyn.partition.analyse import WINDOW_S
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.window import steady_start_s
+from tcdyn.pipeline.bearing import BearingFile
+from tcdyn.pipeline.beta import estimate_beta
+from tcdyn.pipeline.campaign_table import campaign_table, table_csv, table_row
+from tcdyn.pipeline.spread import spread
+
+TABLE_FILE = "campaign.csv"
+
+
+@dataclass(frozen=True)
+class CampaignSettings:
+    """What all logs of a campaign are analysed with."""
+
+    rig: Rig
+    records: Mapping[str, DiskRecord]
+    window_s: float = WINDOW_S
+    seed: int = 0
+    bearing: BearingFile | None = None
+
+    def fingerprint(self) -> dict[str, Any]:
+        """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
+        return {
+            "version": tcdyn.__version__,
+            "rig_sha256": _hash(self.rig.model_dump_json()),
+            "records_sha256": {d: _hash(r.to_json()) for d, r in sorted(self.records.items())},
+            "bearing_sha256": self.bearing.sha256 if self.bearing else None,
+            "window_s": self.window_s,
+            "seed": self.seed,
+        }
+
+
+@dataclass(frozen=True)
+class LogOutcome:
+    """One log: the content of its beta.json, or the sentence that says why there is none."""
+
+    log: Path
+    data: dict[str, Any] | None
+    error: str = ""
+    kept: bool = False
+
+
+@dataclass(frozen=True)
+class CampaignRun:
+    """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run."""
+
+    folder: Path
+    outcomes: tuple[LogOutcome, ...]
+    table: pd.DataFrame
+
+    @property
+    def failed(self) -> tuple[LogOutcome, ...]:
+        return tuple(o for o in self.outcomes if o.data is None)
+
+    @property
+    def kept(self) -> int:
+        return sum(o.kept for o in self.outcomes)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings of all tests, each with its log's name."""
+        return [f"{o.log.stem}: {w}" for o in self.outcomes if o.data is not None for w in o.data["warnings"]]
+
+    def summary(self) -> str:
+        """How many logs did what, and the range of beta."""
+        good = self.table[self.table["error"] == ""]
+        said = (
+            f"{len(self.outcomes)} logs: {len(good)} analysed ({self.kept} kept from before), {len(self.failed)} failed"
+        )
+        if len(good):
+            said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
+            said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
+        return said
+
+
+Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)
+
+
+def run_campaign(
+    logs: Sequence[str | Path],
+    settings: CampaignSettings,
+    out: str | Path,
+    *,
+    workers: int = 1,
+    dask: str | None = None,
+    progress: Progress = lambda *_: None,
+) -> CampaignRun:
+    """Analyse every log into ``out``/<stem>.beta.json and gather ``out``/campaign.csv.
+
+    A log whose stored answer has the same log, records, rig and settings is not analysed again. Each answer is
+    written when it is ready, so a stopped campaign goes on where it was. With ``dask`` (a scheduler's address) the
+    workers must see the logs under the same paths. Raises InputError for no log, or two of the same name.
+    """
+    paths = [Path(p) for p in logs]
+    _check_names(paths)
+    folder = Path(out)
+    outcomes: dict[int, LogOutcome] = {}
+    jobs: list[tuple[int, Path]] = []
+    for i, path in enumerate(paths):
+        kept = _stored(path, folder, settings)
+        if kept is None:
+            jobs.append((i, path))
+        else:
+            outcomes[i] = kept
+            progress(path.stem, len(outcomes), len(paths))
+    work = partial(analyse_log, settings=settings)
+    for at, answer in spread(work, [path.resolve() for _, path in jobs], workers, dask):
+        i, path = jobs[at]
+        outcomes[i] = _outcome(path, answer)
+        data = outcomes[i].data
+        if data is not None:
+            write_text(_answer_file(path, folder), json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+        progress(path.stem, len(outcomes), len(paths))
+    ordered = tuple(outcomes[i] for i in range(len(paths)))
+    table = campaign_table([table_row(o.log.stem, o.data, o.error) for o in ordered])
+    write_text(folder / TABLE_FILE, table_csv(table))
+    return CampaignRun(folder, ordered, table)
+
+
+def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
+    """The content of one log's beta.json with what a campaign adds to it, or the sentence of its failure."""
+    try:
+        return _analysed(path, settings)
+    except InputError as problem:
+        return str(problem)
+    except Exception as problem:  # one log must not end a campaign of many
+        return f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
+
+
+def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
+    bearing = settings.bearing
+    run = estimate_beta(
+        path, settings.rig, settings.records, window_s=settings.window_s, seed=settings.seed,
+        friction_correction_N=bearing.correction() if bearing else None,
+    )  # fmt: skip
+    test = run.partition.test
+    data = run.to_dict()
+    if bearing:
+        radius = settings.rig.disk_setup("slow").outer_radius_m
+        rpm = test.speeds_m_s[1] / radius * 60 / (2 * np.pi)
+        data["warnings"] += bearing.warnings(test.load_N, rpm)
+    steady = steady_degC(test)
+    data["campaign"] = {
+        **settings.fingerprint(),
+        "friction_coefficient": test.friction_N / test.load_N,
+        "bearing_N": float(bearing.correction()(test.load_N, rpm)) if bearing else None,
+        "bulk_degC": {d: float(np.mean(list(steady[d].values()))) for d in DISKS},
+        "steady_degC": steady,
+    }
+    return dict(json.loads(json.dumps(data)))
+
+
+def steady_degC(test: EhlTest) -> dict[str, dict[str, float]]:
+    """Mean reading of each junction over the steady stretch [degC]; their mean is the bulk temperature (6.4.1)."""
+    rows = test.rows(steady_start_s(test), test.events.unload_s - 0.5)
+    means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
+    return {d: {c: float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS}
+
+
+def _outcome(path: Path, answer: dict[str, Any] | str | Exception) -> LogOutcome:
+    if isinstance(answer, dict):
+        return LogOutcome(path, answer)
+    if isinstance(answer, str):
+        return LogOutcome(path, None, answer)
+    return LogOutcome(path, None, f"{path.name}: the worker failed, {type(answer).__name__}: {answer}")
+
+
+def _stored(path: Path, folder: Path, settings: CampaignSettings) -> LogOutcome | None:
+    """The stored answer of an earlier run, when it stands for the same log and settings."""
+    try:
+        data = json.loads(_answer_file(path, folder).read_text(encoding="utf-8"))
+        own, wanted = data["campaign"], settings.fingerprint()
+        same = data["source"]["sha256"] == sha256(path) and all(own.get(k) == v for k, v in wanted.items())
+        table_row(path.stem, data)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
+        return None
+    return LogOutcome(path, data, kept=True) if same else None
+
+
+def _answer_file(path: Path, folder: Path) -> Path:
+    return folder / f"{path.stem}.beta.json"
+
+
+def _check_names(paths: Sequence[Path]) -> None:
+    if not paths:
+        raise InputError("no logs", expected="at least one EHL log")
+    seen: dict[str, Path] = {}
+    for path in paths:
+        if path.stem in seen:
+            raise InputError(
+                f"two logs are called {path.stem}: {seen[path.stem]} and {path}",
+                remedy="rename one: the answers are named after the logs",
+            )
+        seen[path.stem] = path
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -1,0 +1,134 @@
+"""The one table of a campaign (tables 7.1 to 7.3), its groups of equal sliding speed and its trend lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibration.disk import DISKS
+
+SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
+# column: (keys into beta.json, is an estimate with u)
+COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
+    "load_N": (("test", "load_N"), False),
+    "sliding_speed_m_s": (("test", "sliding_speed_m_s"), False),
+    "entraining_speed_m_s": (("test", "entraining_speed_m_s"), False),
+    "friction_N": (("test", "friction_N"), False),
+    "friction_coefficient": (("campaign", "friction_coefficient"), False),
+    "beta": (("steady", "beta"), True),
+    "h_fast_W_m2K": (("steady", "h_fast"), True),
+    "h_slow_W_m2K": (("steady", "h_slow"), True),
+    **{
+        f"{key}_cooling_{d}{unit}": (("transient", d, key), True)
+        for d in DISKS
+        for key, unit in (("beta", ""), ("h", "_W_m2K"))
+    },
+    **{
+        f"{key}_joint_{d}{unit}": (("joint", d, name), True)
+        for d in DISKS
+        for key, name, unit in (("beta", "beta", ""), ("h", "h", "_W_m2K"), ("lag", "lag_s", "_s"))
+    },
+    "beta_both": (("joint", "both", "beta"), True),
+    "h_fast_both_W_m2K": (("joint", "both", "h_fast"), True),
+    "h_slow_both_W_m2K": (("joint", "both", "h_slow"), True),
+    "exponent": (("joint", "both", "exponent"), True),
+    **{f"{d}_surface_max_degC": (("surface", f"{d}_max_degC"), True) for d in DISKS},
+    "delta_T_us_K_m_s": (("surface", "delta_T_us"), True),
+    **{f"{d}_bulk_degC": (("campaign", "bulk_degC", d), False) for d in DISKS},
+    **{f"{d}_a_degC": (("campaign", "steady_degC", d, "a"), False) for d in DISKS},
+    "crosscheck_z": (("crosscheck", "z"), False),
+}
+
+
+def table_columns() -> list[str]:
+    """All columns of campaign.csv in their order; each estimate is followed by its standard uncertainty u_..."""
+    out = ["test", "log"]
+    for name, (_, estimate) in COLUMNS.items():
+        out += [name, f"u_{name}"] if estimate else [name]
+    return [*out, "agree", "warnings", "error"]
+
+
+def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
+    """One row from the content of a beta.json; without it (a log that failed) the numbers stay empty."""
+    row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
+    row |= {"test": log.removeprefix("EHL_"), "log": log, "error": error, "agree": "", "warnings": 0}
+    if data is None:
+        return row
+    for name, (keys, estimate) in COLUMNS.items():
+        found: Any = data
+        for key in keys:
+            found = found[key]
+        row[name] = found["value"] if estimate else found
+        if estimate:
+            row[f"u_{name}"] = found["u"]
+    row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
+    row["warnings"] = len(data["warnings"])
+    return row
+
+
+def campaign_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    """The rows as a table with the columns in their order."""
+    return pd.DataFrame(rows, columns=table_columns())
+
+
+def table_csv(table: pd.DataFrame) -> str:
+    """The table as CSV text: eight digits, so that rounding of the last bits does not show."""
+    return str(table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
+
+
+def speed_groups(sliding_speed_m_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Number of the group of nearly equal sliding speed that each test belongs to, slowest first; (N,) -> (N,).
+
+    >>> speed_groups(np.array([10.0, 20.1, 10.2, 13.0])).tolist()
+    [0, 2, 0, 1]
+    """
+    order = np.argsort(sliding_speed_m_s, kind="stable")
+    ranked = sliding_speed_m_s[order]
+    steps = np.concatenate([[0], np.cumsum(np.diff(ranked) > SAME_SPEED * ranked[:-1])])
+    out = np.empty(len(order), dtype=np.int64)
+    out[order] = steps
+    return out
+
+
+def done_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """The tests that were analysed, with the column ``group`` of nearly equal sliding speed."""
+    good = table[table["error"] == ""].copy()
+    good["group"] = speed_groups(good["sliding_speed_m_s"].to_numpy(dtype=float))
+    return good
+
+
+def trend(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float] | None:
+    """Least-squares line (intercept, slope, rms of the rest); None with fewer than two different x.
+
+    >>> [round(v, 6) for v in trend(np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0]))]
+    [1.0, 2.0, 0.0]
+    """
+    if len(x) < 2 or np.ptp(x) <= 1e-3 * np.abs(x).max():
+        return None
+    slope, intercept = np.polyfit(x, y, 1)
+    return float(intercept), float(slope), float(np.sqrt(np.mean((y - intercept - slope * x) ** 2)))
+
+
+def trend_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20), and beta over dT u_s (7.18)."""
+    good = done_rows(table)
+    rows = []
+    for column in ("fast_bulk_degC", "slow_bulk_degC", "friction_N", "fast_surface_max_degC", "slow_surface_max_degC"):
+        for _, part in good.groupby("group"):
+            rows.append(_trend_row(column, "load_N", part, f"{part['sliding_speed_m_s'].mean():.1f} m/s"))
+    rows.append(_trend_row("beta", "delta_T_us_K_m_s", good, "all"))
+    names = ["quantity", "over", "tests", "intercept", "slope", "rms"]
+    return pd.DataFrame([r for r in rows if r is not None], columns=names)
+
+
+def _trend_row(column: str, over: str, part: pd.DataFrame, name: str) -> dict[str, Any] | None:
+    line = trend(part[over].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
+    if line is None:
+        return None
+    return {
+        "quantity": column, "over": over, "tests": name, "intercept": line[0], "slope": line[1], "rms": line[2],
+    }  # fmt: skip

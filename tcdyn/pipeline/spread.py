@@ -1,0 +1,90 @@
+"""Call one function on many jobs: here, in worker processes, or on a Dask cluster; answers as they come."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+from joblib import Parallel, delayed
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+from calibration.errors import InputError
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+CONNECT_S = 10.0
+
+
+def spread(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
+) -> Iterator[tuple[int, Answer | Exception]]:
+    """Yield (position in ``jobs``, answer) in the order in which they are ready.
+
+    ``dask``: address of a scheduler, e.g. "tcp://host:8786"; without it ``workers`` processes of this machine, or
+    this process for one. ``function`` should return its failures: an exception that a Dask worker raises comes as
+    the answer, any other is raised here. Raises InputError for no worker, or a scheduler that does not answer.
+
+    >>> sorted(spread(abs, [-3, 2]))
+    [(0, 3), (1, 2)]
+    """
+    if dask is not None:
+        return _on_dask(function, jobs, dask)
+    if workers < 1:
+        raise InputError(f"{workers} workers", expected="at least 1")
+    if workers == 1 or len(jobs) < 2:
+        return ((i, function(job)) for i, job in enumerate(jobs))
+    return _in_processes(function, jobs, min(workers, len(jobs)))
+
+
+def _numbered(function: Callable[[Job], Answer], i: int, job: Job) -> tuple[int, Answer]:
+    return i, function(job)
+
+
+def _in_processes(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int
+) -> Iterator[tuple[int, Answer | Exception]]:
+    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+    try:
+        yield from pool(delayed(_numbered)(function, i, job) for i, job in enumerate(jobs))
+    except TerminatedWorkerError:
+        raise InputError(
+            "a worker process was killed, perhaps for want of memory",
+            remedy="run the same command with fewer workers; what is finished is kept",
+        ) from None
+
+
+def _on_dask(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], address: str
+) -> Iterator[tuple[int, Answer | Exception]]:
+    try:
+        from dask.distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            "dask.distributed is not installed", remedy="pip install 'tcdyn[dask]', or use --workers"
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise InputError(
+            f"no Dask scheduler answers at {address} ({type(problem).__name__})",
+            expected="an address such as tcp://host:8786",
+            remedy="start one with `dask scheduler` and `dask worker`, or use --workers",
+        ) from None
+    return _gather(client, as_completed, function, jobs)
+
+
+def _gather(
+    client: object,
+    as_completed: Callable[..., Iterator[object]],
+    function: Callable[[Job], Answer],
+    jobs: Sequence[Job],
+) -> Iterator[tuple[int, Answer | Exception]]:
+    with client:  # type: ignore[attr-defined]
+        futures = [client.submit(function, job, pure=False) for job in jobs]  # type: ignore[attr-defined]
+        place = {future.key: i for i, future in enumerate(futures)}
+        for future in as_completed(futures):
+            try:
+                yield place[future.key], future.result()  # type: ignore[attr-defined]
+            except Exception as problem:
+                yield place[future.key], problem  # type: ignore[attr-defined]

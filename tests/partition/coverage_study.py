@@ -1,0 +1,85 @@
+"""How often the 95 % intervals hold the truth, over rigs drawn from the stated uncertainties.
+
+`python -m tests.partition.coverage_study 100` prints coverage, bias and the cross-check's alarms; the slow test runs
+fewer.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from calibration.errors import InputError
+from tests.partition.study_rigs import study_rig
+
+WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
+
+
+def one(seed: int, test: str = "B3") -> dict[str, float]:
+    """Errors in standard uncertainties, and the alarms, of one drawn rig."""
+    warnings.simplefilter("ignore")
+    made = study_rig(seed, test)
+    told = made.told
+    try:
+        p = made.analyse()
+    except InputError as problem:
+        print(seed, problem)
+        return {"failed": 1.0}
+    out: dict[str, float] = {"failed": 0.0}
+    for way, value in p.ways.items():
+        u = p.estimate(way, value).u
+        out[f"error {way}"], out[f"z {way}"] = value - told["beta"], (value - told["beta"]) / u
+    both = p.both.estimates["beta"]
+    out["error both"], out["z both"] = both.value - told["beta"], (both.value - told["beta"]) / both.u
+    for disk in ("fast", "slow"):
+        lag = p.joint[disk].estimates["lag_s"]
+        gap = lag.value - made.truth.disk(disk).common_lag_s
+        out[f"error lag {disk}"], out[f"z lag {disk}"] = gap, gap / lag.u
+        h = p.joint[disk].estimates["h"]
+        out[f"z h joint {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
+        value = p.speed.h_fast if disk == "fast" else p.speed.h_slow
+        out[f"error h {disk}"] = value / told[f"h_{disk}"] - 1
+        out[f"z h speed {disk}"] = (value - told[f"h_{disk}"]) / p.estimate(f"h_{disk}", value).u
+    n = p.both.estimates["exponent"]
+    out["z exponent"] = (n.value - made.truth.speed_exponent) / n.u
+    out["z check"] = p.crosscheck.z
+    from tcdyn.partition.tension import tensions
+
+    pulls = tensions(made.test, p.joint, p.both, made.rig.common.uncertainty)
+    out["largest pull"] = max(abs(t.z) for t in pulls)
+    out["alarm"] = float(not p.crosscheck.agree)
+    return out
+
+
+def study(count: int, first: int = 1000, test: str = "B3", n_jobs: int = 2) -> pd.DataFrame:
+    """One row per drawn rig."""
+    rows = Parallel(n_jobs=n_jobs)(delayed(one)(seed, test) for seed in range(first, first + count))
+    return pd.DataFrame(rows)
+
+
+def report(table: pd.DataFrame) -> pd.DataFrame:
+    """Bias, rms, coverage of every z."""
+    rows = []
+    for name in [c for c in table if str(c).startswith("z ") and c != "z check"]:
+        z = table[name].dropna()
+        e = table.get(str(name).replace("z ", "error ", 1))
+        rows.append(
+            {
+                "what": str(name)[2:], "mean z": z.mean(), "rms z": np.sqrt((z**2).mean()),
+                "covered by 95 %": (z.abs() < 1.96).mean(),
+                "rms error": np.sqrt((e**2).mean()) if e is not None else np.nan,
+                "largest": e.abs().max() if e is not None else np.nan,
+            }
+        )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+if __name__ == "__main__":
+    done = study(int(sys.argv[1]) if len(sys.argv) > 1 else 100, n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2)
+    print(report(done).round(4).to_string(index=False))
+    print("failed", int(done["failed"].sum()), "alarms", done["alarm"].mean())
+    print(done[["z check", "largest pull"]].describe(percentiles=[0.5, 0.9, 0.95]).round(2).to_string())

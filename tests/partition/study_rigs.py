@@ -1,0 +1,93 @@
+"""Rigs for the partition studies: logs of the synthetic rig and records whose errors are drawn as the records state.
+
+The static lines come from simulated ovens; the chain of the record is the true one plus errors drawn from the
+covariance that the record carries, so that a study needs no plunge fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.disk import CHANNELS, DISKS
+from calibration.estimate import Estimate
+from calibration.logs import Log
+from calibration.record import ChainRecord, ChannelChain, DiskRecord, now_utc
+from calibration.rigfile import Rig, load_rig
+from calibration.static import fit_static_lines
+from tcdyn.partition.analyse import Partition, analyse
+from tcdyn.partition.prepare import EhlTest, prepare
+from tcdyn.rig.ehl import simulate_ehl
+from tcdyn.rig.oven import simulate_oven
+from tcdyn.rig.script import STUDY_MESH, EhlOptions
+from tcdyn.rig.truth import RigTruth, draw_truth
+
+COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives
+QUICK = EhlOptions(load_on_s=20.0, unload_s=320.0, duration_s=336.0, mesh=STUDY_MESH)
+
+
+@dataclass(frozen=True)
+class StudyRig:
+    """One drawn rig, one test on it, and the records that a laboratory would have."""
+
+    rig: Rig
+    truth: RigTruth
+    test: EhlTest
+    told: dict[str, Any]
+    records: dict[str, DiskRecord]
+
+    def analyse(self, **options: Any) -> Partition:
+        """All ways to beta of this test."""
+        return analyse(self.test, self.rig.common.uncertainty, **options)
+
+
+def study_rig(
+    seed: int,
+    name: str = "B3",
+    *,
+    uncertain: bool = True,
+    options: EhlOptions = QUICK,
+    lag_error_s: float | None = None,
+    truth: RigTruth | None = None,
+) -> StudyRig:
+    """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags."""
+    rig = load_rig()
+    true = truth or draw_truth(seed, rig, uncertain=uncertain)
+    frame, told = simulate_ehl(name, seed, true, options)
+    records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
+    log = Log(frame, "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
+    return StudyRig(rig, true, prepare(log, rig, records), told, records)
+
+
+def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float | None) -> DiskRecord:
+    rng = np.random.default_rng([seed, len(disk)])
+    oven, _ = simulate_oven(disk, seed, true)
+    common = rng.normal(0, COMMON_U_S) if lag_error_s is None else lag_error_s
+    own = rng.normal(0, DIFFERENTIAL_U_S, len(CHANNELS))
+    u = float(np.hypot(COMMON_U_S, DIFFERENTIAL_U_S))
+    disk_truth = true.disk(disk)
+    channels = {}
+    for ch, error in zip(CHANNELS, own):
+        c = disk_truth.channels[ch]
+        lag = disk_truth.lags_s[ch] + common + error
+        channels[ch] = ChannelChain(tau1_s=c.tau1_s + common + error, tau2_s=c.tau2_s, lag_s=Estimate.normal(lag, u))
+    mean = float(np.mean([c.lag_s.value for c in channels.values()]))
+    covariance = np.full((6, 6), COMMON_U_S**2) + np.eye(6) * DIFFERENTIAL_U_S**2
+    return DiskRecord(
+        disk=disk,
+        created=now_utc(),
+        static=fit_static_lines(oven).lines,
+        chain=ChainRecord(
+            structure="P2",
+            channels=channels,
+            covariance=covariance.tolist(),
+            common_lag_s=Estimate.normal(mean, float(np.sqrt(covariance.mean()))),
+            differential_lag_s={
+                k: Estimate.normal(c.lag_s.value - mean, DIFFERENTIAL_U_S) for k, c in channels.items()
+            },
+        ),
+        setup=rig.tables(disk),
+    )

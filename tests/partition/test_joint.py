@@ -1,0 +1,86 @@
+"""The joint fit against rigs of known truth, and the linear errors that its budget is made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tcdyn.partition.joint import joint_fits
+from tcdyn.partition.refine import joint_start, steady_lines
+from tcdyn.partition.window import stretch_of
+from tcdyn.rig.truth import RigTruth, draw_truth
+from tests.partition.study_rigs import QUICK, study_rig
+
+
+def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
+    """From a start that is 0.06 and 40 % off, with a record whose lag is 0.1 s off."""
+    made = study_rig(5, "D4", uncertain=False, lag_error_s=0.1)
+    start = {"fast": (made.told["beta"] + 0.06, 1000.0), "slow": (1 - made.told["beta"] + 0.06, 400.0)}
+    fits, both = joint_fits(made.test, start, made.rig.common.uncertainty)
+    for disk, fit in fits.items():
+        lag, beta = fit.estimates["lag_s"], fit.estimates["beta"]
+        assert abs(beta.value - made.told["beta"]) < 3 * beta.u  # one rig: three standard uncertainties
+        assert abs(lag.value - made.truth.disk(disk).common_lag_s) < 3 * lag.u
+        assert lag.u < 0.03  # the record's 0.05 s, sharpened by the unloading
+    assert both.estimates["beta"].u < fits["fast"].estimates["beta"].u
+
+
+def moved(truth: RigTruth, what: str) -> RigTruth:
+    """The rig with one property changed by one standard uncertainty of the default rig file."""
+    kind, _, channel = what.partition(" ")
+
+    def on_both(change: Any) -> RigTruth:
+        return replace(
+            truth,
+            fast=replace(truth.fast, setup=change(truth.fast.setup)),
+            slow=replace(truth.slow, setup=change(truth.slow.setup)),
+        )
+
+    if kind == "depth":
+
+        def deeper(setup: Any) -> Any:
+            joint = dict(setup.junctions)
+            joint[channel] = replace(joint[channel], depth_m=joint[channel].depth_m + 1e-4)
+            return replace(setup, junctions=joint)
+
+        return on_both(deeper)
+    return {
+        "conductivity": lambda: on_both(lambda s: replace(s, conductivity_W_mK=1.03 * s.conductivity_W_mK)),
+        "heat capacity": lambda: on_both(lambda s: replace(s, specific_heat_J_kgK=1.02 * s.specific_heat_J_kgK)),
+        "washer": lambda: on_both(lambda s: replace(s, washer_conductivity_W_mK=1.2 * s.washer_conductivity_W_mK)),
+        "half-width": lambda: replace(truth, half_width_scale=1.03),
+        "friction": lambda: replace(truth, friction_scale=1 / 1.01),
+        "ambient": lambda: replace(truth, ambient_bias_K=-1.0),
+    }[what]()
+
+
+@pytest.mark.slow
+def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
+    """Each nuisance, moved in the simulated rig, moves lines and joint fits as their linear shifts say.
+
+    The rig is the whole disk with a solver of its own. Tolerance: a fifth of the shift (curvature of a three-sigma
+    model in one sigma) plus 0.0006 in share, the repeatability of the same noise through another disk.
+    """
+    truth = draw_truth(1, exponent=0.667)
+    options = replace(QUICK, beta=0.7, h_fast_W_m2K=720.0)
+
+    def fitted(true: RigTruth) -> Any:
+        made = study_rig(1, "B3", truth=true, options=options, lag_error_s=0.0)
+        u = made.rig.common.uncertainty
+        lines, speed = steady_lines(made.test, stretch_of(made.test, 10.0), u)
+        return lines, joint_fits(made.test, joint_start(speed), u)[0]
+
+    base_lines, base = fitted(truth)
+    for what in ("depth a", "depth e", "depth b", "conductivity", "heat capacity", "washer", "friction", "ambient"):
+        lines, fits = fitted(moved(truth, what))
+        for disk in ("fast", "slow"):
+            h = base[disk].h_W_m2K
+            k = base_lines[disk].shift.names.index(what)
+            said = base_lines[disk].shift.per_sd[k] @ np.array([1.0, h])
+            assert lines[disk].line.at(h) - base_lines[disk].line.at(h) == pytest.approx(said, rel=0.2, abs=6e-4)
+            k = base[disk].shift.names.index(what)
+            said = base[disk].shift.per_sd[k][0]
+            assert fits[disk].share - base[disk].share == pytest.approx(said, rel=0.2, abs=6e-4)
