@@ -1,6 +1,7 @@
 """From what the logger wrote back to what the junction felt, with an uncertainty for every sample."""
 
 from tcdyn.compensate.before_use import BeforeUse, before_use, widest_bandwidth_Hz
+from tcdyn.compensate.covariance import window_covariance
 from tcdyn.compensate.deconvolve import Tradeoff, deconvolve
 from tcdyn.compensate.denoise import Denoised, remove_noise
 from tcdyn.compensate.inverse import InverseFilter, proper_inverse
@@ -28,4 +29,5 @@ __all__ = [
     "remove_noise",
     "smooth",
     "widest_bandwidth_Hz",
+    "window_covariance",
 ]

@@ -68,7 +68,7 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     u[fine:] = 1.0
     raw = chain.response(u, dt / fine, hold="zoh")[::fine]
     step = signal.lfilter(f.b, f.a, raw)
-    t = (np.arange(n) - 1.0) * dt
+    t = np.asarray((np.arange(n) - 1.0) * dt, dtype=np.float64)
     gain = f.noise_gain
     limit = 100.0 * noise_sd if wanted_K is None else wanted_K
     said = []

@@ -24,7 +24,7 @@ Criterion = Literal["gcv", "discrepancy", "l-curve"]
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The choice of weight as data, one row a trial: ``intensity (L,)`` = noise variance / weight [K2/s3],
+    """The choice of weight as data, one row a trial: ``intensity (L, M)`` = noise variance / weight [K2/s3],
 
     ``misfit (L, M)`` mean square residual [K2], ``roughness (L, M)`` integral of x''2 [K2/s3], ``freedom (L, M)``
     trace of the influence matrix, ``chosen (M,)`` [K2/s3].
@@ -93,7 +93,7 @@ def deconvolve(
         static_u=static_u,
     )
     named = replace(result, method=f"regularised deconvolution, weight by {criterion}")
-    return named, Tradeoff(levels, misfit, roughness, freedom, chosen * sd**2, criterion)
+    return named, Tradeoff(levels[:, None] * sd**2, misfit, roughness, freedom, chosen * sd**2, criterion)
 
 
 def _trial(stretch: Stretch, noise_var: Array, level: Array) -> tuple[Array, Array, Array]:

@@ -119,13 +119,12 @@ def _cross_validated(method: str, t: Array, y: Array, folds: int) -> float:
 def _fit(method: str, t: Array, y: Array, at: Array) -> Array:
     """The method fitted to (t, y), at other times; time is centred and scaled first."""
     middle, half = 0.5 * (t[0] + t[-1]), 0.5 * (t[-1] - t[0])
-    x, to = (t - middle) / half, (at - middle) / half
+    x, to = np.asarray((t - middle) / half), np.asarray((at - middle) / half)
     if method == "spline":
         return np.asarray(make_smoothing_spline(*_thinned(x, y, 4000))(to))
-    x, y = _thinned(x, y)
-    if method == "rational":
-        return fit_rational(x, y)(to)
-    return fit_gaussians(x, y)(to)
+    few = _thinned(x, y)
+    fit = fit_rational if method == "rational" else fit_gaussians
+    return fit(*few)(to)
 
 
 def _thinned(x: Array, y: Array, most: int = MOST_POINTS) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving 
 
 @dataclass(frozen=True)
 class Grid:
-    """``knots_s (J+1,)``; ``kind (J,)`` and one representative cell per kind; ``event (J,)``: knot j is event number - 1."""
+    """``knots_s (J+1,)``; ``kind (J,)``, an ``example`` cell of each; ``event (J,)``: number of the event at a knot."""
 
     knots_s: Array
     kind: NDArray[np.intp]

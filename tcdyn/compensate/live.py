@@ -42,7 +42,8 @@ class LiveState:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> LiveState:
-        return cls(**{k: v if k == "done" else np.asarray(v, dtype=float) for k, v in data.items()})
+        arrays = {k: np.asarray(v, dtype=float) for k, v in data.items() if k != "done"}
+        return cls(**arrays, done=int(data["done"]))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -71,3 +71,9 @@ class Intensity:
         for burst in self.bursts:
             total = total + np.diff(burst.before(t))
         return np.asarray(total)
+
+
+def shifted(q: Intensity, by_s: float) -> Intensity:
+    """The same intensity on a clock that starts ``by_s`` later."""
+    bursts = tuple(replace(b, start_s=b.start_s - by_s) for b in q.bursts)
+    return Intensity(tuple(s - by_s for s in q.starts_s), q.levels, bursts)

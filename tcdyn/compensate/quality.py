@@ -42,6 +42,8 @@ def _long_runs(trace: Array) -> NDArray[np.bool_]:
     """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere."""
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
+    if len(change) == 0:
+        return np.ones(n, dtype=bool)
     starts, ends = np.concatenate([[0], change]), np.concatenate([change, [n]])
     lengths = ends - starts
     usual = lengths <= np.quantile(lengths, 0.99)

@@ -42,7 +42,9 @@ class CurveFit:
 
     def __call__(self, x: ArrayLike) -> Array:
         """The curve at ``x`` (N,)."""
-        return np.asarray((self.curve.basis(np.asarray(x, dtype=float), self.shape + 0j) @ self.amplitude).real)
+        return np.asarray(
+            (self.curve.basis(np.asarray(x, dtype=float), self.shape.astype(np.complex128)) @ self.amplitude).real
+        )
 
 
 def fit_curve(curve: Curve, x: ArrayLike, y: ArrayLike, start: ArrayLike, max_evaluations: int = 2000) -> CurveFit:
@@ -68,7 +70,7 @@ def fit_curve(curve: Curve, x: ArrayLike, y: ArrayLike, start: ArrayLike, max_ev
             max_nfev=max_evaluations,
         )
         shape = found.x * scale
-    amplitude = _amplitude(curve.basis(x, shape + 0j).real, y)
+    amplitude = _amplitude(curve.basis(x, shape.astype(np.complex128)).real, y)
     return _polished(curve, x, y, shape, amplitude)
 
 
@@ -92,7 +94,7 @@ def _slopes(curve: Curve, x: Array, shape: Array, amplitude: Array) -> Array:
 def _projected(curve: Curve, x: Array, y: Array, shape: Array) -> tuple[Array, Array]:
     """Residual with the best amplitudes (N,), and its Jacobian (N, S) after Kaufman; both large where undefined."""
     with np.errstate(all="ignore"):
-        basis = curve.basis(x, shape + 0j).real
+        basis = curve.basis(x, shape.astype(np.complex128)).real
         if not np.all(np.isfinite(basis)):
             return np.full(len(y), 1e6 * (np.ptp(y) + 1.0)), np.zeros((len(y), len(shape)))
         amplitude = _amplitude(basis, y)
@@ -110,7 +112,7 @@ def _polished(curve: Curve, x: Array, y: Array, shape: Array, amplitude: Array) 
     best, r = np.inf, y
     jacobian = np.zeros((len(x), len(theta)))
     for _ in range(30):
-        basis = curve.basis(x, theta[count:] + 0j).real
+        basis = curve.basis(x, theta[count:].astype(np.complex128)).real
         r = y - basis @ theta[:count]
         rss = float(r @ r)
         jacobian = np.column_stack([basis, _slopes(curve, x, theta[count:], theta[:count])])
@@ -121,7 +123,7 @@ def _polished(curve: Curve, x: Array, y: Array, shape: Array, amplitude: Array) 
             break
         best = min(best, rss)
         theta = theta + move
-    basis = curve.basis(x, theta[count:] + 0j).real
+    basis = curve.basis(x, theta[count:].astype(np.complex128)).real
     rss = float(np.sum((y - basis @ theta[:count]) ** 2))
     scaled = jacobian / norms
     cov = np.linalg.pinv(scaled.T @ scaled, rcond=1e-15) / np.outer(norms, norms)

@@ -72,7 +72,7 @@ def smooth(
     if intensity is None:
         chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
     else:
-        chosen, noise_var = _given(intensity, m), start**2
+        chosen, noise_var = _given(intensity, m), np.asarray(start**2, dtype=np.float64)
     grid, states = _sweep(stretch, noise_var, chosen)
     outside = _outliers(stretch, grid, states, noise_var)
     if outside.any():
@@ -96,29 +96,44 @@ def smooth(
     for event, u in u_of.items():
         if u > 0:
             sd = np.hypot(sd, _event_sd(stretch, event, u, noise_var, chosen))
-    lag_cov = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=float)
-    line_u = np.zeros_like(x) if static_u is None else np.broadcast_to(np.asarray(static_u, dtype=float), x.shape)
+    lag_cov: Array = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=np.float64)
+    line_u: Array = (
+        np.zeros_like(x) if static_u is None else np.broadcast_to(np.asarray(static_u, dtype=float), x.shape)
+    )
     total = np.sqrt(sd**2 + lag**2 * np.diag(lag_cov) + line_u**2)
     time = np.arange(len(x)) * dt_s
     level = np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen])
     return Compensated(
-        x, total, sd, slope, lag, np.asarray(line_u), lag_cov, np.sqrt(noise_var), level, flags, time,
-        "fixed-interval smoother", warnings, tuple(u_of.items()), tuple(chosen),
-    )  # fmt: skip
+        temperature=x,
+        sd=np.asarray(total, dtype=np.float64),
+        sd_noise=sd,
+        slope=slope,
+        lag_sensitivity=lag,
+        static_u=line_u,
+        lag_covariance=lag_cov,
+        noise_sd=np.sqrt(noise_var),
+        intensity=level,
+        flags=flags,
+        time_s=np.asarray(time, dtype=np.float64),
+        method="fixed-interval smoother",
+        warnings=warnings,
+        events_s=tuple(u_of.items()),
+        intensities=tuple(chosen),
+    )
 
 
 def stretch_of(
     data: Array, dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float], noise_sd: Array
 ) -> tuple[Stretch, NDArray[np.uint8], tuple[str, ...]]:
     """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and warnings."""
-    flags = flags_of(data, noise_sd)
-    warnings = refuse_or_warn(flags)
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
         raise InputError(f"smooth: {m} channels but {len(listed)} chains", expected="one chain, or one per channel")
     if n < 8 or not dt_s > 0:
         raise InputError(f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval")
+    flags = flags_of(data, noise_sd)
+    warnings = refuse_or_warn(flags)
     if np.any((flags == 0).sum(axis=0) < 8):
         c = int(np.argmin((flags == 0).sum(axis=0)))
         raise InputError(f"smooth: channel {c} has fewer than 8 good samples", remedy="leave this channel out")
@@ -184,7 +199,7 @@ def _given(intensity: float | Intensity | Sequence[float | Intensity], m: int) -
 
 def _at_samples(stretch: Stretch, grid: Grid, mean: Array, cov: Array) -> tuple[Array, Array, Array, Array]:
     """Temperature, slope, sd and lag sensitivity (N, M) at the sample times from the states at the knots."""
-    n, m = stretch.y.shape
+    n = len(stretch.y)
     t = np.arange(n) * stretch.dt_s
     cell = np.clip(np.searchsorted(grid.knots_s, t + 1e-6 * stretch.dt_s, side="right") - 1, 0, grid.cells - 1)
     along = (t - grid.knots_s[cell])[:, None]

@@ -1,6 +1,7 @@
 """Proper inverse, its stream, the live smoother and the report before use."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ def slow_wave(n=3000):
 
 
 def test_inverse_of_a_slow_trace_is_the_trace_shifted_by_what_it_states():
-    """Far below the bandwidth chain x inverse is a pure delay of the stated length; tolerance: (w lag)^2 / 2 of 20 K."""
+    """Far below its bandwidth, chain x inverse is a delay of the stated length; tolerance: (w lag)^2 of 20 K."""
     t, x = slow_wave()
     f = proper_inverse(CHAIN, DT, 2.0)
     back = f(CHAIN.response(x, DT))
@@ -64,7 +65,7 @@ def test_any_chunking_gives_the_batch_answer_through_a_saved_state():
     _, live_whole, live_sd, live_flags = live.run(live.start(y[0]), y)
     state, live_state, parts, live_parts = stream.start(y[0]), live.start(y[0]), [], []
     cuts = np.r_[0, np.sort(rng.choice(np.arange(1, 900), 25, replace=False)), 900]
-    for a, b in zip(cuts[:-1], cuts[1:]):
+    for a, b in pairwise(cuts):
         state, part, _ = stream.run(InverseState.from_json(json.loads(json.dumps(state.to_json()))), y[a:b])
         saved = LiveState.from_json(json.loads(json.dumps(live_state.to_json())))
         live_state, live_part, _, _ = live.run(saved, y[a:b])

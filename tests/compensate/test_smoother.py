@@ -6,7 +6,8 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate import Intensity, smooth
+from tcdyn.compensate import Intensity, smooth, window_covariance
+from tcdyn.compensate.result import SATURATED, SPIKE, STUCK
 
 DT = 0.05
 RISE_S = 5.0
@@ -19,20 +20,27 @@ def exponential_rise(n=800, dt=DT, fine=20):
     return x[::fine], Chain((1.0,), conditioning=NO_CONDITIONING).response(x, dt / fine)[::fine]
 
 
-def dense_smoother(y, dt, chain, noise_sd, q):
-    """Generalised least squares with N x N matrices: slopes that jump on every knot, chain by its own simulation."""
-    n = len(y)
-    columns = [np.ones(n), np.arange(n) * dt]
-    columns += [np.maximum(np.arange(n) - k, 0) * dt for k in range(1, n)]
-    x_of = np.stack(columns, axis=1)
+def dense_operators(n, dt, chain, noise_sd, q):
+    """Truth and reading (n, n + 1) of slopes that may jump on every knot, and the posterior covariance of the jumps."""
     run_in = 400
-    long = [np.ones(n + run_in), (np.arange(n + run_in) - run_in) * dt]
-    long += [np.maximum(np.arange(n + run_in) - run_in - k, 0) * dt for k in range(1, n)]
-    y_of = chain.response(np.stack(long, axis=1), dt)[run_in:]
-    slow = -chain.lag_s  # a ramp followed for ever lags by lag_s; the run-in starts it in equilibrium with its level
-    y_of[:, 1] = np.arange(n) * dt + slow
+    k = np.arange(1, n)
+    x_of = np.column_stack([np.ones(n), np.arange(n) * dt, np.maximum(np.arange(n)[:, None] - k, 0) * dt])
+    t = np.arange(n + run_in) - run_in
+    long = np.column_stack([np.ones(len(t)), t * dt, np.maximum(t[:, None] - k, 0) * dt])
+    y_of = chain.response(long, dt)[run_in:]
+    y_of[:, 1] = np.arange(n) * dt - chain.lag_s  # a ramp followed for ever comes late by lag_s
     precision = np.diag(np.r_[0.0, 0.0, np.full(n - 1, 1 / (q * dt))])
-    cov = np.linalg.inv(y_of.T @ y_of / noise_sd**2 + precision)
+    return x_of, y_of, np.linalg.inv(y_of.T @ y_of / noise_sd**2 + precision)
+
+
+def dense_covariance(n, dt, chain, noise_sd, q):
+    x_of, _, cov = dense_operators(n, dt, chain, noise_sd, q)
+    return x_of @ cov @ x_of.T
+
+
+def dense_smoother(y, dt, chain, noise_sd, q):
+    """Generalised least squares with N x N matrices, the chain by its own simulation."""
+    x_of, y_of, cov = dense_operators(len(y), dt, chain, noise_sd, q)
     return x_of @ (cov @ (y_of.T @ y) / noise_sd**2), np.sqrt(np.diag(x_of @ cov @ x_of.T))
 
 
@@ -93,3 +101,86 @@ def test_missing_samples_stay_local_and_widen_the_band():
 def test_shapes_that_do_not_agree_are_refused():
     with pytest.raises(InputError, match="2 channels but 1 chains"):
         smooth(np.zeros((50, 2)), DT, [Chain((1.0,))])
+
+
+def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
+    _, y = exponential_rise()
+    y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    ours = smooth(y, DT, chain, events_s=(RISE_S,), lag_covariance=[[0.0025]])
+    c = window_covariance(y, DT, chain, ours, 0, 110, 160)
+    assert np.allclose(np.sqrt(np.diag(c)), np.hypot(ours.sd_noise, 0.05 * ours.lag_sensitivity)[110:160, 0], rtol=0.02)
+    assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
+    rng = np.random.default_rng(1)
+    short = np.cumsum(rng.standard_normal(160)) * 0.3 + 0.1 * rng.standard_normal(160)
+    fit = smooth(short, DT, chain, noise_sd=0.1, intensity=1e4)
+    c = window_covariance(short, DT, chain, fit, 0, 100, 130)
+    dense = dense_covariance(160, DT, chain, 0.1, 1e4)[100:130, 100:130]
+    assert np.allclose(c, dense, atol=2e-3 * np.max(dense))
+
+
+def test_constant_trace_gets_the_band_of_a_straight_line():
+    """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma / sqrt(N) at the ends."""
+    y = 80 + 0.15 * np.random.default_rng(0).standard_normal((1000, 6))
+    fit = smooth(y, 1 / 75, Chain((0.6,)))
+    middle = np.median(fit.sd[450:550])
+    assert 0.15 / np.sqrt(1000) < middle < 0.15 / np.sqrt(1000) * 3
+    assert np.mean(np.abs(fit.temperature - 80) < 1.96 * fit.sd) > 0.8
+
+
+def test_spikes_and_stuck_samples_are_flagged_and_not_smeared():
+    x, y = exponential_rise()
+    rng = np.random.default_rng(3)
+    y = y + 0.2 * rng.standard_normal(len(y))
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    clean = smooth(y, DT, chain, events_s=(RISE_S,))
+    hit = y.copy()
+    hit[[300, 500, 501]] += [30.0, -20.0, -25.0]
+    hit[600:650] = hit[600]
+    ours = smooth(hit, DT, chain, events_s=(RISE_S,))
+    assert np.all(ours.flags[[300, 500, 501], 0] & SPIKE)
+    assert np.all(ours.flags[601:649, 0] & (STUCK | SATURATED))
+    assert np.count_nonzero(ours.flags) < 56
+    assert any("stuck" in w for w in ours.warnings)
+    assert np.max(np.abs(ours.temperature - clean.temperature)) < 0.5  # a smeared 30 degC spike leaves several degC
+    assert np.mean(np.abs(ours.temperature[:, 0] - x) < 3 * ours.sd[:, 0]) > 0.97
+
+
+def test_dead_channel_is_refused():
+    with pytest.raises(InputError, match="repeat one value"):
+        smooth(
+            np.column_stack([np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]), DT, Chain((1.0,))
+        )
+
+
+def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
+    """Lag longer by 10 ms: the answers differ by lag_sensitivity * 10 ms, to second order and regularisation."""
+    _, y = exponential_rise()
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    y = y + 0.05 * np.random.default_rng(0).standard_normal(len(y))
+    a = smooth(y, DT, chain, noise_sd=0.05, intensity=100.0, events_s=(RISE_S,))
+    b = smooth(y, DT, chain.with_lag_shift(0.01), noise_sd=0.05, intensity=100.0, events_s=(RISE_S,))
+    moved = (b.temperature - a.temperature)[:, 0]
+    assert np.allclose(moved[110:300], 0.01 * a.lag_sensitivity[110:300, 0], atol=0.02 * np.max(np.abs(moved)))
+
+
+@pytest.mark.slow
+def test_case_b_coverage_over_draws_of_noise_and_lag():
+    """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 60 records: +- 3 % in the transient."""
+    x, y = exponential_rise()
+    rng = np.random.default_rng(0)
+    t = np.arange(len(x)) * DT
+    transient, edges = (t >= 4.75) & (t <= 10), np.r_[0:60, 740:800]
+    inside, errors = [], []
+    for _ in range(60):
+        record = y + 0.2 * rng.standard_normal(len(y))
+        exact = smooth(record, DT, Chain((1.0,), conditioning=NO_CONDITIONING))
+        errors.append(exact.temperature[60:740, 0] - x[60:740])
+        lag = 1.0 + 0.05 * rng.standard_normal()
+        ours = smooth(record, DT, Chain((lag,), conditioning=NO_CONDITIONING), lag_covariance=[[0.05**2]])
+        inside.append(np.abs(ours.temperature[:, 0] - x) < 1.96 * ours.sd[:, 0])
+    covered = np.array(inside)
+    assert np.sqrt(np.mean(np.array(errors) ** 2)) < 0.25
+    assert 0.93 < covered.mean() < 0.98
+    assert covered[:, transient].mean() > 0.90
+    assert covered[:, edges].mean() > 0.90

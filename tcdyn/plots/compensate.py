@@ -1,0 +1,73 @@
+"""Pictures of compensation: the trace with its band, and what a compensator will do before it is used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibration.estimate import Z95
+from tcdyn.compensate.before_use import BeforeUse
+from tcdyn.compensate.deconvolve import Tradeoff
+from tcdyn.compensate.result import Compensated
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST_POINTS = 4000  # more than a page can show
+
+
+def draw_compensated(
+    result: Compensated, logged: ArrayLike, ax: Axes, channel: int = 0, window_s: tuple[float, float] | None = None
+) -> Axes:
+    """Logged trace as points, compensated one as a line with its 95 % band, events dashed, bad samples crossed."""
+    low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
+    inside = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
+    shown = inside[:: max(len(inside) // MOST_POINTS, 1)]
+    t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
+    y = np.asarray(logged, dtype=float)
+    y = y[:, channel] if y.ndim == 2 else y
+    ax.plot(t, y[shown], ".", markersize=2, color="0.65", label="logged")
+    ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, alpha=0.3, linewidth=0, label="95 %")
+    ax.plot(t, x, linewidth=1.2, label="compensated")
+    bad = inside[result.flags[inside, channel] > 0]
+    if len(bad):
+        ax.plot(result.time_s[bad], y[bad], "x", markersize=4, label="flagged")
+    for event, _ in result.events_s:
+        if low <= event <= high:
+            ax.axvline(event, linestyle="--", linewidth=0.8, color="0.4")
+    ax.set_xlabel("time, s")
+    ax.set_ylabel("temperature, °C")
+    ax.legend(loc="best", fontsize="small")
+    return ax
+
+
+def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
+    """Step response of the chain alone and of chain times compensator, with the remaining shift and noise stated."""
+    ax.plot(report.step_time_s, report.raw_step, label=f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s")
+    ax.plot(report.step_time_s, report.step, label=f"compensated, {report.rise_s:.2g} s")
+    ax.axhline(1.0, linewidth=0.6, color="0.6")
+    ax.set_xlabel("time after a step at the junction, s")
+    ax.set_ylabel("share of the step")
+    ax.set_title(f"shift {report.remaining_shift_s:.3g} s, noise x {report.noise_gain:.3g}", fontsize="medium")
+    ax.legend(loc="lower right", fontsize="small")
+    return ax
+
+
+def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:
+    """The L-curve of a regularised deconvolution and the weight that was chosen on it."""
+    misfit, roughness = tradeoff.misfit[:, channel], tradeoff.roughness[:, channel]
+    ax.loglog(misfit, roughness, "o-", markersize=3)
+    logs = np.log(tradeoff.intensity[:, channel])
+    chosen = np.log(tradeoff.chosen[channel])
+    ax.loglog(
+        np.exp(np.interp(chosen, logs, np.log(misfit))),
+        np.exp(np.interp(chosen, logs, np.log(roughness))),
+        "s",
+        label=f"chosen by {tradeoff.criterion}",
+    )
+    ax.set_xlabel("mean square residual, K²")
+    ax.set_ylabel("roughness, K²/s³")
+    ax.legend(fontsize="small")
+    return ax
