@@ -1,3 +1,73 @@
-"""Thermocouple dynamics and heat partition."""
+"""Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.
+
+The names below read as the workflow; each is imported when it is first used, so that ``import tcdyn`` is quick.
+
+>>> import tcdyn
+>>> round(tcdyn.Chain((0.6, 0.1)).lag_s, 3)
+0.78
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from calibration.logs import read_log, write_log
+    from calibration.record import read_record, write_record
+    from calibration.rigfile import load_rig
+    from tcdyn.chain import Chain
+    from tcdyn.compensate import smooth
+    from tcdyn.identify import IOData, compare, fit
+    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, run_demo
+    from tcdyn.rig.campaign import simulate_campaign
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "load_rig": "calibration.rigfile",
+    "read_log": "calibration.logs",
+    "write_log": "calibration.logs",
+    "simulate_campaign": "tcdyn.rig.campaign",
+    "calibrate_disk": "tcdyn.pipeline",
+    "read_record": "calibration.record",
+    "write_record": "calibration.record",
+    "compensate_log": "tcdyn.pipeline",
+    "estimate_beta": "tcdyn.pipeline",
+    "run_demo": "tcdyn.pipeline",
+    "Chain": "tcdyn.chain",
+    "smooth": "tcdyn.compensate",
+    "IOData": "tcdyn.identify",
+    "fit": "tcdyn.identify",
+    "compare": "tcdyn.identify",
+}
+
+__all__ = [
+    "Chain",
+    "IOData",
+    "__version__",
+    "calibrate_disk",
+    "compare",
+    "compensate_log",
+    "estimate_beta",
+    "fit",
+    "load_rig",
+    "read_log",
+    "read_record",
+    "run_demo",
+    "simulate_campaign",
+    "smooth",
+    "write_log",
+    "write_record",
+]
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOMES.get(name)
+    if home is None:
+        raise AttributeError(f"module 'tcdyn' has no attribute {name!r}")
+    return getattr(import_module(home), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
