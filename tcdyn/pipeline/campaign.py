@@ -144,7 +144,7 @@ def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
     try:
         return _analysed(path, settings)
     except InputError as problem:
-        return str(problem)
+        return str(problem).replace(str(path), path.name)
     except Exception as problem:  # one log must not end a campaign of many
         return f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
 
@@ -161,6 +161,7 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
         radius = settings.rig.disk_setup("slow").outer_radius_m
         rpm = test.speeds_m_s[1] / radius * 60 / (2 * np.pi)
         data["warnings"] += bearing.warnings(test.load_N, rpm)
+    data["warnings"] = [w.replace(str(path), path.name) for w in data["warnings"]]
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),

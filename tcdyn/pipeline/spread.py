@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
@@ -75,16 +75,16 @@ def _on_dask(
 
 
 def _gather(
-    client: object,
-    as_completed: Callable[..., Iterator[object]],
+    client: Any,
+    as_completed: Callable[..., Any],
     function: Callable[[Job], Answer],
     jobs: Sequence[Job],
 ) -> Iterator[tuple[int, Answer | Exception]]:
-    with client:  # type: ignore[attr-defined]
-        futures = [client.submit(function, job, pure=False) for job in jobs]  # type: ignore[attr-defined]
+    with client:
+        futures = [client.submit(function, job, pure=False) for job in jobs]
         place = {future.key: i for i, future in enumerate(futures)}
         for future in as_completed(futures):
             try:
-                yield place[future.key], future.result()  # type: ignore[attr-defined]
+                yield place[future.key], future.result()
             except Exception as problem:
-                yield place[future.key], problem  # type: ignore[attr-defined]
+                yield place[future.key], problem
