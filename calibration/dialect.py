@@ -19,6 +19,7 @@ CLOCK = re.compile(
 ABSENT = frozenset(
     {"", "nan", "+nan", "-nan", "null", "na", "n/a", "#n/a", "none", "inf", "-inf", "+inf", "1.#qnan", "-1.#ind"}
 )
+LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
 HEAD_BYTES = 1 << 17
 FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
 
@@ -50,7 +51,7 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
         raise InputError("the file is empty", where=where, expected="a header row and rows of numbers")
     encoding = _encoding(head, where)
     text = head.decode(encoding, errors="replace")
-    lines = text.splitlines()
+    lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut
     metadata = _metadata(lines)
@@ -139,7 +140,8 @@ def _is_data(parts: list[str], decimal: str) -> bool:
 def _try(
     lines: list[str], separator: str, decimal: str, encoding: str, metadata: dict[str, str], known: set[str]
 ) -> tuple[float, Dialect] | None:
-    rows = [(i, split(line, separator)) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
+    top = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    rows = [(i, split(line, separator)) for i, line in enumerate(lines) if i >= top and line.strip()]
     data = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and _is_data(parts, decimal)]
     if not data:
         return None
@@ -149,11 +151,24 @@ def _try(
     exact = sum(len(rows[k][1]) == fields and all(_is_cell(p, decimal) for p in rows[k][1]) for k in data)
     marks = sum(decimal in p for k in data[:50] for p in rows[k][1])
     score = exact / len(data) + 0.01 * fields + (0.001 if marks else 0.0)
-    names: tuple[str, ...] = ()
-    titles = [parts for _, parts in rows[:first] if len(parts) > 1 and abs(len(parts) - fields) <= 1]
-    titles = [t for t in titles if not _is_data(t, decimal)]
-    if titles:
-        names = tuple(max(titles, key=lambda t: sum(n.lower() in known for n in t)))
-    elif first > 0 and len(rows[first - 1][1]) > 1:
-        names = tuple(rows[first - 1][1])
+    header = _header(rows[:first], fields, decimal, known)
+    if header is None:
+        names: tuple[str, ...] = ()
+    else:
+        names = tuple(rows[header][1])
+        # below the header only units may stand: a row that holds numbers is data, damaged or not
+        first = next((k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25), first)
     return score, Dialect(encoding, separator, decimal, names, rows[first][0], fields, tuple(rows[first][1]), metadata)
+
+
+def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: set[str]) -> int | None:
+    fits = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and abs(len(parts) - fields) <= 1]
+    fits = [k for k in fits if not _is_data(rows[k][1], decimal)]
+    if fits:
+        return max(fits, key=lambda k: sum(n.lower() in known for n in rows[k][1]))
+    return len(rows) - 1 if rows and len(rows[-1][1]) > 1 and not _is_data(rows[-1][1], decimal) else None
+
+
+def _numeric_share(parts: list[str], decimal: str) -> float:
+    full = [p for p in parts if p]
+    return sum(is_number(p, decimal) for p in full) / max(len(full), 1)

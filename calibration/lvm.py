@@ -13,7 +13,7 @@ from pyarrow import csv as pacsv
 
 from calibration.align import Track, align
 from calibration.csvtable import CsvTable
-from calibration.dialect import ABSENT, is_number
+from calibration.dialect import ABSENT, LINE_END, is_number
 from calibration.errors import InputError
 from calibration.table import Columns, FloatArray, RowNumbers, Table
 
@@ -61,7 +61,7 @@ def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("cp1252", errors="replace")
-    lines = text.splitlines()
+    lines = LINE_END.split(text)
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         return CsvTable.open(path, where, known)
     end = next((i for i, line in enumerate(lines) if line.startswith(_END)), None)
