@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from calibration.rigfile import UncertaintyTable
 
 
 @dataclass(frozen=True)
@@ -18,7 +20,7 @@ class PlungePriors:
     burst_log: float = 0.7
     burst_time_median_s: float = 1.2
     burst_time_log: float = 0.5
-    burst_shape_log: float = 0.15  # p, about 1
+    burst_shape_log: float = 0.3  # p, about 1
     entry_scale: float = 1.0  # times the entry event's own u
     initial_K: float = 5.0  # of the disk's temperature before entry, about the readings' mean
     bath_K: float = 0.5  # offset of the bath thermometer
@@ -32,9 +34,12 @@ class PlungePriors:
 
     def known_geometry(self) -> PlungePriors:
         """The same with conductivity and depths taken as exactly known."""
-        from dataclasses import replace
-
         return replace(self, conductivity_log=1e-6, depth_m=1e-9)
+
+    @classmethod
+    def for_rig(cls, table: UncertaintyTable) -> PlungePriors:
+        """The defaults, with conductivity and depths as uncertain as the rig file's [uncertainty] says."""
+        return cls(conductivity_log=max(table.conductivity_rel, 1e-6), depth_m=max(table.depth_mm * 1e-3, 1e-9))
 
     def describe(self) -> list[tuple[str, str]]:
         """Each prior as (parameter, sentence), for tables."""

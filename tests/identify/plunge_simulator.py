@@ -62,7 +62,7 @@ def draw_pairs(rng: np.random.Generator, pairs: int, baths: tuple[float, float] 
         exponent=0.02 * rng.standard_normal(m),
         burst=1.5 * np.exp(0.7 * rng.standard_normal(m)),
         burst_time=1.2 * np.exp(0.5 * rng.standard_normal(m)),
-        burst_shape=np.exp(0.15 * rng.standard_normal(m)),
+        burst_shape=np.exp(0.3 * rng.standard_normal(m)),
         conductivity=shared(K_STEEL * np.exp(0.03 * rng.standard_normal(pairs))),
         depth=shared(DEPTHS_m + 1e-4 * rng.standard_normal((pairs, 6))),
         tau1=lag * (1 + root) / 2,

@@ -95,7 +95,7 @@ def test_the_summary_says_what_limits_the_common_lag() -> None:
 
 def test_a_plunge_that_cannot_separate_lag_from_burst_says_so() -> None:
     runs = [replace(r, entry=replace(r.entry, u_s=1.0)) for r in pair()[0][:1]]
-    wide = PlungePriors(burst_log=2.0, burst_shape_log=0.6, burst_time_log=1.0)
+    wide = PlungePriors(burst_log=2.0, burst_shape_log=1.0, burst_time_log=1.0)
     fit = identify_plunges(runs, SETUP, priors=wide, alternatives=())
     assert "cannot separate the lag from the burst" in fit.sentence
     assert fit.common_lag_s.u > 2 * fitted()[0].common_lag_s.u

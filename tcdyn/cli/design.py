@@ -1,0 +1,82 @@
+"""``tcdyn design``: what a planned test can tell, before it is run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibration.errors import InputError
+from calibration.rigfile import load_rig
+from tcdyn.cli.common import Json, Quiet, RigFile, dump, say
+
+
+def design(
+    rig: RigFile = None,
+    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
+    bath_degC: Annotated[
+        list[float] | None, typer.Option("--bath-degC", help="bath temperature; once for each plunge (110 and 138)")
+    ] = None,
+    initial_degC: Annotated[float, typer.Option("--initial-degC", help="disk before the plunge")] = 25.0,
+    duration_s: Annotated[float, typer.Option("--duration-s", help="length of each plunge")] = 140.0,
+    noise_K: Annotated[float, typer.Option("--noise-K", help="noise of one sample")] = 0.12,
+    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="logging rate")] = 75.0,
+    entry_u_s: Annotated[float, typer.Option("--entry-u-s", help="standard uncertainty of the entry's instant")] = 0.05,
+    lag_s: Annotated[float, typer.Option("--lag-s", help="expected lag, conditioning included")] = 0.73,
+    power_W: Annotated[float, typer.Option("--power-W", help="heat into this disk before unloading")] = 100.0,
+    out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """What planned plunges, a soldering-iron touch, a loading and an unloading will tell of the lags.
+
+    Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
+    """
+    from tcdyn.design.compare import compare_tests
+    from tcdyn.design.plunge_plan import PlungePlan
+    from tcdyn.design.step_plan import StepPlan
+
+    for name, value in (("duration-s", duration_s - 10), ("noise-K", noise_K), ("rate-Hz", rate_Hz - 1)):
+        if not value > 0:
+            raise InputError(f"--{name} is too small", where="design", remedy="10 s, 1 Hz and some noise at least")
+    baths = bath_degC or [110.0, 138.0]
+    if any(abs(b - initial_degC) < 5 for b in baths):
+        raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
+    plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, noise_K, entry_u_s) for b in baths]
+    setup = load_rig(rig).disk_setup(disk)
+    step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=noise_K)
+    result = compare_tests(setup, plans, step=step, lag_s=lag_s)
+    table = result.table()
+    if out is not None:
+        _write(result, out)
+    if json_:
+        rows = [{k: v for k, v in row.items() if v == v} for row in table.to_dict("records")]
+        print(dump({"tests": rows, "sentences": list(result.sentences())}), end="")
+        return
+    columns = ["test", "u_common_s", "u_differential_s"]
+    say(table[columns].to_string(index=False, float_format=lambda x: f"{x:.3f}"), quiet)
+    say("", quiet)
+    say("\n".join(result.sentences()), quiet)
+
+
+def _write(result: object, out: Path) -> None:
+    from calibration.write import write_text
+    from tcdyn.design.compare import Design
+
+    assert isinstance(result, Design)
+    if out.suffix.lower() == ".csv":
+        write_text(out, result.table().to_csv(index=False))
+        return
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv or .html")
+    from tcdyn.plots.immersion import draw_design
+    from tcdyn.plots.style import figure
+    from tcdyn.report.page import Section, write_page
+
+    fig, (ax,) = figure(height_in=3.8)
+    draw_design(result, ax)
+    text = "\n\n".join(result.sentences())
+    caption = "Expected standard uncertainties; bars run from the 10 to the 90 % point over bursts nobody can plan."
+    write_page(out, "Test design", [Section("What each test will tell", text, result.table(), fig, caption)])

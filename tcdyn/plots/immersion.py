@@ -1,0 +1,121 @@
+"""Pictures of plunges after the thesis's figures 5.14 and 5.24 to 5.27, of the lags found, and of planned tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from tcdyn.design.compare import Design
+from tcdyn.identify.hole import HoleComparison
+from tcdyn.identify.plunge_compare import JunctionTraces
+from tcdyn.identify.plunge_result import PlungeFit
+from tcdyn.identify.plunge_run import PlungeRun
+from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, finish
+
+_LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
+
+
+def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
+    """Figure 5.14: all thermocouples of the two-part disk (dots) with the fitted lags (lines), first 20 s."""
+    for k, name in enumerate(result.names):
+        colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
+        ax.plot(result.block_time_s, result.readings_degC[:, k], ".", color=colour, markersize=2)
+        ax.plot(result.block_time_s, result.fitted_degC[:, k], color=colour, ls=_LINES[k % 6], lw=1.1, label=name)
+    ax.set_xlim(-2, min(20.0, float(result.block_time_s[-1])))
+    ax.legend(fontsize="small")
+    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+
+
+def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
+    """Figures 5.24 (whole record) and 5.25 (``until_s`` after entry): every channel, the bath, the instant of entry."""
+    t = run.time_s - run.entry.time_s
+    shown = t <= (t[-1] if until_s is None else until_s)
+    every = max(int(shown.sum() // 4000), 1)
+    for j, c in enumerate(run.channels):
+        ax.plot(t[shown][::every], run.readings_degC[shown][::every, j], ls=CHANNEL_STYLE.get(c, "-"), lw=0.9, label=c)
+    ax.plot(t[shown][::every], run.fluid_degC[shown][::every], color=GREY, lw=0.8, label="bath")
+    ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
+    ax.legend(ncol=4, fontsize="small")
+    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+
+
+def draw_entry(
+    run: PlungeRun, models: Sequence[JunctionTraces], ax: Axes, channel: str = "a", until_s: float = 15.0
+) -> Axes:
+    """Figures 5.26 and 5.27: one channel's reading, modelled junction temperatures, and both witnesses of the entry."""
+    t = run.time_s - run.entry.time_s
+    j = run.channels.index(channel)
+    shown = (t > -3) & (t < until_s)
+    ax.plot(t[shown], run.readings_degC[shown, j], color=GREY, lw=0.7, label=f"measured, {channel}")
+    for k, trace in enumerate(models):
+        inside = trace.time_s < until_s
+        column = trace.temperature_degC[inside, trace.channels.index(channel)]
+        ax.plot(
+            trace.time_s[inside], column, color=(FAST, SLOW, TRUTH, FAST)[k % 4], ls=_LINES[k % 6], label=trace.name
+        )
+    for label, instant, line in (("switch", run.entry.switch_s, "--"), ("free probe", run.entry.probe_s, ":")):
+        if instant is not None:
+            ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)
+    ax.axvspan(-run.entry.u_s, run.entry.u_s, color=GREY, alpha=0.25, lw=0)
+    ax.legend(fontsize="small")
+    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+
+
+def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
+    """Fitted h in time, entry burst and all, against the correlation as published at the same temperatures."""
+    model, surface = fit.optimum.problem.models[run], fit.optimum.surfaces[run]
+    plain = model.bath.h_W_m2K(surface.temperature_degC, model.bath_degC)
+    late = model.grid_s > 0.01
+    ax.semilogx(model.grid_s[late], surface.h_W_m2K[late], color=FAST, label="fitted")
+    ax.semilogx(model.grid_s[late], plain[late], color=SLOW, ls="--", label=fit.correlation)
+    ax.legend(fontsize="small")
+    return _axes(ax, "Time after entry [s]", "h [W/m2K]")
+
+
+def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
+    """Marginal posterior of the common lag, the points of its profile likelihood, and its 95 % interval."""
+    scan = fit.scan
+    own = fit.common_lag_s.value - scan.mean_s
+    ax.plot(scan.grid_s + own, scan.density / scan.density.max(), color=FAST, label="posterior")
+    ax.plot(scan.lag_s + own, np.exp(-0.5 * (scan.cost - scan.cost.min())), "o", color=SLOW, ms=4, label="profile")
+    ax.axvspan(fit.common_lag_s.low95, fit.common_lag_s.high95, color=GREY, alpha=0.25, lw=0, label="95 %")
+    for name, value in fit.model_form.common_lag_s.items():
+        ax.axvline(value, lw=0.7, ls=":", color=TRUTH)
+        ax.annotate(name, (value, 1.0), rotation=90, fontsize=6, va="top", ha="right")
+    ax.legend(fontsize="small")
+    return _axes(ax, "Common lag [s]", "Relative likelihood [1]")
+
+
+def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
+    """Each channel's lag against the disk's mean, with 95 % intervals."""
+    x = np.arange(len(fit.channels))
+    values = [fit.differential_lag_s[c] for c in fit.channels]
+    ax.errorbar(x, [v.value for v in values], [1.96 * v.u for v in values], fmt="o", color=FAST, capsize=3)
+    ax.axhline(0.0, color=GREY, lw=0.8)
+    ax.set_xticks(x, fit.channels)
+    return _axes(ax, "Channel", "Lag minus common lag [s]")
+
+
+def draw_design(design: Design, ax: Axes) -> Axes:
+    """What each planned test would tell: standard uncertainty of the common lag and of differences, logarithmic."""
+    y = np.arange(len(design.predictions))[::-1]
+    common = np.array([p.u_common_s for p in design.predictions])
+    low = np.array([p.low_s for p in design.predictions])
+    high = np.array([p.high_s for p in design.predictions])
+    rest = np.array([p.u_differential_s for p in design.predictions])
+    spread = np.abs(np.array([common - np.minimum(low, common), np.maximum(high, common) - common]))
+    ax.errorbar(common, y + 0.12, xerr=spread, fmt="o", color=FAST, capsize=3, label="common lag")
+    ax.plot(rest, y - 0.12, "s", color=SLOW, label="differences between channels")
+    ax.set_xscale("log")
+    ax.axvline(0.05 * design.lag_s, color=GREY, lw=0.8, ls="--", label="5 % of the lag")
+    ax.set_yticks(y, [p.name for p in design.predictions], fontsize="small")
+    ax.legend(fontsize="small")
+    return _axes(ax, "Expected standard uncertainty [s]", "")
+
+
+def _axes(ax: Axes, x: str, y: str) -> Axes:
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    return finish(ax)

@@ -1,0 +1,78 @@
+"""Speed of the plunge model and fit against plain alternatives: ``python -m tests.benchmarks.plunge``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "identify"))
+
+from plunge_simulator import same_pairs, simulate
+from plunge_study import make_runs
+
+from calibration.rigfile import load_rig
+from immersion.correlations import Bath, correlation
+from immersion.cylinder import Cylinder
+from immersion.fluids import fluid
+from immersion.radial import simulate_plunge_model
+from tcdyn.identify.plunge import identify_plunges
+
+SETUP = load_rig().disk_setup("fast")
+DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])
+
+
+def baseline(cells: int = 60, duration_s: float = 300.0) -> np.ndarray:
+    """The same plunge by finite volumes and scipy's BDF: temperature at the three depths at the end."""
+    disk = Cylinder.from_setup(SETUP)
+    bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
+    faces = np.linspace(disk.inner_radius_m, disk.outer_radius_m, cells + 1)
+    centres, dr = (faces[1:] + faces[:-1]) / 2, faces[1] - faces[0]
+    volume = (faces[1:] ** 2 - faces[:-1] ** 2) / 2 * disk.heat_capacity_J_m3K
+    k = disk.conductivity_W_mK
+
+    def rate(t: float, T: np.ndarray) -> np.ndarray:
+        h = float(bath.h_W_m2K(T[-1], 110.0))
+        flow = np.zeros(cells + 1)
+        flow[1:-1] = k * faces[1:-1] / dr * (T[:-1] - T[1:])
+        flow[-1] = -disk.outer_radius_m * (110.0 - T[-1]) / (1 / h + dr / (2 * k))
+        return (flow[:-1] - flow[1:]) / volume
+
+    out = solve_ivp(rate, (0, duration_s), np.full(cells, 26.0), "BDF", rtol=1e-7, atol=1e-6)
+    return np.interp(disk.outer_radius_m - DEPTHS, centres, out.y[:, -1])
+
+
+def main() -> None:
+    """Print seconds of processor time and ratios."""
+    disk = Cylinder.from_setup(SETUP)
+    bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
+
+    def own() -> np.ndarray:
+        out = simulate_plunge_model(disk, DEPTHS, lambda T, F, t: bath.h_W_m2K(T, F), 26.0, 110.0, 300.0)
+        return out.at(np.array([300.0]), 0.0)[0]
+
+    own()
+    t0 = process_time()
+    a = own()
+    fast = process_time() - t0
+    t0 = process_time()
+    b = baseline()
+    slow = process_time() - t0
+    print(f"300 s plunge: {fast:.3f} s; finite volumes with BDF {slow:.2f} s, ratio {slow / fast:.0f}")
+    print(f"largest difference at 300 s: {np.max(np.abs(a - b)):.4f} K")
+    rng = np.random.default_rng(1)
+    d = same_pairs(1)
+    times, readings = simulate(d, 140.0, rng)
+    runs = make_runs(d, times, readings, rng)
+    t0 = process_time()
+    fit = identify_plunges(runs, SETUP)
+    print(f"two plunges, six channels, three correlations: {process_time() - t0:.2f} s (limit 10 s)")
+    print(fit.summary())
+    assert np.max(np.abs(a - b)) < 0.02
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,85 @@
+"""Every picture of a plunge draws from a result and returns its axes; the design command writes what it says."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from plunge_simulator import same_pairs, simulate
+from plunge_study import make_runs
+
+from calibration.errors import InputError
+from calibration.rigfile import load_rig
+from tcdyn.cli.design import design
+from tcdyn.design.compare import compare_tests
+from tcdyn.design.plunge_plan import PlungePlan
+from tcdyn.identify.hole import compare_holes
+from tcdyn.identify.plunge import identify_plunges
+from tcdyn.identify.plunge_compare import apparent_lags, junction_traces, uncalibrated_traces
+from tcdyn.identify.plunge_result import PlungeFit
+from tcdyn.plots import immersion as pictures
+from tcdyn.plots.style import figure
+from tcdyn.rig.hole import simulate_hole
+
+SETUP = load_rig().disk_setup("fast")
+
+
+@cache
+def fit() -> PlungeFit:
+    rng = np.random.default_rng(8)
+    d = same_pairs(1)
+    times, readings = simulate(d, 60.0, rng)
+    return identify_plunges(make_runs(d, times, readings, rng)[:1], SETUP, alternatives=("mcadams",))
+
+
+def test_pictures_of_a_fit_have_axes_with_units() -> None:
+    run = fit().runs[0]
+    models = [*uncalibrated_traces(run, SETUP), junction_traces(fit(), 0)]
+    design_ = compare_tests(SETUP, [PlungePlan(duration_s=40.0)], draws=2)
+    drawings = [
+        lambda ax: pictures.draw_record(run, ax),
+        lambda ax: pictures.draw_record(run, ax, until_s=20.0),
+        lambda ax: pictures.draw_entry(run, models, ax),
+        lambda ax: pictures.draw_heat_transfer(fit(), 0, ax),
+        lambda ax: pictures.draw_common_lag(fit(), ax),
+        lambda ax: pictures.draw_differential_lags(fit(), ax),
+        lambda ax: pictures.draw_holes(compare_holes(simulate_hole(1)[0]), ax),
+        lambda ax: pictures.draw_design(design_, ax),
+    ]
+    for draw in drawings:
+        fig, (ax,) = figure()
+        assert draw(ax) is ax
+        fig.canvas.draw()
+        assert "[" in ax.get_xlabel() + ax.get_ylabel()
+        assert ax.lines or ax.collections or ax.containers
+
+
+def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
+    trace, run = junction_traces(fit(), 0), fit().runs[0]
+    t = run.time_s - run.entry.time_s
+    inside = (t > 20) & (t < 50)
+    for j, c in enumerate(fit().channels):
+        behind = t[inside] - np.interp(run.readings_degC[inside, j], trace.temperature_degC[:, j], trace.time_s)
+        # static remainders of some hundredths of a kelvin at 0.4 K/s are 0.1 s
+        assert np.mean(behind) == pytest.approx(fit().lag_s[c].value, abs=0.15)
+
+
+def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
+    lags = apparent_lags(fit().runs[0], SETUP)
+    assert len(lags) == 3
+    assert np.ptp(list(lags.values())) > 1.0  # 14 % of h after half a minute is seconds: why h must be free
+
+
+def test_the_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.html", json_=True)
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["tests"]) == 5
+    assert "data:image/png" in (tmp_path / "plan.html").read_text(encoding="utf-8")
+    design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.csv", quiet=True)
+    assert (tmp_path / "plan.csv").read_text(encoding="utf-8").startswith("test,")
+    with pytest.raises(InputError, match="within 5 K"):
+        design(bath_degC=[26.0])
+    with pytest.raises(InputError, match="unknown kind"):
+        design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.doc", quiet=True)
