@@ -132,7 +132,8 @@ def reconcile_entry(
     if difference > 2 * u_difference:
         u *= difference / (2 * u_difference)
         warnings.append(
-            f"switch and free thermocouple differ by {difference:.2f} s at entry; the uncertainty was widened to {u:.2f} s"
+            f"switch and free thermocouple differ by {difference:.2f} s at entry; the uncertainty was widened "
+            f"to {u:.2f} s"
         )
     time = weight * switch_s + (1 - weight) * probe_s
     return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(warnings))

@@ -44,7 +44,8 @@ def solve_surface(
     """Solve T_s = offset + own @ q, q = law(T_s) on the grid (a Volterra equation) by Newton.
 
     ``own`` (n, n) is the surface's influence matrix, lower triangular. Returns T_s [degC], q [W/m2] and dq/dT_s, each
-    (n,). ``start`` is a first guess of T_s. The law's derivative is a central difference of 0.01 K; each Newton step is a triangular solve.
+    (n,). ``start`` is a first guess of T_s. The law's derivative is a central difference of 0.01 K; each Newton step
+    is a triangular solve.
     Raises InputError when it does not converge (a law that is not a cooling law).
     """
     surface = np.array(offset if start is None else start, dtype=float)

@@ -23,7 +23,8 @@ def series_plunge(
 ) -> Array:
     """Temperature (N, P) at times (N,) and radii (P,) [m] of a hollow disk plunged with constant h.
 
-    theta = sum_k A_k R_k(r) exp(-(alpha lambda_k^2 + leak) t),  R = J0(lambda r) Y1(lambda R_i) - Y0(lambda r) J1(lambda R_i),
+    theta = sum_k A_k R_k(r) exp(-(alpha lambda_k^2 + leak) t),
+    R = J0(lambda r) Y1(lambda R_i) - Y0(lambda r) J1(lambda R_i),
     K R'(R_o) + h R(R_o) = 0; A_k by orthogonality over r dr. theta = (T - T_fluid)/(T_0 - T_fluid). Needs a bore.
     Source: Carslaw and Jaeger (1959), section 7.10, with one boundary insulated.
     """

@@ -52,9 +52,8 @@ def compare_tests(
     """
     own = max(lag_s - conditioning_lag_s(setup.conditioning), 0.01)
     first = plunges[0]
-    same = {"rate_Hz": first.rate_Hz, "noise_K": first.noise_K}
-    step = step or StepPlan(**same)
-    touch = touch or TouchPlan(**same)
+    step = step or StepPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
+    touch = touch or TouchPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
     out = [predict_plunges([p], setup, lag_s=own, draws=draws) for p in plunges]
     if len(plunges) > 1:
         out.append(predict_plunges(plunges, setup, lag_s=own, draws=draws))

@@ -90,7 +90,7 @@ def predict_plunges(
 def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Blocks]:
     substance = fluid(plan.fluid) if isinstance(plan.fluid, str) else plan.fluid
     dt = 1 / plan.rate_Hz
-    t = np.arange(-plan.before_s, plan.duration_s, dt)
+    t = np.asarray(np.arange(-plan.before_s, plan.duration_s, dt), dtype=float)
     flat = np.full((len(t), len(channels)), plan.initial_degC)
     event = EntryEvent(0.0, plan.entry_u_s, None, None, "planned")
     run = PlungeRun(t, flat, channels, substance, np.full(len(t), plan.bath_degC), event)

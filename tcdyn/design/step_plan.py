@@ -117,7 +117,7 @@ class _Signals:
         return Chain(taus, delay_s=delay, conditioning=self.setup.conditioning).response(x, self.dt)
 
     def jacobian(self) -> Array:
-        """Readings of a, c, e stacked (3 N, P) against lags a..f, split, ln power, ln h, ln K, instant, depths, offsets."""
+        """Readings of a, c, e stacked (3 N, P) by lags a..f, split, ln power, ln h, ln K, instant, depths, offsets."""
         n, zero = len(self.t), np.zeros(3)
         power, row = self.parts(0.0, 0.0, zero)
         total = power + row.sum(axis=0)

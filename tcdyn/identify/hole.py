@@ -196,7 +196,7 @@ def _fit(time: Array, mean: Array, count: Array, noise: Array, ideals: int, base
         factor = np.full(c, max(judged.differential, 1.0))
     covariance = np.linalg.inv(hessian)[m + 2 * c :, m + 2 * c :]
     fitted = np.column_stack([values[:, k] - z[:, k] * sd[:, k] for k in range(c)])
-    return _Fit(extra, covariance, fitted)
+    return _Fit(extra, np.asarray(covariance, dtype=float), fitted)
 
 
 def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:

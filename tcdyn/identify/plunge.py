@@ -146,7 +146,8 @@ def _nuisances(best: Optimum) -> pd.DataFrame:
 
 def _sentence(best: Optimum, common: Estimate, runs: int) -> str:
     known = conditional_u(best, "ln_burst", "entry_")
-    text = f"{'One plunge gives' if runs == 1 else f'{runs} plunges give'} a common lag of {common.value:.2f} s +- {common.u:.2f} s"
+    who = "One plunge gives" if runs == 1 else f"{runs} plunges give"
+    text = f"{who} a common lag of {common.value:.2f} s +- {common.u:.2f} s"
     if common.u <= max(0.05, 0.10 * common.value):
         return text + "; the entry burst is told apart from it."
     return (

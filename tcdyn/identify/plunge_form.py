@@ -48,7 +48,8 @@ def model_form(
         cost[other.name] = at.cost
     stack = np.array(lags)
     c = len(layout.channels)
-    covariance = np.cov(stack.T, ddof=1).reshape(c, c) if len(stack) > 1 else np.zeros((c, c))
+    spread = np.cov(stack.T, ddof=1) if len(stack) > 1 else np.zeros((c, c))
+    covariance = np.asarray(spread, dtype=float).reshape(c, c)
     common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, stack)}
     return ModelForm(common, cost, covariance, float(np.sqrt(max(covariance.mean(), 0.0))))
 

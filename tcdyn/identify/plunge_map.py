@@ -120,9 +120,9 @@ def minimise(
     free = np.eye(lay.size) if directions is None else directions
     starts: list[Array | None] = [None] * lay.runs
     state = normal_equations(problem, theta, starts)
-    damping, converged, k, idle = 1e-4, False, 0, 0
+    damping, converged, steps, idle = 1e-4, False, 0, 0
     guard = np.sum(free**2 * precision(problem)[:, None], axis=0)
-    for k in range(1, limit + 1):
+    for steps in range(1, limit + 1):  # noqa: B007
         cost, gradient, hessian = state[:3]
         slope, curvature = free.T @ gradient, free.T @ hessian @ free
         if float(slope @ _solve(curvature, slope)) < tolerance:
@@ -157,7 +157,7 @@ def minimise(
         tuple(state[3]),
         tuple(state[4]),
         tuple(state[5]),
-        k,
+        steps,
         converged,
         problem,
     )

@@ -131,7 +131,7 @@ def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) ->
     columns = range(values.shape[1])
     count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in columns])
     total = np.column_stack([np.bincount(index, filled[:, j], minlength=size)[used] for j in columns])
-    return centre, total / np.maximum(count, 1), count
+    return np.asarray(centre), np.asarray(total / np.maximum(count, 1)), count.astype(float)
 
 
 def _edges(start: float, end: float, dt: float, longest: float) -> Array:

@@ -14,12 +14,17 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "identify"))
 from plunge_simulator import same_pairs, simulate
 from plunge_study import make_runs
 
+from calibration.disk import CHANNELS
 from calibration.rigfile import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.identify.plunge import identify_plunges
+from tcdyn.identify.plunge_layout import Layout
+from tcdyn.identify.plunge_model import build_run_model, predict_run
+from tcdyn.identify.plunge_prior import PlungePriors
+from tcdyn.identify.plunge_run import make_blocks
 
 SETUP = load_rig().disk_setup("fast")
 DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])
@@ -45,6 +50,24 @@ def baseline(cells: int = 60, duration_s: float = 300.0) -> np.ndarray:
     return np.interp(disk.outer_radius_m - DEPTHS, centres, out.y[:, -1])
 
 
+def fit_side(baseline_s: float) -> None:
+    """One evaluation as the fit makes it, readings of six channels and their 40 derivatives, against differences."""
+    rng = np.random.default_rng(2)
+    times, readings = simulate(same_pairs(1), 60.0, rng)
+    run = make_runs(same_pairs(1), times, readings, rng)[0]
+    layout = Layout(1, CHANNELS, "P2")
+    theta, _ = layout.prior(PlungePriors(), [0.05], [26.0])
+    theta[layout.lag] = 0.6
+    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"))
+    predict_run(model, theta, 0)
+    t0 = process_time()
+    for _ in range(10):
+        predict_run(model, theta, 0)
+    one = (process_time() - t0) / 10
+    print(f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
+          f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}")  # fmt: skip
+
+
 def main() -> None:
     """Print seconds of processor time and ratios."""
     disk = Cylinder.from_setup(SETUP)
@@ -63,6 +86,7 @@ def main() -> None:
     slow = process_time() - t0
     print(f"300 s plunge: {fast:.3f} s; finite volumes with BDF {slow:.2f} s, ratio {slow / fast:.0f}")
     print(f"largest difference at 300 s: {np.max(np.abs(a - b)):.4f} K")
+    fit_side(slow)
     rng = np.random.default_rng(1)
     d = same_pairs(1)
     times, readings = simulate(d, 140.0, rng)
