@@ -84,7 +84,7 @@ class CsvTable:
 
     def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int) -> Any:
         read, parse, convert = self._options(wanted, as_text=False)
-        read.block_size = block_bytes
+        read.block_size, read.use_threads = min(block_bytes, 1 << 23), False  # no queue of blocks read ahead
         return pacsv.open_csv(stream, read_options=read, parse_options=parse, convert_options=convert)
 
     def _options(self, wanted: Sequence[str], as_text: bool) -> tuple[Any, Any, Any]:
