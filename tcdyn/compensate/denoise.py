@@ -154,11 +154,12 @@ def fit_rational(x: ArrayLike, y: ArrayLike, degree: int = 5, over: int = 5) -> 
 
 def _sanathanan_koerner(x: Array, y: Array, degree: int, over: int, rounds: int = 12) -> Array:
     top, powers = x[:, None] ** np.arange(degree + 1), x[:, None] ** np.arange(1, over + 1)
-    q, weight = np.zeros(over), np.ones(len(x))
+    q: Array = np.zeros(over)
+    weight: Array = np.ones(len(x))
     for _ in range(rounds if over else 0):
         matrix = np.column_stack([top, -y[:, None] * powers]) * weight[:, None]
-        q = np.linalg.lstsq(matrix, y * weight, rcond=1e-10)[0][degree + 1 :]
-        weight = 1.0 / np.maximum(np.abs(1.0 + powers @ q), 1e-2)
+        q = np.asarray(np.linalg.lstsq(matrix, y * weight, rcond=1e-10)[0][degree + 1 :], dtype=np.float64)
+        weight = np.asarray(1.0 / np.maximum(np.abs(1.0 + powers @ q), 1e-2), dtype=np.float64)
     return q
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,8 +80,19 @@ def make_grid(
 def transitions(grid: Grid, sensors: Sequence[Sensor]) -> Array:
     """expm(drift h) for every kind of cell and sensor, (K, B, n, n)."""
     lengths = np.diff(grid.knots_s)[grid.example]
-    drifts = np.stack([s.drift for s in sensors])
-    return np.asarray(expm(lengths[:, None, None, None] * drifts))
+    return np.stack([np.stack([flow(s.drift, float(h)) for s in sensors]) for h in lengths])
+
+
+def flow(drift: Array, time_s: float) -> Array:
+    """expm(drift time_s), remembered: channels and windows share their chains and their cells."""
+    return _flow(drift.tobytes(), len(drift), round(time_s, 12))
+
+
+@lru_cache(maxsize=20_000)
+def _flow(drift: bytes, n: int, time_s: float) -> Array:
+    result = np.asarray(expm(np.frombuffer(drift).reshape(n, n) * time_s))
+    result.setflags(write=False)
+    return result
 
 
 def gather(grid: Grid, s: Sensor, y: Array, weight: Array, dt_s: float) -> tuple[Array, Array]:
@@ -134,8 +146,8 @@ def _rows(grid: Grid, s: Sensor, k: int, dt_s: float) -> tuple[NDArray[np.intp],
     j = grid.example[k]
     rows = np.empty((max(first[j + 1] - first[j], 0), s.size))
     if len(rows):
-        step = expm(s.drift * dt_s)
-        row = s.output @ expm(s.drift * (first[j] * dt_s - s.delay_s - grid.knots_s[j]))
+        step = flow(s.drift, dt_s)
+        row = s.output @ flow(s.drift, first[j] * dt_s - s.delay_s - grid.knots_s[j])
         for i in range(len(rows)):
             rows[i] = row
             row = row @ step

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
 from tcdyn.chain import Chain
-from tcdyn.compensate.grid import corner_rad_s
+from tcdyn.compensate.grid import FINE, corner_rad_s
 from tcdyn.compensate.model import Stretch, likelihood
 from tcdyn.compensate.profile import Burst, Intensity
 
@@ -122,7 +122,7 @@ def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity],
         if turn:
             tried = [_nearby_bursts(burst) for burst in best]
         proposed = [[replace(q, bursts=(burst,)) for burst in bursts] for q, bursts in zip(base, tried)]
-        value, _ = likelihood(window, noise_var, proposed)
+        value, _ = likelihood(window, noise_var, proposed, fine=2 * FINE)
         best = [bursts[k] for bursts, k in zip(tried, np.argmax(value, axis=1))]
     return [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, best)]
 

@@ -47,7 +47,9 @@ class Stretch:
         return Stretch(self.y[first:last], self.weight[first:last], self.dt_s, self.chains, self.sensors, inside)
 
 
-def grid_for(stretch: Stretch, intensities: Sequence[Sequence[Intensity]], noise_var: Array) -> Grid:
+def grid_for(
+    stretch: Stretch, intensities: Sequence[Sequence[Intensity]], noise_var: Array, fine: float = FINE
+) -> Grid:
     """A grid fine enough for every intensity proposed for every channel (outer sequence: channels)."""
     start, end, dt = stretch.start_s, stretch.end_s, stretch.dt_s
     times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
@@ -58,7 +60,7 @@ def grid_for(stretch: Stretch, intensities: Sequence[Sequence[Intensity]], noise
     cell = np.full(len(t), np.inf)
     for chain, proposed, var in zip(stretch.chains, intensities, noise_var):
         most = np.max([q.at(t) for q in proposed], axis=0)
-        cell = np.minimum(cell, FINE / corner_rad_s(chain, most / (var * dt)))
+        cell = np.minimum(cell, fine / corner_rad_s(chain, most / (var * dt)))
     return make_grid(start, end, dt, stretch.events_s, lambda at: float(np.interp(at, t, cell)))
 
 
@@ -94,9 +96,11 @@ def problem_for(stretch: Stretch, grid: Grid, noise_var: Array, intensities: Seq
     )
 
 
-def likelihood(stretch: Stretch, noise_var: Array, intensities: Sequence[Sequence[Intensity]]) -> tuple[Array, Array]:
+def likelihood(
+    stretch: Stretch, noise_var: Array, intensities: Sequence[Sequence[Intensity]], fine: float = FINE
+) -> tuple[Array, Array]:
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
-    grid = grid_for(stretch, intensities, noise_var)
+    grid = grid_for(stretch, intensities, noise_var, fine)
     log_det, quad = log_likelihood_terms(problem_for(stretch, grid, noise_var, intensities))
     used = (stretch.weight > 0).sum(axis=0)
     total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
