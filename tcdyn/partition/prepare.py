@@ -16,7 +16,7 @@ from calibration.errors import InputError
 from calibration.logs import Log
 from calibration.record import DiskRecord
 from calibration.rigfile import Rig
-from calibration.static import apply_static, static_u
+from calibration.static import apply_static, outside_range, static_u
 from tcdyn.chain import Chain
 from tcdyn.partition.events import Events, find_events
 from tcdyn.partition.friction import contact_force
@@ -215,7 +215,7 @@ def disk_traces(
             warnings.append(f"{disk}_{ch}: {100 * np.mean(marked):.1f} % of the samples are spikes or missing")
         mean = float(np.mean(values[steady]))
         low, high = line.range_degC
-        if not low - 2 <= mean <= high + 2:
+        if outside_range(line, mean):
             warnings.append(
                 f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated {low:.0f} to {high:.0f} degC (extrapolated)"
             )

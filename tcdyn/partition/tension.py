@@ -11,6 +11,8 @@ from tcdyn.partition.crosscheck import Tension
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
 
+WORDS = {"parting": "the instant of parting, or the chain's shape (a dead time, a third lag)"}
+
 
 def tensions(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, u: UncertaintyTable) -> tuple[Tension, ...]:
     """Every stated value with the number of standard deviations by which the joint fits would move it.
@@ -32,5 +34,5 @@ def tensions(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, u: Unce
         f"the speed exponent: {test.speed_exponent:.3f} assumed, {n.value:.3f} +- {n.u:.3f} implied by the two disks"
     )
     out.append(Tension(words, outside / n.u))
-    out += [Tension(name, pull) for name, pull in both.pulls.items()]
+    out += [Tension(WORDS.get(name, name), pull) for name, pull in both.pulls.items()]
     return tuple(out)

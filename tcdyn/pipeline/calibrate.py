@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.logs import read_log
-from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile
+from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.rigfile import Rig
 from calibration.static import OvenFit, fit_static_lines
 from immersion.fluid_table import read_fluid
@@ -87,7 +86,8 @@ def calibrate_disk(
     warnings += list(fit.warnings)
     record = DiskRecord(
         disk=disk,
-        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        created=now_utc(),
+        created_by=user_name(),
         inputs=inputs,
         static=static.lines,
         chain=chain_record(fit, structure),
