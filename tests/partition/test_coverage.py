@@ -1,0 +1,33 @@
+"""The stated uncertainties of beta, h and lag, and the cross-check's alarms, over rigs drawn from the stated ones."""
+
+from __future__ import annotations
+
+import pytest
+from scipy import stats
+
+from tests.partition.coverage_study import report, study
+from tests.partition.study_rigs import study_rig
+
+RIGS = 40
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+    """95 % intervals over 40 rigs: at least as many hold as the 0.1 % point of the binomial law for 93 %."""
+    done = study(RIGS)
+    assert done["failed"].sum() == 0
+    least = stats.binom.ppf(0.001, RIGS, 0.93) / RIGS
+    table = report(done).set_index("what")
+    assert (table["covered by 95 %"] >= least).all(), table.to_string()
+    # and not by being wide: a spread of z below 0.6 would be an interval nearly twice too long
+    assert (table["rms z"] > 0.6).all(), table.to_string()
+    # at 7 % false alarms, more than 7 in 40 happen once in 1000 studies
+    assert done["alarm"].sum() <= stats.binom.ppf(0.999, RIGS, 0.07), done[["alarm", "largest pull", "of"]].to_string()
+
+
+@pytest.mark.slow
+def test_a_lag_left_uncompensated_is_named() -> None:
+    made = study_rig(3, "D4", lag_error_s=-0.6)
+    checked = made.analyse().crosscheck
+    assert not checked.agree
+    assert "lag" in checked.sentence
