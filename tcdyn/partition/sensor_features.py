@@ -1,0 +1,137 @@
+"""Few numbers that tell junctions apart: the steady level, and the first seconds after loading and unloading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.disk import CHANNELS, DiskSetup
+from tcdyn.conduction.bank import lag_bank, node_rates
+from tcdyn.conduction.modal import RimGains
+from tcdyn.partition.equalise import equalised
+from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.window import INNER, NOMINAL, OUTER, Perturbation, chained_power, perturbed_gains
+
+Array = NDArray[np.float64]
+
+STEADY_S = 100.0
+BASE_S = 8.0
+BEFORE_S = 12.0
+FORGET_S = 20.0
+AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
+AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
+LAG_STEP_S = 0.05
+
+
+@dataclass(frozen=True)
+class Window:
+    """Mean over [start, stop) [s], less the mean over the base before the event; ``event`` names what it follows."""
+
+    event: str
+    start_s: float
+    stop_s: float
+    base_s: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class DiskFeatures:
+    """Window means of one disk: W windows, inputs in the order power, a..f, ambient.
+
+    ``x`` (W, 8) inputs and ``banks`` (W, 8, K) their lags; ``late`` (W, K + 1) power and its lags when the chain is
+    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s]; ``noise`` (W,) white noise left of one.
+    """
+
+    disk: str
+    setup: DiskSetup
+    half_width_m: float
+    windows: tuple[Window, ...]
+    rates_1_s: Array
+    x: Array
+    banks: Array
+    late: Array
+    slope: Array
+    noise: Array
+
+    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
+        """Gains of the rim to the outer row and any ``extra`` points."""
+        return perturbed_gains(self.setup, h_W_m2K, self.half_width_m, self.rates_1_s, p, "modal", extra)
+
+    def level(self, order: tuple[int, ...]) -> Array:
+        """Measured outer row, (W, 3), when position i of a..f is read by column ``order[i]``."""
+        return self.x[:, [1 + order[i] for i in OUTER]]
+
+    def answer(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
+        """Model of the outer row without heat and per share of one, (W, P) each, driven by the inner row."""
+        feeds = [1 + order[i] for i in INNER] + [7]
+        rest = sum(self.x[:, [k]] * g.direct[1 + i] + self.banks[:, k] @ g.gains[1 + i].T for i, k in enumerate(feeds))
+        power = self.x[:, :1] * g.direct[0] + self.banks[:, 0] @ g.gains[0].T
+        return np.asarray(rest), np.asarray(power)
+
+    def later(self, g: RimGains) -> Array:
+        """Change of the power's answer per second of more common lag, (W, P)."""
+        slow = self.late[:, :1] * g.direct[0] + self.late[:, 1:] @ g.gains[0].T
+        now = self.x[:, :1] * g.direct[0] + self.banks[:, 0] @ g.gains[0].T
+        return np.asarray((slow - now) / LAG_STEP_S)
+
+    def of(self, event: str) -> NDArray[np.bool_]:
+        """Which windows follow ``event``: "steady", "loading" or "unloading"."""
+        return np.array([w.event == event for w in self.windows])
+
+
+def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
+    """Features of one disk; windows that the log does not hold are left out."""
+    on, off, end = test.events.load_on_s, test.events.unload_s, test.time_s[-1]
+    steady = (Window("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5, None),)
+    base = (off - BASE_S, off - 0.3)
+    cooling = tuple(
+        Window("unloading", off + a, off + b, base) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
+    )
+    parts = [_stretch(test, disk, (*steady, *cooling), steady[0].start_s - FORGET_S)]
+    if on - test.time_s[0] >= BASE_S and off - on > 2 * AFTER_LOADING_S[-1][1]:
+        early = (on - BASE_S, on - 0.5)
+        loading = tuple(Window("loading", on + a, on + b, early) for a, b in AFTER_LOADING_S)
+        parts.append(_stretch(test, disk, loading, on - BEFORE_S))
+    x, banks, late, slope, noise = (np.concatenate([p[k] for p in parts]) for k in range(5))
+    windows = (*steady, *cooling) if len(parts) == 1 else (*steady, *cooling, *loading)
+    return DiskFeatures(
+        disk.name, disk.setup, test.half_width_m, windows, node_rates(test.dt_s), x, banks, late, slope, noise
+    )
+
+
+def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start_s: float) -> tuple[Array, ...]:
+    """x, banks, late, slope and noise of windows that one stretch of the test holds."""
+    rows = test.rows(start_s, windows[-1].stop_s + test.dt_s)
+    t = test.time_s[rows]
+    chain = disk.mean_chain
+    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    power = chained_power(test, rows, chain)
+    slower = chained_power(test, rows, chain.with_lag_shift(LAG_STEP_S))
+    rates = node_rates(test.dt_s)
+    feeds = [power, *y.T, test.ambient_degC[rows], slower]
+    banks = [lag_bank(u, test.dt_s, rates) for u in feeds]
+    x, b, slope, noise = [], [], [], []
+    for w in windows:
+        inside = _rows(t, w.start_s, w.stop_s)
+        base = _rows(t, *w.base_s) if w.base_s else None
+        means = [(_mean(u, inside, base), _mean(bank, inside, base)) for u, bank in zip(feeds, banks)]
+        x.append([float(m[0]) for m in means])
+        b.append(np.stack([m[1] for m in means]))
+        first, last = inside.start, inside.stop - 1
+        slope.append((y[last] - y[first]) / (t[last] - t[first]) if w.base_s else np.zeros(len(CHANNELS)))
+        count = 1 / (inside.stop - inside.start) + (1 / (base.stop - base.start) if base else 0.0)
+        noise.append(np.sqrt(count))
+    inputs, lags = np.array(x), np.stack(b)
+    late = np.column_stack([inputs[:, -1], lags[:, -1]])
+    return inputs[:, :-1], lags[:, :-1], late, np.array(slope), np.array(noise)
+
+
+def _rows(t: Array, start_s: float, stop_s: float) -> slice:
+    first, last = (int(k) for k in np.searchsorted(t, [start_s, stop_s]))
+    return slice(first, max(last, first + 2))
+
+
+def _mean(u: Array, inside: slice, base: slice | None) -> Array:
+    level = u[inside].mean(axis=0)
+    return np.asarray(level if base is None else level - u[base].mean(axis=0))
