@@ -5,6 +5,7 @@ from tcdyn.compensate.covariance import window_covariance
 from tcdyn.compensate.deconvolve import Tradeoff, deconvolve
 from tcdyn.compensate.denoise import Denoised, remove_noise
 from tcdyn.compensate.inverse import InverseFilter, proper_inverse
+from tcdyn.compensate.invert import invert
 from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.profile import Burst, Intensity
 from tcdyn.compensate.result import Compensated
@@ -25,6 +26,7 @@ __all__ = [
     "Tradeoff",
     "before_use",
     "deconvolve",
+    "invert",
     "proper_inverse",
     "remove_noise",
     "smooth",

@@ -22,6 +22,7 @@ from tcdyn.compensate.sensor import stacked
 from tcdyn.compensate.sweep import Smoothed, backward, forward
 
 Array = NDArray[np.float64]
+FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 
 
 def smooth(
@@ -34,6 +35,7 @@ def smooth(
     events_s: Sequence[float] = (),
     event_u_s: float | Sequence[float] = 0.0,
     find_events: bool | None = None,
+    heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
 ) -> Compensated:
@@ -51,6 +53,8 @@ def smooth(
         event_u_s: standard uncertainty of those times [s], one or one per event.
         find_events: look for unannounced jumps of slope and treat them likewise, with the uncertainty of their time;
             by default only when no event is given.
+        heavy_tails: noise of Student's t with four degrees of freedom instead of a normal one, for slip rings that
+            spit without spiking; by reweighting.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
         static_u: standard uncertainty of the static line [K], scalar, (M,) or (N, M).
 
@@ -91,6 +95,9 @@ def smooth(
             break
         stretch, chosen, noise_var = tried, q, var
         u_of = {e: u_of.get(e, u) for e in stretch.events_s}
+        grid, states = _sweep(stretch, noise_var, chosen)
+    for _ in range(REWEIGHTINGS if heavy_tails else 0):
+        stretch = replace(stretch, weight=_student_weights(stretch, grid, states, noise_var))
         grid, states = _sweep(stretch, noise_var, chosen)
     x, slope, sd, lag = _at_samples(stretch, grid, states.mean, states.cov)
     for event, u in u_of.items():
@@ -165,6 +172,15 @@ def _outliers(stretch: Stretch, grid: Grid, states: Smoothed, noise_var: Array) 
         crowd = np.convolve(far, np.ones(7), mode="same")
         out[:, c] = far & (crowd <= 3)
     return out
+
+
+def _student_weights(stretch: Stretch, grid: Grid, states: Smoothed, noise_var: Array) -> Array:
+    """(nu + 1) / (nu + residual2 / variance), (N, M), nought where a sample carried no weight."""
+    weight = np.zeros_like(stretch.weight)
+    for c, s in enumerate(stretch.sensors):
+        residual = stretch.y[:, c] - readings(grid, s, states.mean[:, c], len(stretch.y), stretch.dt_s)
+        weight[:, c] = (FREEDOM + 1) / (FREEDOM + residual**2 / noise_var[c])
+    return np.where(stretch.weight > 0, weight, 0.0)
 
 
 def _with_event(

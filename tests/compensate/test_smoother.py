@@ -6,7 +6,7 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate import Intensity, smooth, window_covariance
+from tcdyn.compensate import Intensity, invert, smooth, window_covariance
 from tcdyn.compensate.result import SATURATED, SPIKE, STUCK
 
 DT = 0.05
@@ -162,6 +162,25 @@ def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
     b = smooth(y, DT, chain.with_lag_shift(0.01), noise_sd=0.05, intensity=100.0, events_s=(RISE_S,))
     moved = (b.temperature - a.temperature)[:, 0]
     assert np.allclose(moved[110:300], 0.01 * a.lag_sensitivity[110:300, 0], atol=0.02 * np.max(np.abs(moved)))
+
+
+def test_heavy_tailed_noise_costs_less_when_it_is_told():
+    """Student's t with two degrees of freedom: reweighting must beat least squares on the same records."""
+    x, y = exponential_rise()
+    noisy = y[:, None] + 0.2 * np.random.default_rng(5).standard_t(2.0, (len(y), 8))
+    chain = Chain((1.0,), conditioning=NO_CONDITIONING)
+    answers = [smooth(noisy, DT, chain, events_s=(RISE_S,), heavy_tails=flag) for flag in (False, True)]
+    plain, told = (answer.temperature - x[:, None] for answer in answers)
+    assert np.sqrt(np.mean(told**2)) < np.sqrt(np.mean(plain**2))
+
+
+def test_inverse_has_the_interface_of_the_smoother_and_a_band_that_holds_its_shift():
+    x, y = exponential_rise()
+    y = y[:, None] + 0.2 * np.random.default_rng(0).standard_normal((len(y), 5))
+    y[300, 0] = np.nan
+    ours = invert(y, DT, Chain((1.0,), conditioning=NO_CONDITIONING), 1.0)
+    assert ours.flags[300, 0] == 1
+    assert np.mean(np.abs(ours.temperature - x[:, None])[20:] < 1.96 * ours.sd[20:]) > 0.93
 
 
 @pytest.mark.slow
