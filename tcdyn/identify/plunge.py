@@ -62,11 +62,11 @@ def identify_plunges(
     for r, (run, b) in enumerate(zip(runs, blocks)):
         known = _bath(run, chosen, setup).property_u_rel(initial[r], float(b.bath_degC[0]))["total"]
         sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
-    best = fit_map(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K=face_W_m2K)
+    best, rival = _best_of_two(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K)
     scan, best = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
     form = model_form(best, scan, chosen, others, conditioning_lag_s(setup.conditioning))
-    return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form)
+    return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form, rival)
 
 
 def _result(
@@ -79,6 +79,7 @@ def _result(
     best: Optimum,
     scan: LagScan,
     form: ModelForm,
+    rival: tuple[str, ...],
 ) -> PlungeFit:
     channels = layout.channels
     own = conditioning_lag_s(setup.conditioning)
@@ -105,7 +106,7 @@ def _result(
         budget=lag_shares(best, scan, form),
         model_form=form,
         validity=validity,
-        warnings=_warnings(runs, blocks, best, validity),
+        warnings=(*rival, *_warnings(runs, blocks, best, validity)),
         sentence=_sentence(best, common, len(runs)),
         converged=best.converged,
         priors=priors,
@@ -114,6 +115,38 @@ def _result(
         optimum=best,
         scan=scan,
     )
+
+
+def _best_of_two(
+    runs: Sequence[PlungeRun],
+    blocks: Sequence[Blocks],
+    setup: DiskSetup,
+    layout: Layout,
+    chosen: Correlation,
+    mean: Array,
+    sd: Array,
+    face_W_m2K: float,
+) -> tuple[Optimum, tuple[str, ...]]:
+    """The optimum, and a warning when a long lag under a fierce burst fits as well as a short one under a mild burst.
+
+    A second start, from a lag of 0.5 s, is made when the first did not settle or ended beyond 1.5 s; of two solutions
+    whose cost differs by less than 6 the shorter lag is taken, and the other is named.
+    """
+    best = fit_map(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K=face_W_m2K)
+    long = float(np.mean(best.theta[layout.lag]))
+    if best.converged and long < 1.5:
+        return best, ()
+    start = mean.copy()
+    start[layout.lag] = 0.5
+    other = fit_map(runs, blocks, setup, layout, chosen, mean, sd, start=start, face_W_m2K=face_W_m2K)
+    short, gap = float(np.mean(other.theta[layout.lag])), other.cost - best.cost
+    if gap > 6.0 or (short > long and gap > 0):
+        return best, ()
+    if abs(long - short) < 0.3:
+        return other, ()
+    own = conditioning_lag_s(setup.conditioning)
+    text = f"a second solution, with a common lag of {long + own:.1f} s and a stronger entry burst, fits about as well"
+    return other, (f"{text} (chi-square differs by {abs(gap):.1f})",)
 
 
 def _initial(blocks: Blocks) -> float:
