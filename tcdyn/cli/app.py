@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-import typer
-from typer.core import TyperGroup
+for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_pool, "1")  # small matrices only: a thread pool costs more than it gives
 
-from calibration.errors import InputError
+import typer  # noqa: E402
+from typer.core import TyperGroup  # noqa: E402
+
+from calibration.errors import InputError  # noqa: E402
 
 # name: (module, attribute, is a sub-app, one line of help) in the order of the work; loaded only when called
 COMMANDS: dict[str, tuple[str, str, bool]] = {

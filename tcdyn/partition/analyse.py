@@ -150,6 +150,7 @@ def compensate_stretch(
         chains,
         noise_sd=disk.noise_K,
         events_s=(float(event),),
+        event_u_s=test.events.unload_u_s,
         lag_covariance=covariance,
         static_u=disk.static_u_K,
     )

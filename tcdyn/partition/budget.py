@@ -42,6 +42,7 @@ def source_of(nuisance: str) -> str:
         "depth": "junction depth",
         "static": "static lines",
         "lag": "chain",
+        "split": "chain",
         "common": "chain",
         "heat": "heat capacity",
         "model": "rim model form",

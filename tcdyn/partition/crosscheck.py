@@ -12,6 +12,8 @@ from scipy import stats
 from calibration.estimate import Estimate
 
 SUSPECT_Z = 3.0
+SUSPECT_PULL = 3.3  # of some thirty stated values one lies beyond this in about 3 % of sound rigs
+STRAINED_PULL = 2.2
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Tension:
 class CrossCheck:
     """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference.
 
-    ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first.
+    ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first; ``strained`` is
+    the one that they pull most, where that is noteworthy though no contradiction yet.
     """
 
     z: float
@@ -36,6 +39,7 @@ class CrossCheck:
     p_value: float
     pairs: tuple[tuple[str, str, float, float], ...]
     suspects: tuple[Tension, ...]
+    strained: Tension | None
 
 
 def cross_check(
@@ -49,7 +53,7 @@ def cross_check(
     ``values`` and ``draws`` have the same keys. The difference of two ways is judged against the spread of the
     difference of their draws, so an error that moves both alike does not count. With several pairs the largest z is
     judged by the chance that any of so many would be as large (``p_value`` from the draws themselves). ``tensions``
-    beyond ``SUSPECT_Z`` become named suspects. The ways agree when no pair and no suspect is beyond it.
+    beyond ``SUSPECT_PULL`` become named suspects. The ways agree when there is none and no pair is beyond ``SUSPECT_Z``.
     """
     names = list(values)
     pairs, zs = [], []
@@ -65,14 +69,20 @@ def cross_check(
     p = float(np.mean(largest >= worst[3]))
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
-    suspects = tuple(sorted((t for t in tensions if abs(t.z) >= SUSPECT_Z), key=lambda t: -abs(t.z)))
+    suspects = tuple(sorted((t for t in tensions if abs(t.z) >= SUSPECT_PULL), key=lambda t: -abs(t.z)))
     agree = worst[3] < SUSPECT_Z and not suspects
-    sentence = _sentence(worst, values, steady, suspects)
-    return CrossCheck(worst[3], agree, sentence, (worst[0], worst[1]), p, tuple(pairs), suspects)
+    most = max(tensions, key=lambda t: abs(t.z), default=None)
+    strained = most if most is not None and abs(most.z) >= STRAINED_PULL else None
+    sentence = _sentence(worst, values, steady, suspects, strained)
+    return CrossCheck(worst[3], agree, sentence, (worst[0], worst[1]), p, tuple(pairs), suspects, strained)
 
 
 def _sentence(
-    worst: tuple[str, str, float, float], values: dict[str, float], steady: Estimate, suspects: Sequence[Tension]
+    worst: tuple[str, str, float, float],
+    values: dict[str, float],
+    steady: Estimate,
+    suspects: Sequence[Tension],
+    strained: Tension | None,
 ) -> str:
     one, other, gap, z = worst
     spread = f"{min(values.values()):.3f} to {max(values.values()):.3f}"
@@ -89,7 +99,8 @@ def _sentence(
         )
     return (
         f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
-        f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations."
+        f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations"
+        + (f". Most strained: {strained.what}, by {abs(strained.z):.1f} standard deviations." if strained else ".")
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from calibration.rigfile import UncertaintyTable
@@ -24,6 +25,8 @@ from tcdyn.partition.window import (
 
 MATERIAL_STEP = 0.01
 SMOOTH_RATE_S = 0.5
+SPLIT_SD_S = 0.03  # a plunge hardly tells how a channel's lag is split in two
+MODEL_K = 0.03  # what rim and mesh leave unexplained at a junction, against whole-disk solutions
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def nuisances(
     for j, ch in enumerate(OUTER_ROW):
         one = np.zeros(3)
         one[j] = 1.0
-        add(f"static {ch}", float(disk.static_u_K[CHANNELS.index(ch)]), one)
+        add(f"static {ch}", float(np.hypot(disk.static_u_K[CHANNELS.index(ch)], MODEL_K)), one)
     for i, ch in enumerate(INNER_ROW):
         add(f"static {ch}", float(disk.static_u_K[CHANNELS.index(ch)]), -static[1 + i])
     for name, p, spread, both in _material(u):
@@ -124,11 +127,11 @@ def boundary_gradient(
 
 
 def _through_boundary(
-    window: DiskWindow, signal: NDArray[np.float64], dt_s: float, gains: RimGains, i: int
+    window: DiskWindow, added: NDArray[np.float64], dt_s: float, gains: RimGains, i: int
 ) -> NDArray[np.float64]:
-    """Answer of the outer row to an addition ``signal`` (N,) to boundary reading i; (R, 3)."""
-    bank = window.blocks.mean(lag_bank(signal, dt_s, window.rates_1_s))
-    return np.asarray(window.blocks.mean(signal)[:, None] * gains.direct[1 + i][None] + bank @ gains.gains[1 + i].T)
+    """Answer of the outer row to an addition ``added`` (N,) to boundary reading i; (R, 3)."""
+    bank = window.blocks.mean(lag_bank(added, dt_s, window.rates_1_s))
+    return np.asarray(window.blocks.mean(added)[:, None] * gains.direct[1 + i][None] + bank @ gains.gains[1 + i].T)
 
 
 def _lags(
@@ -149,11 +152,33 @@ def _lags(
         change = np.zeros_like(base)
         change[:, j] = -rate[:, j]
         add(f"lag {ch}", float(u_diff[CHANNELS.index(ch)]), change)
+        add(f"split {ch}", SPLIT_SD_S, _other_split(window, disk, base[:, j], dt_s, j))
     for i, ch in enumerate(INNER_ROW):
         padded = np.pad(readings[:, INNER[i]], width, mode="edge")
         smooth = np.convolve(padded, kernel, mode="same")[width:-width]
         slope = np.gradient(smooth, dt_s)
         add(f"lag {ch}", float(u_diff[CHANNELS.index(ch)]), _through_boundary(window, slope, dt_s, gains, i))
+
+
+def _other_split(
+    window: DiskWindow, disk: DiskTraces, base: NDArray[np.float64], dt_s: float, j: int
+) -> NDArray[np.float64]:
+    """Change of outer reading j per second moved from its first lag to its second, their sum kept; (R, 3).
+
+    (1 + tau1 s)(1 + tau2 s) grows by delta (tau1 - tau2) s^2, so the reading loses
+    delta (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
+    """
+    taus = sorted(disk.mean_chain.taus_s, reverse=True)
+    tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt_s)
+    whole = np.interp(window.time_s, window.blocks.time_s, base)
+    system = signal.cont2discrete(
+        signal.tf2ss([tau1 - tau2, 0.0, 0.0], np.polymul([tau1, 1.0], [tau2, 1.0])), dt_s, method="foh"
+    )[:4]
+    b, a = signal.ss2tf(*system)
+    lost = signal.lfilter(b[0], a, whole, zi=signal.lfilter_zi(b[0], a) * whole[0])[0]
+    out = np.zeros((len(base), len(OUTER_ROW)))
+    out[:, j] = -window.blocks.mean(lost)
+    return out
 
 
 def differential_lag_u_s(covariance_s2: NDArray[np.float64]) -> NDArray[np.float64]:

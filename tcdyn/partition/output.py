@@ -72,6 +72,9 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "sentence": p.crosscheck.sentence,
             "p_value": p.crosscheck.p_value,
             "suspects": [{"what": t.what, "z": t.z} for t in p.crosscheck.suspects],
+            "strained": None
+            if p.crosscheck.strained is None
+            else {"what": p.crosscheck.strained.what, "z": p.crosscheck.strained.z},
             "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in p.crosscheck.pairs],
         },
         "budget": [

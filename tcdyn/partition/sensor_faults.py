@@ -1,13 +1,14 @@
 """Which fault, if any, explains a disk's readings: swapped, misplaced or offset junctions, or a hotter side.
 
 Each hypothesis is a normal distribution of what is left of the outer row when the rim model, driven by the inner row,
-has said its part: its covariance holds what nobody measured, and what the fault makes free. Hypotheses are compared by
-their likelihood, in which more freedom costs what it should.
+has said its part, and of the inner row's first seconds after an event when a rim down to the bore has. Its covariance
+holds what nobody measured, and what the fault makes free. Hypotheses are compared by their likelihood, in which more
+freedom costs what it should.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,14 +19,14 @@ from scipy import stats
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from calibration.estimate import Estimate
 from calibration.rigfile import UncertaintyTable
-from tcdyn.conduction.modal import RimGains
 from tcdyn.partition.nuisance import differential_lag_u_s
 from tcdyn.partition.prepare import DiskTraces
-from tcdyn.partition.sensor_features import DiskFeatures
+from tcdyn.partition.sensor_features import DiskFeatures, Gains
 from tcdyn.partition.window import GRADIENT_STEP_M, INNER, NOMINAL, OUTER, Perturbation
 
 Array = NDArray[np.float64]
 Order = tuple[int, ...]
+Reading = Callable[[str, "Array | float"], Array]
 
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)
@@ -37,6 +38,7 @@ MIXED_LAGS_S = 0.06
 LEAST_LAG_U_S = 0.05
 LOADING_U_S = 0.5  # how long the load takes to come on is not known
 MODEL_REL = 0.01  # of what the frictional heat does: rim against whole disk
+THICK_REL = 0.03  # the same for the inner row, predicted as if the bore did not feel the first seconds
 MODEL_K = 0.05
 DEPTH_STEP_M = 0.1e-3
 
@@ -91,12 +93,14 @@ def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[Fault]:
         yield Fault("side", sides[1])
 
 
-def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, gains: list[RimGains]) -> Verdict:
+def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, gains: list[Gains]) -> Verdict:
     """Likelihood of the features under ``fault``; ``gains`` over ``H_GRID_W_M2K``."""
     order = fault.order
-    y = f.level(order)
-    answers = [f.answer(g, order) for g in gains]
-    rough = _scale(f, disk, answers[len(answers) // 2][1])
+    seen = f.seen
+    y = f.level(order)[seen]
+    whole = [f.answer(g, order) for g in gains]
+    rough = _scale(f, disk, whole[len(whole) // 2][1], order)[seen]
+    answers = [(rest[seen], power[seen]) for rest, power in whole]
     start = [_share(y, rest, power, rough) for rest, power in answers]
     k = int(np.argmin([s[1] for s in start]))
     for _ in range(2):
@@ -115,7 +119,7 @@ def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, 
         sd, effect = freedom
         rest, power = answers[k]
         toward = np.linalg.solve(cov, effect)
-        value = sd * float(toward @ (y - rest - SHARE_PRIOR[0] * power).ravel())
+        value = sd * float(toward @ (y - rest - SHARE_PRIOR[0] * power))
         size = Estimate.normal(value, sd * max(1 - float(toward @ effect), 0.0) ** 0.5)
     return Verdict(fault, -0.5 * (chi2 + log_det), chi2, y.size - 1, share, float(H_GRID_W_M2K[k]), size)
 
@@ -123,19 +127,20 @@ def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, 
 def covariance(
     f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, h: float, share: float
 ) -> tuple[Array, tuple[float, Array] | None]:
-    """Covariance (3 W, 3 W) [K2] of what is left of the outer row: noise, model form, nuisances, the fault's freedom.
+    """Covariance (D, D) [K2] of what is left of the predicted data: noise, model form, nuisances, the fault's freedom.
 
-    With it comes the freedom's prior standard deviation and its effect (3 W,) [K], when the fault has one.
+    With it comes the freedom's prior standard deviation and its effect (D,) [K], when the fault has one.
     """
     order = fault.order
     setup = f.setup
     inner_m = setup.junctions["b"].depth_m  # the rim model takes the whole inner row to lie at the depth of b
     shifted = tuple((inner_m - GRADIENT_STEP_M, setup.junctions[c].z_m) for c in INNER_ROW)
-    g = f.gains(h, NOMINAL, shifted)
+    g = f.gains(h)
     rest, power = f.answer(g, order)
-    base: Array = (rest + share * power)[:, :3]
-    rise = (rest + share * power)[:, 3:] - f.x[:, [1 + order[i] for i in INNER]]
-    through = (g.direct + g.gains.sum(axis=2))[1:4, :3]  # lasting answer of the outer row to d, b, f
+    base: Array = np.asarray(rest + share * power)
+    above = f.outer(f.rim_gains(h, NOMINAL, shifted), order)
+    rise = (above[0] + share * above[1])[:, 3:] - f.x[:, [1 + order[i] for i in INNER]]
+    lasting = g.rim.direct + g.rim.gains.sum(axis=2)  # answer of the outer row to a lasting unit of each input
     steady = f.of("steady")[:, None].astype(float)
     columns: list[Array] = []
     freedom: tuple[float, Array] | None = None
@@ -147,7 +152,8 @@ def covariance(
         if channel in OUTER_ROW:
             out[:, OUTER_ROW.index(channel)] = error[:, 0]
         else:
-            out -= error * through[INNER_ROW.index(channel)][None]
+            out[:, :3] -= error * lasting[1 + INNER_ROW.index(channel)][None]
+            out[:, 3 + INNER_ROW.index(channel)] = error[:, 0]
         return out
 
     lag_u = differential_lag_u_s(disk.lag_covariance_s2)
@@ -168,27 +174,31 @@ def covariance(
     for p, sd in _material(u):
         moved = f.answer(f.gains(h, p), order)
         columns.append((moved[0] + share * moved[1] - base) / 0.01 * sd)
-    columns.append(steady * (g.direct + g.gains.sum(axis=2))[4, :3] * u.ambient_K)
-    later = share * f.later(g)[:, :3]
+    columns.append(np.hstack([steady * lasting[4] * u.ambient_K, np.zeros((len(steady), 3))]))
+    later = share * f.later(g)
     columns.append(later * max(disk.common_lag_u_s, LEAST_LAG_U_S))
     columns.append(later * f.of("loading")[:, None] * LOADING_U_S)
-    columns.append(power[:, :3] * SHARE_PRIOR[1])
-    a = np.stack([c.ravel() for c in columns])
-    own = _scale(f, disk, power[:, :3])
-    return np.asarray(a.T @ a + np.diag(own.ravel() ** 2)), freedom and (freedom[0], freedom[1].ravel())
+    columns.append(power * SHARE_PRIOR[1])
+    a = np.stack([c[f.seen] for c in columns])
+    own = _scale(f, disk, power, order)[f.seen]
+    return np.asarray(a.T @ a + np.diag(own**2)), freedom and (freedom[0], freedom[1][f.seen])
 
 
 def _depth(
-    f: DiskFeatures, order: Order, channel: str, share: float, h: float, base: Array, rise: Array, reading: object
+    f: DiskFeatures, order: Order, channel: str, share: float, h: float, base: Array, rise: Array, reading: Reading
 ) -> Array:
-    """Change of the misfit per metre by which ``channel`` lies deeper than stated, (W, 3)."""
-    if channel in INNER_ROW:
-        gradient = rise[:, [INNER_ROW.index(channel)]] / GRADIENT_STEP_M
-        return np.asarray(-reading(channel, gradient))  # type: ignore[operator]
-    moves = [0.0, 0.0, 0.0]
-    moves[OUTER_ROW.index(channel)] = DEPTH_STEP_M
-    moved = f.answer(f.gains(h, replace(NOMINAL, depth_m=(moves[0], moves[1], moves[2]))), order)
-    return np.asarray((moved[0] + share * moved[1] - base) / DEPTH_STEP_M)
+    """Change of the misfit per metre by which ``channel`` lies deeper than stated, (W, 6)."""
+    row = INNER_ROW if channel in INNER_ROW else OUTER_ROW
+    steps = [0.0, 0.0, 0.0]
+    steps[row.index(channel)] = DEPTH_STEP_M
+    moves = (steps[0], steps[1], steps[2])
+    if channel in OUTER_ROW:
+        moved = f.answer(f.gains(h, replace(NOMINAL, depth_m=moves)), order)
+        return np.asarray((moved[0] + share * moved[1] - base) / DEPTH_STEP_M)
+    moved = f.answer(f.gains(h, NOMINAL, moves), order)
+    out = -reading(channel, rise[:, [INNER_ROW.index(channel)]] / GRADIENT_STEP_M)
+    out[:, 3:] = (share * moved[1] - base)[:, 3:] / DEPTH_STEP_M
+    return np.asarray(out)
 
 
 def _material(u: UncertaintyTable) -> list[tuple[Perturbation, float]]:
@@ -201,10 +211,12 @@ def _material(u: UncertaintyTable) -> list[tuple[Perturbation, float]]:
     ]
 
 
-def _scale(f: DiskFeatures, disk: DiskTraces, power: Array) -> Array:
-    """Independent part of each datum's standard deviation (W, 3) [K]: white noise and what the rim model misses."""
-    noise = f.noise[:, None] * np.maximum(disk.noise_K[OUTER], 1e-3)[None]
-    return np.sqrt(2 * noise**2 + MODEL_K**2 + (MODEL_REL * power[:, :3]) ** 2)
+def _scale(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
+    """Independent part of each datum's standard deviation (W, 6) [K]: white noise and what the models miss."""
+    own = disk.noise_K[[order[i] for i in (*OUTER, *INNER)]]
+    noise = f.noise[:, None] * np.maximum(own, 1e-3)[None]
+    rel = np.repeat([MODEL_REL, THICK_REL], 3)
+    return np.sqrt(2 * noise**2 + MODEL_K**2 + (rel * power) ** 2)
 
 
 def _share(y: Array, rest: Array, power: Array, sd: Array) -> tuple[float, float]:
@@ -216,7 +228,7 @@ def _share(y: Array, rest: Array, power: Array, sd: Array) -> tuple[float, float
 
 def _whiten(root: Array, y: Array, rest: Array, power: Array) -> tuple[float, float]:
     """Most likely share and chi-square about the middle of its prior, which the covariance already holds."""
-    r = np.linalg.solve(root, (y - rest - SHARE_PRIOR[0] * power).ravel())
-    p = np.linalg.solve(root, power.ravel())
+    r = np.linalg.solve(root, y - rest - SHARE_PRIOR[0] * power)
+    p = np.linalg.solve(root, power)
     share = SHARE_PRIOR[0] + SHARE_PRIOR[1] ** 2 * float(p @ r)
     return float(np.clip(share, 0.02, 0.98)), float(r @ r)

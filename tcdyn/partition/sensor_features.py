@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.disk import CHANNELS, DiskSetup
+from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
 from tcdyn.conduction.bank import lag_bank, node_rates
-from tcdyn.conduction.modal import RimGains
+from tcdyn.conduction.modal import RimGains, rim_gains
+from tcdyn.conduction.rim import Mesh, Rim
 from tcdyn.partition.equalise import equalised
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.window import INNER, NOMINAL, OUTER, Perturbation, chained_power, perturbed_gains
@@ -23,6 +24,10 @@ FORGET_S = 20.0
 AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
 AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
 LAG_STEP_S = 0.05
+SLOWEST_PER_S = 0.02
+THICK_S = 5.0  # heat needs some ten seconds to the bore and back
+THICK_MESH = Mesh(49, 41)
+NO_SHIFT = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,6 +38,15 @@ class Window:
     start_s: float
     stop_s: float
     base_s: tuple[float, float] | None
+    after_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains of the rim, inner row to outer row, and of the thick rim, frictional heat to inner row."""
+
+    rim: RimGains
+    thick: RimGains
 
 
 @dataclass(frozen=True)
@@ -41,6 +55,9 @@ class DiskFeatures:
 
     ``x`` (W, 8) inputs and ``banks`` (W, 8, K) their lags; ``late`` (W, K + 1) power and its lags when the chain is
     ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s]; ``noise`` (W,) white noise left of one.
+
+    The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
+    an event, when the bore does not yet feel it, by a rim that reaches to the bore (``seen``).
     """
 
     disk: str
@@ -54,25 +71,56 @@ class DiskFeatures:
     slope: Array
     noise: Array
 
-    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which data are predicted, (W, 6) in the order a, c, e, d, b, f."""
+        early = [w.event != "steady" and w.after_s <= THICK_S for w in self.windows]
+        return np.column_stack([np.ones((len(early), 3), dtype=bool), np.repeat(np.array(early)[:, None], 3, axis=1)])
+
+    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, inner_m: tuple[float, float, float] = NO_SHIFT) -> Gains:
+        """Gains of a disk that departs from its statement by ``p``, inner row moved by ``inner_m`` (d, b, f)."""
+        return Gains(self.rim_gains(h_W_m2K, p), self._thick_gains(h_W_m2K, p, inner_m))
+
+    def rim_gains(self, h: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
         """Gains of the rim to the outer row and any ``extra`` points."""
-        return perturbed_gains(self.setup, h_W_m2K, self.half_width_m, self.rates_1_s, p, "modal", extra)
+        return perturbed_gains(self.setup, h, self.half_width_m, self.rates_1_s, p, "modal", extra)
+
+    def _thick_gains(self, h: float, p: Perturbation, inner_m: tuple[float, float, float]) -> RimGains:
+        s = self.setup
+        rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m)
+        rim = replace(
+            rim,
+            conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
+            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
+            washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
+        )
+        points = [(s.junctions[c].depth_m + dx, s.junctions[c].z_m) for c, dx in zip(INNER_ROW, inner_m)]
+        width = self.half_width_m * (1 + p.half_width)
+        return rim_gains(rim, h, points, width, self.rates_1_s, profile="modal", mesh=THICK_MESH)
 
     def level(self, order: tuple[int, ...]) -> Array:
-        """Measured outer row, (W, 3), when position i of a..f is read by column ``order[i]``."""
-        return self.x[:, [1 + order[i] for i in OUTER]]
+        """Measured a, c, e, d, b, f, (W, 6), when position i of a..f is read by column ``order[i]``."""
+        return self.x[:, [1 + order[i] for i in (*OUTER, *INNER)]]
 
-    def answer(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
-        """Model of the outer row without heat and per share of one, (W, P) each, driven by the inner row."""
+    def answer(self, g: Gains, order: tuple[int, ...]) -> tuple[Array, Array]:
+        """Model of a, c, e, d, b, f without heat and per share of one, (W, 6) each."""
+        rest, power = self.outer(g.rim, order)
+        inner = self.x[:, :1] * g.thick.direct[0] + self.banks[:, 0] @ g.thick.gains[0].T
+        return np.hstack([rest, np.zeros_like(inner)]), np.hstack([power, inner])
+
+    def outer(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
+        """Model of the outer row, and of extra points, driven by the inner row; (W, P) each."""
         feeds = [1 + order[i] for i in INNER] + [7]
         rest = sum(self.x[:, [k]] * g.direct[1 + i] + self.banks[:, k] @ g.gains[1 + i].T for i, k in enumerate(feeds))
         power = self.x[:, :1] * g.direct[0] + self.banks[:, 0] @ g.gains[0].T
         return np.asarray(rest), np.asarray(power)
 
-    def later(self, g: RimGains) -> Array:
-        """Change of the power's answer per second of more common lag, (W, P)."""
-        slow = self.late[:, :1] * g.direct[0] + self.late[:, 1:] @ g.gains[0].T
-        now = self.x[:, :1] * g.direct[0] + self.banks[:, 0] @ g.gains[0].T
+    def later(self, g: Gains) -> Array:
+        """Change of the power's answer per second of more common lag, (W, 6)."""
+        direct = np.concatenate([g.rim.direct[0], g.thick.direct[0]])
+        gains = np.concatenate([g.rim.gains[0], g.thick.gains[0]])
+        slow = self.late[:, :1] * direct + self.late[:, 1:] @ gains.T
+        now = self.x[:, :1] * direct + self.banks[:, 0] @ gains.T
         return np.asarray((slow - now) / LAG_STEP_S)
 
     def of(self, event: str) -> NDArray[np.bool_]:
@@ -86,17 +134,26 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
     steady = (Window("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5, None),)
     base = (off - BASE_S, off - 0.3)
     cooling = tuple(
-        Window("unloading", off + a, off + b, base) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
+        Window("unloading", off + a, off + b, base, b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
     )
     parts = [_stretch(test, disk, (*steady, *cooling), steady[0].start_s - FORGET_S)]
     if on - test.time_s[0] >= BASE_S and off - on > 2 * AFTER_LOADING_S[-1][1]:
         early = (on - BASE_S, on - 0.5)
-        loading = tuple(Window("loading", on + a, on + b, early) for a, b in AFTER_LOADING_S)
+        loading = tuple(Window("loading", on + a, on + b, early, b) for a, b in AFTER_LOADING_S)
         parts.append(_stretch(test, disk, loading, on - BEFORE_S))
     x, banks, late, slope, noise = (np.concatenate([p[k] for p in parts]) for k in range(5))
     windows = (*steady, *cooling) if len(parts) == 1 else (*steady, *cooling, *loading)
     return DiskFeatures(
-        disk.name, disk.setup, test.half_width_m, windows, node_rates(test.dt_s), x, banks, late, slope, noise
+        disk.name,
+        disk.setup,
+        test.half_width_m,
+        windows,
+        node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
+        x,
+        banks,
+        late,
+        slope,
+        noise,
     )
 
 
@@ -108,7 +165,7 @@ def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start
     y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
     power = chained_power(test, rows, chain)
     slower = chained_power(test, rows, chain.with_lag_shift(LAG_STEP_S))
-    rates = node_rates(test.dt_s)
+    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
     feeds = [power, *y.T, test.ambient_degC[rows], slower]
     banks = [lag_bank(u, test.dt_s, rates) for u in feeds]
     x, b, slope, noise = [], [], [], []

@@ -87,7 +87,7 @@ def _spread(
     slope: float,
     late_K: NDArray[np.float64],
 ) -> tuple[float, float]:
-    """Standard uncertainties of (share, h) of one fit: nuisances through traces and line, lag and noise, independent."""
+    """Standard uncertainties of (share, h) of one fit: nuisances by traces and line, lag and noise, independent."""
     share, h = [], []
     for q, name in enumerate(nuis.names):
         off = float(line_per_sd[list(line_names).index(name)] @ np.array([1.0, fit.h_W_m2K]))

@@ -17,6 +17,7 @@ from calibration.static import OvenFit, fit_static_lines
 from immersion.fluid_table import read_fluid
 from immersion.fluids import Fluid, fluid
 from tcdyn.identify.plunge import PlungeFit, identify_plunges
+from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun, run_from_log
 
 
@@ -82,7 +83,8 @@ def calibrate_disk(
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
         warnings += [*log.warnings, *getattr(run.entry, "warnings", ())]
     progress("grey-box fit of the chain to all plunges")
-    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure)  # type: ignore[arg-type]
+    priors = PlungePriors.for_rig(tables.uncertainty)
+    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
     warnings += list(fit.warnings)
     record = DiskRecord(
         disk=disk,
