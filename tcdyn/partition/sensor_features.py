@@ -143,18 +143,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         parts.append(_stretch(test, disk, loading, on - BEFORE_S))
     x, banks, late, slope, noise = (np.concatenate([p[k] for p in parts]) for k in range(5))
     windows = (*steady, *cooling) if len(parts) == 1 else (*steady, *cooling, *loading)
-    return DiskFeatures(
-        disk.name,
-        disk.setup,
-        test.half_width_m,
-        windows,
-        node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
-        x,
-        banks,
-        late,
-        slope,
-        noise,
-    )
+    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
+    return DiskFeatures(disk.name, disk.setup, test.half_width_m, windows, rates, x, banks, late, slope, noise)
 
 
 def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start_s: float) -> tuple[Array, ...]:
