@@ -30,9 +30,7 @@ Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig
 Disk = Annotated[str, typer.Option(help="fast or slow")]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
 Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... from rig.toml's [uncertainty]")]
-Clean = Annotated[
-    bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")
-]
+Clean = Annotated[bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")]
 
 
 @app.command()
@@ -93,9 +91,7 @@ def ehl(
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
-    bath_degC: Annotated[
-        list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")
-    ] = None,
+    bath_degC: Annotated[list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")] = None,
     seed: Seed = 0,
     workers: Annotated[int, typer.Option(min=1)] = 1,
     rig: RigPath = None,

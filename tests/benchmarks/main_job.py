@@ -1,7 +1,8 @@
 """The main job on several rigs and tests: errors against the truth, as a table (python -m tests.benchmarks.main_job).
 
-`python -m tests.benchmarks.main_job 1 2 3 4 5 --tests A1 B3 D4` simulates each seed's campaign, runs every stage on its files
-and prints, for each test, the error of every way to beta and how much closer compensation brings `e` to the truth.
+`python -m tests.benchmarks.main_job 1 2 3 4 5 --tests A1 B3 D4` simulates each seed's campaign, runs every stage on
+its files and prints, for each test, the error of every way to beta and how much closer compensation brings `e` to the
+truth.
 """
 
 from __future__ import annotations
