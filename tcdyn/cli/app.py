@@ -12,24 +12,45 @@ for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_pool, "1")  # small matrices only: a thread pool costs more than it gives
 
 import typer  # noqa: E402
-from typer.core import TyperGroup  # noqa: E402
+from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
 from calibration.errors import InputError  # noqa: E402
 
-# name: (module, attribute, is a sub-app, one line of help) in the order of the work; loaded only when called
-COMMANDS: dict[str, tuple[str, str, bool]] = {
-    "demo": ("tcdyn.cli.demo", "demo", False),
-    "simulate": ("tcdyn.cli.simulate", "app", True),
-    "rig": ("tcdyn.cli.rig", "rig", False),
-    "calibrate": ("tcdyn.cli.calibrate", "calibrate", False),
-    "record": ("tcdyn.cli.record", "app", True),
-    "identify": ("tcdyn.cli.identify", "identify", False),
-    "compensate": ("tcdyn.cli.compensate", "compensate", False),
-    "beta": ("tcdyn.cli.beta", "beta", False),
-    "campaign": ("tcdyn.cli.campaign", "campaign", False),
-    "design": ("tcdyn.cli.design", "design", False),
-    "verify": ("tcdyn.cli.verify", "verify", False),
+# name: (module, attribute, what it does), in the order of the work; a module is imported when its command is called
+COMMANDS: dict[str, tuple[str, str, str]] = {
+    "demo": ("tcdyn.cli.demo", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
+    "simulate": ("tcdyn.cli.simulate", "app", "Write logs of the synthetic rig, their truth beside them."),
+    "rig": ("tcdyn.cli.rig", "rig", "Check a rig file and print every key with the value in force."),
+    "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
+    "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
+    "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),
+    "compensate": ("tcdyn.cli.compensate", "compensate", "Undo static errors and lag of every logged thermocouple."),
+    "beta": ("tcdyn.cli.beta", "beta", "Heat partition of one EHL log by every way, cross-checked."),
+    "campaign": ("tcdyn.cli.campaign", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
+    "design": ("tcdyn.cli.design", "design", "What a planned test can tell of the lags, before it is run."),
+    "verify": ("tcdyn.cli.verify", "verify", "Every published number that can be checked, side by side."),
 }
+
+
+def load_command(name: str) -> Any:
+    """Import the command's module and give its click command."""
+    module, attribute, _ = COMMANDS[name]
+    found = getattr(import_module(module), attribute)
+    if not isinstance(found, typer.Typer):
+        single = typer.Typer(add_completion=False)
+        single.command(name=name)(found)
+        found = single
+    found._add_completion = False  # completion is installed for the whole of tcdyn, not command by command
+    command = typer.main.get_command(found)
+    command.name = name
+    return command
+
+
+class LazyCommand(TyperCommand):
+    """Stands for a command in lists; the real one is loaded when a context for it is made."""
+
+    def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
+        return load_command(str(self.name)).make_context(info_name, args, parent=parent, **extra)
 
 
 class LazyCommands(TyperGroup):
@@ -39,17 +60,7 @@ class LazyCommands(TyperGroup):
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        if cmd_name not in COMMANDS:
-            return None
-        module, attribute, is_app = COMMANDS[cmd_name]
-        found = getattr(import_module(module), attribute)
-        if is_app:
-            group = typer.main.get_command(found)
-            group.name = cmd_name
-            return group
-        single = typer.Typer(add_completion=False)
-        single.command(name=cmd_name)(found)
-        return typer.main.get_command(single)
+        return LazyCommand(name=cmd_name, help=COMMANDS[cmd_name][2]) if cmd_name in COMMANDS else None
 
 
 app = typer.Typer(
