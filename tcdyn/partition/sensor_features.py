@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +72,11 @@ class DiskFeatures:
     late: Array
     slope: Array
     noise: Array
+    book: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # gains once worked out
+
+    def on(self, setup: DiskSetup) -> DiskFeatures:
+        """The same readings on a disk that is stated otherwise."""
+        return replace(self, setup=setup, book={})
 
     @property
     def seen(self) -> NDArray[np.bool_]:
@@ -79,7 +86,17 @@ class DiskFeatures:
 
     def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, inner_m: tuple[float, float, float] = NO_SHIFT) -> Gains:
         """Gains of a disk that departs from its statement by ``p``, inner row moved by ``inner_m`` (d, b, f)."""
-        return Gains(self.rim_gains(h_W_m2K, p), self._thick_gains(h_W_m2K, p, inner_m))
+        return Gains(
+            self._once((h_W_m2K, p), lambda: self.rim_gains(h_W_m2K, p)),
+            self._once(
+                (h_W_m2K, replace(p, depth_m=NO_SHIFT), inner_m), lambda: self._thick_gains(h_W_m2K, p, inner_m)
+            ),
+        )
+
+    def _once(self, key: Any, work: Callable[[], RimGains]) -> RimGains:
+        if key not in self.book:
+            self.book[key] = work()
+        return self.book[key]
 
     def rim_gains(self, h: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
         """Gains of the rim to the outer row and any ``extra`` points."""

@@ -145,7 +145,7 @@ def _settled(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, v: Verdict)
     for _ in range(4):
         depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, f.setup.junctions["b"].depth_m))
         setup = replace(f.setup, junctions={**f.setup.junctions, channel: replace(stated, depth_m=depth)})
-        moved = replace(f, setup=setup)
+        moved = f.on(setup)
         again = judge(moved, disk, u, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
         if again.size is None:
             break

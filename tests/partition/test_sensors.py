@@ -1,0 +1,191 @@
+"""Swapped, dead, misplaced and offset channels are found and named; sound rigs raise no alarm (section 6.4)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.disk import CHANNELS
+from calibration.logs import read_log
+from calibration.record import read_record, write_record
+from calibration.rigfile import load_rig
+from tcdyn.partition.prepare import DiskTraces, EhlTest, prepare
+from tcdyn.partition.sensor_pairs import angle_groups, demand
+from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tests.conftest import Campaign
+
+
+@pytest.fixture(scope="module")
+def b3(campaign: Campaign) -> EhlTest:
+    return prepare(read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records)
+
+
+@pytest.fixture(scope="module")
+def sound(b3: EhlTest) -> SensorCheck:
+    return check_sensors(b3)
+
+
+def with_disk(test: EhlTest, disk: DiskTraces) -> EhlTest:
+    return replace(test, disks={**test.disks, disk.name: disk})
+
+
+def with_readings(test: EhlTest, name: str, change: dict[str, np.ndarray]) -> EhlTest:
+    y = test.disks[name].readings_degC.copy()
+    for channel, values in change.items():
+        y[:, CHANNELS.index(channel)] = values
+    return with_disk(test, replace(test.disks[name], readings_degC=y))
+
+
+def column(test: EhlTest, name: str, channel: str) -> np.ndarray:
+    return test.disks[name].readings_degC[:, CHANNELS.index(channel)]
+
+
+def stated_elsewhere(test: EhlTest, name: str, channel: str, deeper_m: float) -> EhlTest:
+    """The junction lies ``deeper_m`` deeper than the rig file then says."""
+    setup = test.disks[name].setup
+    place = setup.junctions[channel]
+    junctions = {**setup.junctions, channel: replace(place, depth_m=place.depth_m - deeper_m)}
+    return with_disk(test, replace(test.disks[name], setup=replace(setup, junctions=junctions)))
+
+
+def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck) -> None:
+    assert sound.sound
+    assert not sound.warnings
+    assert "illogical" not in set(sound.table["steady"]) | set(sound.table["unloading"])
+    assert sound.bulk_degC["fast"] > sound.bulk_degC["slow"]  # figure 6.17
+
+
+def test_nearer_the_surface_answers_sooner_and_more(sound: SensorCheck) -> None:
+    for disk in ("fast", "slow"):
+        own = sound.responses[sound.responses["disk"] == disk].set_index("channel")
+        for answer in ("fall_after_unloading_K", "rise_after_loading_K"):
+            assert own[answer]["e"] > own[answer]["a"] > own[answer]["c"] > own[answer]["b"]
+
+
+@pytest.mark.parametrize("disk", ["fast", "slow"])
+@pytest.mark.parametrize("pair", ["ae", "be", "cd", "ab"])
+def test_two_swapped_channels_are_named(b3: EhlTest, disk: str, pair: str) -> None:
+    one, other = pair
+    wrong = with_readings(b3, disk, {one: column(b3, disk, other), other: column(b3, disk, one)})
+    (suspect,) = check_sensors(wrong).suspects
+    assert (suspect.disk, suspect.kind, set(suspect.channels)) == (disk, "swapped", {one, other})
+    assert f"{disk}_{one}_degC" in suspect.columns
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
+    rng = np.random.default_rng(1)
+    flat = 61.0 + 0.13 * rng.standard_normal(len(b3.time_s))
+    (suspect,) = check_sensors(with_readings(b3, "slow", {channel: flat})).suspects
+    assert (suspect.kind, suspect.channels) == ("dead", (channel,))
+
+
+@pytest.mark.parametrize(("channel", "deeper_mm"), [("a", 1.5), ("a", -1.5), ("c", 1.5), ("c", -1.5), ("e", -1.5)])
+def test_a_misplaced_junction_of_the_outer_row_is_named_with_its_depth(
+    b3: EhlTest, channel: str, deeper_mm: float
+) -> None:
+    (suspect,) = check_sensors(stated_elsewhere(b3, "fast", channel, deeper_mm * 1e-3)).suspects
+    assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
+    assert suspect.size is not None
+    assert suspect.size.value * 1e3 == pytest.approx(deeper_mm, abs=0.3)  # 3 u of a depth known to 0.1 mm
+
+
+def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None:
+    """An offset leaves the transients as they were; a wrong depth does not."""
+    for channel in ("a", "e"):
+        (suspect,) = check_sensors(with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 4.0})).suspects
+        assert (suspect.kind, suspect.channels) == ("offset", (channel,))
+        assert suspect.size is not None
+        assert suspect.size.value == pytest.approx(4.0, abs=1.5)  # prior of 5 K, and 3 u of the model's level
+
+
+def test_a_hotter_side_is_told_from_a_single_bad_channel(b3: EhlTest) -> None:
+    """Poor contact with the shaft on one side (6.4.3) warms b, e and f together, over minutes."""
+    t = b3.time_s
+    slow_rise = 6.0 * (1 - np.exp(-np.clip(t - b3.events.load_on_s, 0, None) / 60.0))
+    check = check_sensors(with_readings(b3, "slow", {c: column(b3, "slow", c) + slow_rise for c in "bef"}))
+    (suspect,) = check.suspects
+    assert (suspect.kind, suspect.channels) == ("side", ("b", "e", "f"))
+    side = check.side_K["slow"]
+    assert side is not None
+    assert side.value == pytest.approx(6.0, abs=1.0)
+    assert "illogical" in set(check.table.query("disk == 'slow' and not same_group")["steady"])
+    assert "illogical" not in set(check.table.query("disk == 'slow' and same_group")["steady"])
+
+
+def test_swaps_that_cannot_be_told_are_said(sound: SensorCheck) -> None:
+    assert ("d", "f") in sound.blind["fast"]  # the same depth and distance from the centre
+    assert not any({"a", "e"} == set(pair) for pair in sound.blind["fast"])
+
+
+def test_demand_of_conduction_on_the_default_layout() -> None:
+    setup = load_rig().disk_setup("slow")
+    assert demand(setup, "e", "a") == 1
+    assert demand(setup, "d", "b") == -1
+    assert demand(setup, "d", "f") == 0
+    assert demand(setup, "b", "c") is None  # deeper but nearer the centre: table 6.2 says N.A.
+    assert angle_groups(setup) == (("a", "c", "d"), ("b", "e", "f"))
+
+
+def test_matrix_is_the_upper_triangle_in_groups(sound: SensorCheck) -> None:
+    matrix = sound.matrix("fast")
+    assert list(matrix.columns) == ["a", "c", "d", "b", "e", "f"]
+    assert (matrix.to_numpy() != "").sum() == 15
+    assert matrix.loc["c", "b"] == "N.A."
+
+
+def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> None:
+    keep = b3.time_s < b3.events.unload_s + 2.5
+    short = replace(
+        b3,
+        time_s=b3.time_s[keep], power_W=b3.power_W[keep], ambient_degC=b3.ambient_degC[keep],
+        disks={n: replace(d, readings_degC=d.readings_degC[keep]) for n, d in b3.disks.items()},
+    )  # fmt: skip
+    assert check_sensors(short).sound
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
+    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.rig.campaign import simulate_campaign
+    from tcdyn.rig.script import STUDY_MESH, EhlOptions
+
+    options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
+    files = simulate_campaign(tmp_path, seed, ("A1", "D4"), ehl_options=options, uncertain=True)
+    rig = load_rig(files.rig)
+    records = {}
+    for d in ("fast", "slow"):
+        made = calibrate_disk(rig, d, files.ovens[d], files.plunges[d], ["mobil-jet-ii"]).record
+        records[d] = read_record(write_record(made, tmp_path / f"{d}.disk.json"))
+    for log in files.ehl.values():
+        check = check_sensors(prepare(read_log(log, "ehl", rig), rig, records), rig.common.uncertainty)
+        assert check.sound, check.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("channel", "deeper_mm"), [("b", 1.5), ("b", -1.5), ("d", 1.5), ("d", -1.5), ("f", -1.5)])
+def test_a_misplaced_junction_of_the_inner_row_is_named(
+    campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
+) -> None:
+    """The true disks have the junction elsewhere, so that the whole field is right; the rig file does not know."""
+    from tcdyn.rig.ehl import simulate_ehl
+    from tcdyn.rig.files import write_log
+    from tcdyn.rig.script import STUDY_MESH, EhlOptions
+    from tcdyn.rig.truth import draw_truth
+
+    true = draw_truth(3, campaign.rig)  # the fixture's rig
+    setup = true.fast.setup
+    place = setup.junctions[channel]
+    junctions = {**setup.junctions, channel: replace(place, depth_m=place.depth_m + deeper_mm * 1e-3)}
+    true = replace(true, fast=replace(true.fast, setup=replace(setup, junctions=junctions)))
+    options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
+    write_log(simulate_ehl("B3", 3, true, options)[0], tmp_path / "x.csv")
+    test = prepare(read_log(tmp_path / "x.csv", "ehl", campaign.rig), campaign.rig, campaign.records)
+    (suspect,) = check_sensors(test, campaign.rig.common.uncertainty).suspects
+    assert (suspect.disk, suspect.kind, suspect.channels) == ("fast", "misplaced", (channel,))
+    assert suspect.size is not None
+    assert np.sign(suspect.size.value) == np.sign(deeper_mm)
