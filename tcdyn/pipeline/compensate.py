@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
+from calibration.columns import KNOWN, recognise
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.logs import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.rigfile import Rig, load_rig
 from calibration.static import apply_static, static_u
+from calibration.table import open_table, shown
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
@@ -45,23 +48,30 @@ def compensate_log(
     refine: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
-    """Compensate every channel of an EHL log that a record covers.
+    """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
 
+    The log's own metadata is carried over.
     ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
     a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
-    rig = rig or _rig_of(records)
+    if not records:
+        raise InputError("no record was given", remedy="add --record DISK.disk.json")
+    rig = rig or rig_of(records)
     progress("reading the log")
-    table = read_log(log, "ehl", rig)
+    kind, own = log_kind(log, rig, records)
+    table = read_log(log, kind, rig, own)
     frame = table.frame.copy()
     time = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(time)))
     warnings = gathered(table.warnings)
-    notes = {"tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
-    events = find_events(frame, table.path.name)
+    notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
+    known: tuple[float, ...] = ()
+    if kind == "ehl":
+        events = find_events(frame, table.path.name)
+        known = (events.load_on_s, events.unload_s)
     fits: Mapping[str, DiskFit] = {}
-    if refine and {"fast", "slow"} <= set(records):
+    if refine and kind == "ehl" and {"fast", "slow"} <= set(records):
         progress("common lags from the unloading")
         fits, said = _refined(table, rig, records)
         warnings += said
@@ -83,19 +93,46 @@ def compensate_log(
         else:
             common = record.chain.common_lag_s
             notes[f"{disk}_common_lag_s"] = f"{common.value:.4f} +- {common.u:.4f}, from the record"
-        done[disk] = _one_disk(frame, disk, record, chains, covariance, dt, (events.load_on_s, events.unload_s), time)
+        prefix = f"{disk}_" if kind == "ehl" else ""
+        done[disk] = _one_disk(frame, prefix, record, chains, covariance, dt, known, time)
         for i, ch in enumerate(CHANNELS):
-            frame[f"{disk}_{ch}_degC"] = np.round(done[disk].temperature[:, i], DECIMALS)
-            frame[f"{disk}_{ch}_u_K"] = np.round(done[disk].sd[:, i], DECIMALS)
+            frame[f"{prefix}{ch}_degC"] = np.round(done[disk].temperature[:, i], DECIMALS)
+            frame[f"{prefix}{ch}_u_K"] = np.round(done[disk].sd[:, i], DECIMALS)
         warnings += [f"{disk}: {w}" for w in done[disk].warnings]
-    if not done:
-        raise InputError("no record was given", remedy="add --record DISK.disk.json")
     return CompensatedLog(frame, notes, tuple(warnings), done, table)
+
+
+def log_kind(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """Whether the columns make an EHL log or an immersion log, and for the latter the disk that was plunged.
+
+    Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
+    """
+    mapped = rig.tables(next(iter(records))).columns.values()
+    return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
+
+
+def kind_of_columns(
+    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """``log_kind`` for names that are read already."""
+    disk = next(iter(records))
+    mapped = {canonical for canonical, name in rig.tables(disk).columns.items() if name in names}
+    if recognise({*names, *mapped}) != "immersion":
+        return "ehl", None
+    if len(records) > 1:
+        raise InputError(
+            f"is an immersion log of one disk, and records of {len(records)} disks were given",
+            where=where,
+            remedy="give the record of the disk that was plunged",
+        )
+    return "immersion", disk
 
 
 def _one_disk(
     frame: pd.DataFrame,
-    disk: str,
+    prefix: str,
     record: DiskRecord,
     chains: tuple[Chain, ...],
     covariance: np.ndarray,
@@ -105,7 +142,7 @@ def _one_disk(
 ) -> Compensated:
     readings, uncertain = [], []
     for ch in CHANNELS:
-        y = np.asarray(apply_static(frame[f"{disk}_{ch}_degC"].to_numpy(dtype=float), record.static[ch]))
+        y = np.asarray(apply_static(frame[f"{prefix}{ch}_degC"].to_numpy(dtype=float), record.static[ch]))
         clean, _ = despiked(y)
         readings.append(clean)
         uncertain.append(np.asarray(static_u(record.static[ch], clean)))
@@ -130,7 +167,7 @@ def _refined(table: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[M
         return {}, [f"the common lags are the records': the unloading could not be used ({problem})"]
 
 
-def _rig_of(records: Mapping[str, DiskRecord]) -> Rig:
+def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
     """The rig as the records remember it."""
     default = load_rig()
     tables = {d: (records[d].setup if d in records else default.common) for d in ("fast", "slow")}
