@@ -1,0 +1,52 @@
+"""Every test of the programme on several rigs: errors of beta, h and lag (python -m tests.benchmarks.partition 3).
+
+Rigs as `rig.toml` states them, full length and mesh, nothing tuned per test; the argument is the number of seeds.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+
+from tcdyn.rig.campaign import ALL_TESTS
+from tcdyn.rig.script import EhlOptions
+from tests.partition.study_rigs import study_rig
+
+
+def one(seed: int, test: str) -> dict[str, float | str]:
+    """Errors of one test on one rig."""
+    made = study_rig(seed, test, uncertain=False, options=EhlOptions(duration_s=1065.0))
+    start = time.process_time()
+    p = made.analyse()
+    seconds = time.process_time() - start
+    told = made.told
+    out: dict[str, float | str] = {"test": test, "seed": seed}
+    out |= {way: value - told["beta"] for way, value in p.ways.items()}
+    out["both"] = p.both.beta - told["beta"]
+    out |= {"h fast": p.speed.h_fast / told["h_fast"] - 1, "h slow": p.speed.h_slow / told["h_slow"] - 1}
+    for disk in ("fast", "slow"):
+        out[f"lag {disk}"] = p.joint[disk].chain.lag_s - made.truth.disk(disk).common_lag_s
+    shares = p.joint["fast"].share + p.joint["slow"].share
+    spread = np.std(p.budget.draws["joint fast"] - p.budget.draws["joint slow"])
+    out["z shares"] = (shares - 1.0) / float(spread)
+    out |= {"agree": float(p.crosscheck.agree), "analysis CPU s": seconds}
+    return out
+
+
+def main() -> None:
+    """Print rms and largest error of every quantity."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+    rows = Parallel(n_jobs=2)(delayed(one)(s, t) for s in range(1, seeds + 1) for t in ALL_TESTS)
+    table = pd.DataFrame(rows)
+    print(table.round(4).to_string(index=False))
+    numbers = table.drop(columns=["test", "seed", "agree"])
+    print(pd.DataFrame({"rms": np.sqrt((numbers**2).mean()), "largest": numbers.abs().max()}).round(4).to_string())
+    print(f"cross-check agrees in {table['agree'].mean():.0%} of {len(table)} tests")
+
+
+if __name__ == "__main__":
+    main()
