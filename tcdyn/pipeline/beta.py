@@ -13,6 +13,7 @@ from calibration.rigfile import Rig
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.output import beta_file
 from tcdyn.partition.prepare import prepare
+from tcdyn.partition.tables import ways_table
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,11 @@ class BetaRun:
     def summary(self) -> str:
         """The answer in a few lines."""
         return summary_of(self.partition)
+
+    def _repr_html_(self) -> str:
+        """The ways to beta as a table, for notebooks."""
+        verdict = f"<p>{self.partition.crosscheck.sentence}</p>"
+        return verdict + str(ways_table(self.partition).to_html(index=False))
 
 
 def estimate_beta(
