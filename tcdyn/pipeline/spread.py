@@ -83,7 +83,7 @@ def _gather(
     with client:
         futures = [client.submit(function, job, pure=False) for job in jobs]
         place = {future.key: i for i, future in enumerate(futures)}
-        for future in as_completed(futures):
+        for future in as_completed(futures, loop=client.loop):
             try:
                 yield place[future.key], future.result()
             except Exception as problem:

@@ -1,0 +1,244 @@
+"""A campaign: one table from many logs, whoever works on it; resumable; one bad log does not stop the others."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.errors import InputError
+from calibration.logs import read_log
+from tcdyn.cli.app import app, run
+from tcdyn.partition.prepare import prepare
+from tcdyn.pipeline import campaign as stage
+from tcdyn.pipeline.bearing import read_bearing
+from tcdyn.pipeline.campaign import CampaignSettings, run_campaign
+from tcdyn.pipeline.campaign_table import COLUMNS, table_columns, trend_table
+from tcdyn.pipeline.spread import spread
+from tests.conftest import Campaign
+
+
+def tcdyn(*words: object) -> int:
+    try:
+        return run(lambda: app([str(w) for w in words], standalone_mode=True))
+    except SystemExit as left:
+        return int(left.code or 0)
+
+
+def records(campaign: Campaign) -> list[object]:
+    return ["--rig", campaign.files.rig, *(w for p in campaign.record_paths.values() for w in ("--record", p))]
+
+
+def settings_of(campaign: Campaign, **changes: Any) -> CampaignSettings:
+    return CampaignSettings(campaign.rig, campaign.records, **changes)
+
+
+@pytest.fixture(scope="module")
+def bad_log(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("bad") / "EHL_bad.csv"
+    lines = campaign.files.ehl["B3"].read_text(encoding="utf-8").splitlines()[:12000]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def done(campaign: Campaign, bad_log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+    out = tmp_path_factory.mktemp("out")
+    code = tcdyn("campaign", bad_log, campaign.files.ehl["B3"], *records(campaign), "--out", out, "--workers", 1, "-q")
+    return out, code
+
+
+def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(done: tuple[Path, int]) -> None:
+    out, code = done
+    assert code == 1
+    table = pd.read_csv(out / "campaign.csv", keep_default_na=False)
+    assert list(table.columns) == table_columns()
+    assert list(table["test"]) == ["bad", "B3"]
+    assert "no unloading" in table["error"][0] or "unload" in table["error"][0]
+    assert table["beta"][0] == ""
+    assert table["error"][1] == ""
+    assert not (out / "EHL_bad.beta.json").exists()
+
+
+def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Campaign) -> None:
+    out, _ = done
+    data = json.loads((out / "EHL_B3.beta.json").read_text(encoding="utf-8"))
+    row = pd.read_csv(out / "campaign.csv").iloc[1]
+    assert row["beta"] == pytest.approx(data["steady"]["beta"]["value"], rel=1e-7)
+    assert row["u_lag_joint_slow_s"] == pytest.approx(data["joint"]["slow"]["lag_s"]["u"], rel=1e-7)
+    assert row["friction_coefficient"] == pytest.approx(row["friction_N"] / row["load_N"], rel=1e-7)
+    steady = data["campaign"]["steady_degC"]["fast"]
+    assert row["fast_bulk_degC"] == pytest.approx(np.mean(list(steady.values())), rel=1e-7)
+    assert row["beta"] == pytest.approx(campaign.truth["tests"]["B3"]["beta"], abs=0.03)  # never beyond, issue 6
+
+
+def test_the_page_has_the_thesis_s_figures(done: tuple[Path, int]) -> None:
+    html = (done[0] / "campaign.html").read_text(encoding="utf-8")
+    assert html.count("data:image/png;base64,") == 4  # 7.18, 7.20, 6.17, and 6.33 with 6.34
+    assert "EHL_bad.csv" in html
+
+
+def test_finished_logs_are_not_analysed_again(
+    done: tuple[Path, int], campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise InputError("called")
+
+    monkeypatch.setattr(stage, "estimate_beta", refuse)
+    log, before = campaign.files.ehl["B3"], (done[0] / "EHL_B3.beta.json").read_bytes()
+    again = run_campaign([log], settings_of(campaign), done[0])
+    assert again.kept == 1
+    assert not again.failed
+    assert (done[0] / "EHL_B3.beta.json").read_bytes() == before
+    for changed in (settings_of(campaign, window_s=4.0), settings_of(campaign, seed=1)):
+        assert run_campaign([log], changed, done[0]).failed  # it was asked for again
+
+
+def test_another_log_of_the_same_name_is_analysed_again(
+    done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called")))
+    other = tmp_path / "EHL_B3.csv"
+    other.write_bytes(campaign.files.ehl["B3"].read_bytes() + b"\n")
+    assert [o.error for o in run_campaign([other], settings_of(campaign), done[0]).failed] == ["called"]
+
+
+def test_all_logs_bad_is_exit_2_and_still_a_table(campaign: Campaign, bad_log: Path, tmp_path: Path) -> None:
+    missing = tmp_path / "EHL_none.csv"
+    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1, "-q") == 2
+    table = pd.read_csv(tmp_path / "o" / "campaign.csv")
+    assert table["error"].notna().all()
+    assert (tmp_path / "o" / "campaign.html").exists()
+
+
+def test_bad_requests_get_one_sentence(
+    campaign: Campaign,
+    bad_log: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tcdyn.pipeline.spread.CONNECT_S", 0.5)
+    out = ["--out", tmp_path / "o", "-q"]
+    assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
+    assert "two logs are called EHL_bad" in capsys.readouterr().err
+    assert tcdyn("campaign", bad_log, *records(campaign), *out, "--dask", "tcp://127.0.0.1:9") == 2
+    assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
+    assert tcdyn("campaign", bad_log, "--record", campaign.record_paths["fast"], *out) == 2
+    assert not (tmp_path / "o" / "EHL_bad.beta.json").exists()
+
+
+def test_dask_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "dask.distributed", None)
+    with pytest.raises(InputError, match="not installed"):
+        list(spread(abs, [1], dask="tcp://127.0.0.1:9"))
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    distributed = pytest.importorskip("dask.distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp"
+    ) as local:
+        yield local.scheduler_address
+
+
+def test_same_answers_from_one_worker_two_workers_and_dask(cluster: str) -> None:
+    jobs = [float(x) for x in range(7)]
+    one = dict(spread(np.cosh, jobs))
+    assert dict(spread(np.cosh, jobs, workers=2)) == one
+    assert dict(spread(np.cosh, jobs, dask=cluster)) == one
+
+
+def test_a_failing_dask_job_is_an_answer(cluster: str) -> None:
+    answers = dict(spread(int, ["7", "x"], dask=cluster))
+    assert answers[0] == 7
+    assert isinstance(answers[1], ValueError)
+
+
+def bearing_csv(path: Path) -> Path:
+    rows = [(load, 2.0 + 1e-3 * load + 1e-3 * rpm, rpm) for rpm in (774, 1005, 1546) for load in (800, 1500, 2320)]
+    pd.DataFrame(rows, columns=["load_N", "friction_N", "speed_slow_rpm"]).to_csv(path, index=False)
+    return path
+
+
+def test_half_of_the_bearings_friction_is_added(campaign: Campaign, tmp_path: Path) -> None:
+    """Figure 2.25: the pure-rolling test measured the bearings of both shafts (section 2.10)."""
+    bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
+    log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
+    bare = prepare(log, campaign.rig, campaign.records)
+    more = prepare(log, campaign.rig, campaign.records, bearing.correction())
+    added = 0.5 * (2.0 + 1e-3 * bare.load_N + 1e-3 * 1005)
+    # the log's speed differs from the nominal 1005 rpm by less than 1 %: 0.005 N
+    assert more.friction_N - bare.friction_N == pytest.approx(added, abs=0.006)
+    loaded = (bare.time_s > bare.events.load_on_s + 5) & (bare.time_s < bare.events.unload_s - 5)
+    gain = (more.power_W - bare.power_W)[loaded].mean() / bare.sliding_speed_m_s
+    assert gain == pytest.approx(added, rel=0.01)  # the load wanders by less
+    assert (more.power_W[bare.time_s > bare.events.unload_s + 1] == 0).all()
+
+
+def test_bearing_friction_outside_its_test_is_flagged(tmp_path: Path) -> None:
+    bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
+    assert not bearing.warnings(1500.0, 1005.0)
+    assert "extrapolated" in bearing.warnings(5000.0, 1005.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("load_N,friction_N\n800,2\n", "speed_slow_rpm is missing"),
+        ("load_N,friction_N,speed_slow_rpm\n800,x,774\n", "friction_N, row 2: no number"),
+        ("load_N,friction_N,speed_slow_rpm\n800,2,774\n", "at least 3 loads"),
+    ],
+)
+def test_bad_bearing_files_get_one_sentence(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "bearing.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        read_bearing(path)
+
+
+def synthetic_table() -> pd.DataFrame:
+    """Two speeds, four loads, temperatures exactly linear in the load."""
+    rows = []
+    for speed in (10.05, 20.1):
+        for load in (850.0, 1460.0, 1850.0, 2320.0):
+            row: dict[str, Any] = dict.fromkeys(table_columns(), 0.1)
+            row |= {"test": "X", "error": "", "load_N": load, "sliding_speed_m_s": speed}
+            row |= {"fast_bulk_degC": 50 + 0.03 * load, "friction_N": 0.01 * load}
+            row |= {"delta_T_us_K_m_s": load / 5, "beta": 0.8 - 2e-4 * load / 5}
+            rows.append(row)
+    return pd.DataFrame(rows, columns=table_columns())
+
+
+def test_trend_lines_are_those_of_the_data() -> None:
+    lines = trend_table(synthetic_table()).set_index(["quantity", "tests"])
+    for speed in ("10.1 m/s", "20.1 m/s"):
+        assert lines.loc[("fast_bulk_degC", speed), "slope"] == pytest.approx(0.03)
+        assert lines.loc[("fast_bulk_degC", speed), "intercept"] == pytest.approx(50)
+    assert lines.loc[("beta", "all"), "slope"] == pytest.approx(-2e-4)
+    assert len(COLUMNS) + 5 + sum(e for _, e in COLUMNS.values()) == len(table_columns())
+
+
+@pytest.mark.slow
+def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("dask.distributed")
+    logs = []
+    for name in ("EHL_one.csv", "EHL_two.csv"):
+        shutil.copy(campaign.files.ehl["B3"], tmp_path / name)
+        logs.append(tmp_path / name)
+    tables = []
+    for folder, workers in (("w1", 1), ("w2", 2)):
+        run_campaign(logs, settings_of(campaign), tmp_path / folder, workers=workers)
+        tables.append((tmp_path / folder / "campaign.csv").read_bytes())
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+        run_campaign(logs, settings_of(campaign), tmp_path / "dask", dask=local.scheduler_address)
+    tables.append((tmp_path / "dask" / "campaign.csv").read_bytes())
+    assert tables[0] == tables[1] == tables[2]
