@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,7 +70,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
             remedy="lower it",
         )
     zero = chain.zero_s
-    num, den = Chain(chain.taus_s, abs(zero), 0.0, chain.conditioning).polynomials()
+    num, den = replace(chain, zero_s=abs(zero), delay_s=0.0).polynomials()
     m = max(len(den) - len(num), 1)
     w = 2 * np.pi * bandwidth_Hz / float(2.0 ** (1 / m) - 1) ** 0.5
     bottom = num

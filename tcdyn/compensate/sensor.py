@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_lyapunov
 
 from calibration.errors import InputError
-from tcdyn.chain import Chain, conditioning_polynomials
+from tcdyn.chain import Chain, cement_lags, conditioning_polynomials
 
 Array = NDArray[np.float64]
 
@@ -55,9 +55,15 @@ class Sensor:
 def sensor(chain: Chain, size: int | None = None) -> Sensor:
     """The state space of ``chain``, padded with idle states up to ``size`` so that channels can be stacked.
 
-    Largest lag first: y = (1 + zero s) B(s) prod 1/(1 + tau_i s) x(t - delay); the delay is kept apart, exactly.
+    Largest lag first: y = (1 + zero s) B(s) / prod (1 + tau_i s) x(t - delay), with the chain's complex pair and the
+    lags of its cement below where it has them; the delay is kept apart, exactly.
     """
     blocks = [np.array([[-1.0 / tau]]) for tau in sorted(chain.taus_s, reverse=True) if tau > 0]
+    if chain.pair is not None:
+        w, zeta = 1.0 / chain.pair[0], chain.pair[1]
+        blocks.append(np.array([[0.0, w], [-w, -2.0 * zeta * w]]))
+    if chain.cement_s:
+        blocks += [np.array([[-1.0 / (chain.cement_s * share)]]) for share in cement_lags()]
     blocks += _conditioning_blocks(chain)
     n = 2 + sum(len(block) for block in blocks)
     drift = np.zeros((n, n))

@@ -15,6 +15,7 @@ from tcdyn.compensate.stream import InverseState, InverseStream
 
 DT = 1 / 75
 CHAIN = Chain((0.6, 0.07))
+PAIR = Chain((0.1,), pair=(0.1, 0.6))
 
 
 def slow_wave(n=3000):
@@ -32,7 +33,9 @@ def test_inverse_of_a_slow_trace_is_the_trace_shifted_by_what_it_states():
     assert np.max(np.abs(back - x)[600:]) < 0.2 * np.max(np.abs(CHAIN.response(x, DT) - x)[600:])
 
 
-@pytest.mark.parametrize("chain", [CHAIN, Chain((0.8,), zero_s=0.1), Chain((0.8, 0.2), zero_s=-0.05, delay_s=0.04)])
+@pytest.mark.parametrize(
+    "chain", [CHAIN, Chain((0.8,), zero_s=0.1), Chain((0.8, 0.2), zero_s=-0.05, delay_s=0.04), PAIR]
+)
 def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
     f = proper_inverse(chain, DT, 1.5)
     assert np.all(np.abs(np.roots(f.a)) < 1)

@@ -50,6 +50,8 @@ def dense_smoother(y, dt, chain, noise_sd, q):
         Chain((1.0,), conditioning=NO_CONDITIONING),
         Chain((0.6, 0.1), zero_s=0.05, conditioning=Conditioning(4.0, 2, "butterworth")),
         Chain((0.5,), delay_s=0.0, conditioning=Conditioning(4.0, 2)),
+        Chain((0.3,), pair=(0.3, 0.6), conditioning=NO_CONDITIONING),
+        Chain((0.3,), cement_s=0.8, conditioning=NO_CONDITIONING),
     ],
 )
 def test_smoother_equals_dense_least_squares_inside_the_record(chain):
