@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
@@ -31,6 +32,18 @@ class Conditioning:
     cutoff_Hz: float = 4.0
     poles: int = 2
     shape: Literal["cascade", "butterworth"] = "cascade"
+
+    @property
+    def lag_s(self) -> float:
+        """First moment of B's impulse response [s]: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).
+
+        >>> round(Conditioning(4.0, 2).lag_s, 4)
+        0.0796
+        """
+        if self.poles == 0:
+            return 0.0
+        wc = 2 * math.pi * self.cutoff_Hz
+        return self.poles / wc if self.shape == "cascade" else 1.0 / (wc * math.sin(math.pi / (2 * self.poles)))
 
 
 @dataclass(frozen=True)

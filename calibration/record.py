@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import getpass
 import json
-import math
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -108,7 +107,7 @@ class DiskRecord(_Part):
         except ValueError:
             raise ValueError(f"created: {self.created!r} is no date (ISO 8601)") from None
         if self.chain is not None:
-            own = conditioning_lag_s(self.conditioning)
+            own = self.conditioning.conditioning().lag_s
             for name, c in self.chain.channels.items():
                 lag = c.delay_s + c.tau1_s + c.tau2_s - c.zero_s + own
                 if abs(lag - c.lag_s.value) > max(LAG_TOLERANCE_S, 3 * c.lag_s.u):
@@ -143,18 +142,6 @@ def moment(text: str) -> datetime:
     """The moment that ``created`` names; without a zone it is taken as UTC."""
     found = datetime.fromisoformat(text)
     return found if found.tzinfo else found.replace(tzinfo=UTC)
-
-
-def conditioning_lag_s(b: ConditioningTable) -> float:
-    """First moment [s] of the conditioning filter: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth).
-
-    >>> round(conditioning_lag_s(ConditioningTable(cutoff_Hz=4.0, poles=2, shape="cascade")), 4)
-    0.0796
-    """
-    if b.poles == 0:
-        return 0.0
-    wc = 2 * math.pi * b.cutoff_Hz
-    return b.poles / wc if b.shape == "cascade" else 1.0 / (wc * math.sin(math.pi / (2 * b.poles)))
 
 
 def write_record(record: DiskRecord, path: str | Path) -> Path:

@@ -66,6 +66,10 @@ class ConditioningTable(_Table):
     poles: int = Field(2, ge=0, le=6)
     shape: Literal["cascade", "butterworth"] = "cascade"
 
+    def conditioning(self) -> Conditioning:
+        """The filter B itself."""
+        return Conditioning(self.cutoff_Hz, self.poles, self.shape)
+
 
 class UncertaintyTable(_Table):
     """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
@@ -152,7 +156,7 @@ class Rig(BaseModel):
 
 def setup_from_tables(name: str, tables: RigTables) -> DiskSetup:
     """Turn the tables people write (mm) into a ``DiskSetup`` (SI)."""
-    d, w, c = tables.disk, tables.washer, tables.conditioning
+    d, w = tables.disk, tables.washer
     return DiskSetup(
         name=name,
         outer_radius_m=d.outer_radius_mm * 1e-3,
@@ -167,7 +171,7 @@ def setup_from_tables(name: str, tables: RigTables) -> DiskSetup:
         junctions={
             k: Junction(j.depth_mm * 1e-3, j.z_mm * 1e-3, j.angle_deg) for k, j in sorted(tables.thermocouples.items())
         },
-        conditioning=Conditioning(c.cutoff_Hz, c.poles, c.shape),
+        conditioning=tables.conditioning.conditioning(),
     )
 
 

@@ -53,7 +53,7 @@ class Chain:
         own = self.delay_s + sum(self.taus_s) - self.zero_s + self.cement_s / 2
         if self.pair is not None:
             own += 2 * self.pair[1] * self.pair[0]
-        return own + conditioning_lag_s(self.conditioning)
+        return own + self.conditioning.lag_s
 
     def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in descending powers of s, the dead time left out."""
@@ -167,12 +167,6 @@ def conditioning_polynomials(b: Conditioning) -> tuple[NDArray[np.float64], NDAr
         return np.array([1.0]), den
     _, den = signal.butter(b.poles, wc, analog=True)
     return np.array([1.0]), np.asarray(den / den[-1])
-
-
-def conditioning_lag_s(b: Conditioning) -> float:
-    """First moment of B's impulse response [s]."""
-    _, den = conditioning_polynomials(b)
-    return float(den[-2] / den[-1]) if len(den) > 1 else 0.0
 
 
 def delayed(u: NDArray[np.float64], samples: float, hold: Hold, start: ArrayLike) -> NDArray[np.float64]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import pandas as pd
 
 from calibration.disk import DiskSetup
-from tcdyn.chain import conditioning_lag_s
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, table, verdict
 from tcdyn.design.step_plan import StepPlan, predict_step
@@ -50,7 +49,7 @@ def compare_tests(
 
     ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps are the plunges'.
     """
-    own = max(lag_s - conditioning_lag_s(setup.conditioning), 0.01)
+    own = max(lag_s - setup.conditioning.lag_s, 0.01)
     first = plunges[0]
     step = step or StepPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
     touch = touch or TouchPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)

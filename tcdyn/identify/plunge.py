@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from immersion.correlations import THESIS_THREE, Bath, Correlation, Validity, check_validity
 from immersion.correlations import correlation as find_correlation
-from tcdyn.chain import Chain, conditioning_lag_s
+from tcdyn.chain import Chain
 from tcdyn.identify.plunge_form import ModelForm, model_form
 from tcdyn.identify.plunge_layout import STRUCTURES, Layout, Structure, stages
 from tcdyn.identify.plunge_map import Optimum, fit_map
@@ -65,7 +65,7 @@ def identify_plunges(
     best, rival = _best_of_two(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K)
     scan, best = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
-    form = model_form(best, scan, chosen, others, conditioning_lag_s(setup.conditioning))
+    form = model_form(best, scan, chosen, others, setup.conditioning.lag_s)
     return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form, rival)
 
 
@@ -82,7 +82,7 @@ def _result(
     rival: tuple[str, ...],
 ) -> PlungeFit:
     channels = layout.channels
-    own = conditioning_lag_s(setup.conditioning)
+    own = setup.conditioning.lag_s
     lag = best.theta[layout.lag] + own
     covariance = lag_covariance(scan) + form.covariance
     _, differential = split_lags(lag, covariance, channels)
@@ -144,7 +144,7 @@ def _best_of_two(
         return best, ()
     if abs(long - short) < 0.3:
         return other, ()
-    own = conditioning_lag_s(setup.conditioning)
+    own = setup.conditioning.lag_s
     text = f"a second solution, with a common lag of {long + own:.1f} s and a stronger entry burst, fits about as well"
     return other, (f"{text} (chi-square differs by {abs(gap):.1f})",)
 

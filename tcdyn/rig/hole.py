@@ -12,7 +12,7 @@ from calibration.disk import Conditioning
 from tcdyn.rig.chainsim import through_chains
 from tcdyn.rig.measure import OVERSAMPLING, RATE_Hz, quantised
 from tcdyn.rig.plunge import PlungeOptions, bath_columns, draw_plunge, heat_disk
-from tcdyn.rig.truth import RigTruth, conditioning_lag_s, draw_truth, rng_for
+from tcdyn.rig.truth import RigTruth, draw_truth, rng_for
 
 Array = NDArray[np.float64]
 HOLE_COLUMNS = ("ideal_1_degC", "ideal_2_degC", "d1p3_degC", "d2p2_degC", "d3p0_degC")
@@ -55,7 +55,7 @@ def simulate_hole(
         read = quantised(read)
     for k, name in enumerate(HOLE_COLUMNS):
         columns[name] = read[:, k]
-    filter_lag = conditioning_lag_s(setup.conditioning)
+    filter_lag = setup.conditioning.lag_s
     lags = {name: tau1 + tau2 + filter_lag for name, (tau1, tau2, _) in zip(cement, chains)}
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
     return pd.DataFrame(columns), {**vars(drawn), "lag_s": lags, "depth_m": 3e-3, "traces": traces}

@@ -46,7 +46,7 @@ class ChannelTruth:
 
     def lag_s(self, conditioning: Conditioning) -> float:
         """First moment of the chain's impulse response, the conditioning filter included [s]."""
-        return self.tau1_s + self.tau2_s + conditioning_lag_s(conditioning)
+        return self.tau1_s + self.tau2_s + conditioning.lag_s
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def _draw_setup(
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
     common = (0.75 if name == "fast" else 0.72) + 0.03 * rng.uniform(-1, 1)
     spread = 0.04 * np.clip(rng.standard_normal(len(CHANNELS)), -2, 2)
-    own = max(common - conditioning_lag_s(setup.conditioning), 0.3)
+    own = max(common - setup.conditioning.lag_s, 0.3)
     channels = {}
     for shift, channel in zip(spread - spread.mean(), CHANNELS):
         tau2 = rng.uniform(0.08, 0.16)
@@ -186,16 +186,6 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
         shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
         bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
     )
-
-
-def conditioning_lag_s(conditioning: Conditioning) -> float:
-    """First moment of the conditioning filter [s]: poles / wc, or sum of 2 Re(1/p) of Butterworth poles."""
-    if conditioning.poles == 0:
-        return 0.0
-    wc = 2 * np.pi * conditioning.cutoff_Hz
-    if conditioning.shape == "cascade":
-        return float(conditioning.poles / wc)
-    return float(sum(np.real(-1 / p) for p in butterworth_poles(conditioning)))
 
 
 def butterworth_poles(conditioning: Conditioning) -> list[complex]:

@@ -7,7 +7,7 @@ from calibration.disk import Conditioning
 from tcdyn.chain import Chain
 from tcdyn.rig.chainsim import chain_matrices, through_chains
 from tcdyn.rig.measure import BITS, RANGE_degC, log_disk, logged, quantised, spike_train
-from tcdyn.rig.truth import CLEAN, Imperfections, conditioning_lag_s, draw_truth
+from tcdyn.rig.truth import CLEAN, Imperfections, draw_truth
 
 FILTERS = [
     Conditioning(4.0, 2),
@@ -23,7 +23,7 @@ def test_a_ramp_comes_out_late_by_exactly_the_lag(conditioning: Conditioning) ->
     fine = np.repeat((3.0 * t)[:, None], 2, axis=1)
     out = through_chains(fine, 1 / 300, 4, [(0.5, 0.1, conditioning), (0.7, 0.15, conditioning)])
     lag = t[-1] - out[-1] / 3.0
-    expected = np.array([0.6, 0.85]) + conditioning_lag_s(conditioning)
+    expected = np.array([0.6, 0.85]) + conditioning.lag_s
     assert np.abs(lag - expected).max() < 1e-9  # exact for straight lines; the transient is e^-28
 
 
