@@ -1,40 +1,169 @@
-"""``tcdyn compensate``: a logged trace in, the temperature at the junctions out."""
+"""``tcdyn compensate``: a logged trace in, the temperature at the junctions out; of a growing log as it grows."""
 
 from __future__ import annotations
 
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from calibration.errors import InputError
 from calibration.logs import write_log
 from calibration.rigfile import load_rig
 from tcdyn.cli.common import Quiet, RecordFiles, RigFile, say, stages, warn
 
+if TYPE_CHECKING:
+    from tcdyn.pipeline.causal import Causal
+
+WITH_FOLLOW = "with --follow: "
+
 
 def compensate(
-    log: Annotated[Path, typer.Argument(help="EHL log (CSV, TDMS, LVM or Parquet)")],
+    log: Annotated[Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")],
     record: RecordFiles,
-    out: Annotated[Path | None, typer.Option(help="output (default LOG.compensated.csv)")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)")
+    ] = None,
     rig: RigFile = None,
     refine: Annotated[
         bool, typer.Option(help="take the lag common to a disk from the log's unloading, the record's as prior")
     ] = True,
+    report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="follow a growing CSV log and append to --out as it grows; Ctrl-C ends it")
+    ] = False,
+    method: Annotated[
+        str | None,
+        typer.Option(help=f"{WITH_FOLLOW}live (a smoother, the default) or inverse (one over the chain, rolled off)"),
+    ] = None,
+    behind_s: Annotated[
+        float | None,
+        typer.Option(
+            "--behind-s", help=f"{WITH_FOLLOW}how far behind the live smoother works [s], default 0; 0.5 is far quieter"
+        ),
+    ] = None,
+    bandwidth_hz: Annotated[
+        float | None, typer.Option("--bandwidth-Hz", help=f"{WITH_FOLLOW}bandwidth of the inverse [Hz], default 0.5")
+    ] = None,
+    noise_k: Annotated[
+        float | None,
+        typer.Option("--noise-K", help=f"{WITH_FOLLOW}noise of a sample [K]; default: measured in the first seconds"),
+    ] = None,
+    intensity: Annotated[
+        float | None,
+        typer.Option(
+            help=f"{WITH_FOLLOW}how suddenly slopes may change [K²/s³]; default 30 on the rig, 3000 for a plunge; "
+            "lower is quieter, higher is quicker"
+        ),
+    ] = None,
+    learn_s: Annotated[
+        float | None,
+        typer.Option("--learn-s", help=f"{WITH_FOLLOW}seconds to learn noise and sampling from, default 5"),
+    ] = None,
+    idle_s: Annotated[
+        float | None,
+        typer.Option("--idle-s", help=f"{WITH_FOLLOW}end after so many seconds without growth, default 30"),
+    ] = None,
+    state: Annotated[
+        Path | None, typer.Option(help=f"{WITH_FOLLOW}JSON file to go on from if it exists, and to leave the state in")
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Undo static errors and lag of every logged thermocouple; a standard deviation stands beside each sample.
 
     Example: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out D4.compensated.csv
+    Live:    tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out live.csv --follow
     """
     from tcdyn.pipeline import compensate_log
     from tcdyn.pipeline.records import records_by_disk
 
+    only_following = {
+        "--method": method, "--behind-s": behind_s, "--bandwidth-Hz": bandwidth_hz, "--noise-K": noise_k,
+        "--intensity": intensity, "--learn-s": learn_s, "--idle-s": idle_s, "--state": state,
+    }  # fmt: skip
+    given = [name for name, value in only_following.items() if value is not None]
+    if given and not follow:
+        raise InputError(f"{', '.join(given)} without --follow", remedy="add --follow, or leave it out")
     records = records_by_disk(record)
+    rig_table = load_rig(rig) if rig else None
+    target = out or log.with_name(f"{log.stem}.compensated.csv")
+    if follow:
+        named = {
+            "method": method, "behind_s": behind_s, "bandwidth_Hz": bandwidth_hz, "noise_K": noise_k,
+            "intensity_K2_s3": intensity, "learn_s": learn_s,
+        }  # fmt: skip
+        _follow(log, records, target, rig_table, named, state, 30.0 if idle_s is None else idle_s, report, quiet)
+        return
     with stages(quiet) as progress:
-        done = compensate_log(log, records, load_rig(rig) if rig else None, refine=refine, progress=progress)
+        done = compensate_log(log, records, rig_table, refine=refine, progress=progress)
         progress("writing")
-        target = write_log(done.frame, out or log.with_name(f"{log.stem}.compensated.csv"), done.metadata)
+        written = write_log(done.frame, target, done.metadata)
+        if report is not None:
+            from tcdyn.report.compensate import write_compensation_report
+
+            progress("report")
+            write_compensation_report(report, done, records)
     warn(done.warnings, quiet)
     for disk in done.disks:
         say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
-    say(f"compensated: {target}", quiet)
+    say(f"compensated: {written}", quiet)
+    if report is not None:
+        say(f"report: {report}", quiet)
+
+
+def _follow(
+    log: Path,
+    records: Any,
+    out: Path,
+    rig: Any,
+    named: dict[str, Any],
+    state: Path | None,
+    idle_s: float,
+    report: Path | None,
+    quiet: bool,
+) -> None:
+    from tcdyn.pipeline.causal import Settings
+    from tcdyn.pipeline.follow import follow
+
+    settings = Settings(**{k: v for k, v in named.items() if v is not None})
+
+    def announce(plan: Causal) -> None:
+        if quiet:
+            return
+        before = plan.before_use()
+        say(f"before use, noisiest channel, {plan.notes()['method']}:")
+        say("\n".join(f"  {line}" for line in before.summary().splitlines() if line not in before.warnings))
+        if plan.rows_late:
+            say(f"  rows appear {plan.rows_late * plan.dt_s:.3g} s late, each with the temperatures of its own time_s")
+        warn(before.warnings)
+        say(f"following {log}; Ctrl-C ends it")
+
+    with asked_to_stop() as stop:
+        done = follow(
+            log, records, out, rig, settings, state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce
+        )
+    warn(done.warnings, quiet)
+    say(f"{done.ended}: {done.rows_read} rows read, {done.rows_written} written to {out}", quiet)
+    if report is not None and done.plan is not None:
+        from tcdyn.report.compensate import write_follow_report
+
+        say(f"report: {write_follow_report(report, done.plan, log, out, done.warnings)}", quiet)
+
+
+@contextmanager
+def asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C (or SIGTERM) has come: it is noted, not obeyed at once, so that no line is cut in two."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked.is_set
+        return
+    before = {s: signal.signal(s, lambda *_: asked.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,128 @@
+"""The report of a compensation: what the compensator does, and pictures of raw against compensated traces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from calibration.disk import CHANNELS
+from calibration.record import DiskRecord
+from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
+from tcdyn.compensate.inverse import proper_inverse
+from tcdyn.compensate.result import Compensated
+from tcdyn.partition.prepare import record_chains
+from tcdyn.pipeline.causal import Causal
+from tcdyn.pipeline.compensate import CompensatedLog
+from tcdyn.plots.compensate import draw_before_use, draw_compensated
+from tcdyn.plots.style import figure
+from tcdyn.report.page import Section, write_page
+
+GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
+AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows
+
+
+def write_compensation_report(path: str | Path, done: CompensatedLog, records: Mapping[str, DiskRecord]) -> Path:
+    """The page of a whole log: numbers before use, traces of each disk's ``e`` (the quickest), notes."""
+    sections: list[Section] = []
+    for disk, result in done.disks.items():
+        sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
+    lags = "; ".join(f"{d}: common lag {done.metadata[f'{d}_common_lag_s']} s" for d in done.disks)
+    notes = pd.DataFrame([{"key": k, "value": v} for k, v in done.metadata.items()])
+    sections.append(Section("The output's own notes", table=notes))
+    title = f"Compensated traces: {done.raw.path.name}"
+    return write_page(path, title, sections, verdict=lags, warnings=done.warnings)
+
+
+def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, warnings: tuple[str, ...] = ()) -> Path:
+    """The page of a followed log: the report before use, and one channel of a disk before and after."""
+    report = plan.before_use()
+    picture, (ax,) = figure(height_in=3.6)
+    draw_before_use(report, ax)
+    sections = [Section("Before use, noisiest channel", _sentences(report), figure=picture), _followed(plan, log, out)]
+    notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
+    sections.append(Section("How it was followed", table=notes))
+    return write_page(path, f"Followed: {log.name}", sections, warnings=(*report.warnings, *warnings))
+
+
+def _sentences(report: BeforeUse) -> str:
+    return report.summary().replace("\n", "\n\n")
+
+
+def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
+    name = f"{disk}_e_degC" if f"{disk}_e_degC" in done.raw.frame else "e_degC"
+    channel = CHANNELS.index("e")
+    logged = np.zeros_like(result.temperature)
+    logged[:, channel] = done.raw.frame[name].to_numpy(dtype=float)
+    event = result.events_s[-1][0] if result.events_s else float(result.time_s[len(result.time_s) // 2])
+    picture, (whole, close) = figure(1, 2, width_in=10.0)
+    draw_compensated(result, logged, whole, channel)
+    draw_compensated(result, logged, close, channel, (event - AROUND_S[0], event + AROUND_S[1]))
+    return Section(
+        f"{disk} disk, channel e",
+        figure=picture,
+        caption="Points: as logged, before the static line. Line: at the junction, with its 95 % band. Right: around "
+        "the last event.",
+    )
+
+
+def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskRecord) -> Section:
+    dt = float(np.median(np.diff(result.time_s)))
+    rows, worst = [], None
+    for i, chain in enumerate(record_chains(record, record.disk_setup())):
+        noise = float(result.noise_sd[i])
+        widest = widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
+        report = before_use(proper_inverse(chain, dt, widest), noise, GAIN * noise)
+        rows.append(
+            {
+                "channel": CHANNELS[i],
+                "lag [s]": f"{chain.lag_s:.3f}",
+                "noise [K]": f"{noise:.3f}",
+                "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
+                "smoother hands over at [Hz]": f"{smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i]):.2f}",
+                "causal inverse: bandwidth [Hz]": f"{report.bandwidth_Hz:.2f}",
+                "its noise gain": f"{report.noise_gain:.2f}",
+                "its remaining shift [s]": f"{report.remaining_shift_s:.3f}",
+                "flagged samples": int(np.count_nonzero(result.flags[:, i])),
+            }
+        )
+        worst = report if CHANNELS[i] == "e" else worst
+    assert worst is not None
+    picture, (ax,) = figure(height_in=3.4)
+    draw_before_use(worst, ax)
+    return Section(
+        f"{disk} disk: before use",
+        f"The smoother used here looks both ways and leaves no shift. The causal inverse is stated for comparison, at "
+        f"the widest bandwidth at which its noise is at most {GAIN:g} times the trace's.\n\n{result.method}.",
+        table=pd.DataFrame(rows),
+        figure=picture,
+        caption="Channel e: a step at the junction through the chain alone, and through chain and causal inverse.",
+    )
+
+
+def _followed(plan: Causal, log: Path, out: Path) -> Section:
+    name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
+    done = pd.read_csv(out, comment="#", usecols=["time_s", name, name.replace("_degC", "_u_K")])
+    time, x, u = (done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K")))
+    shown = slice(None, None, max(len(time) // 4000, 1))
+    picture, (ax,) = figure(height_in=4.0)
+    ax.fill_between(time[shown], (x - 1.96 * u)[shown], (x + 1.96 * u)[shown], alpha=0.3, linewidth=0, label="95 %")
+    ax.plot(time[shown], x[shown], linewidth=1.0, label="compensated")
+    raw = _logged(plan, log, name)
+    if raw is not None:
+        ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color="0.5", label="logged")
+    ax.set_xlabel("time, s")
+    ax.set_ylabel("temperature, °C")
+    ax.legend(loc="best", fontsize="small")
+    return Section(f"{name}, as it was followed", figure=picture, caption=f"{len(time)} rows.")
+
+
+def _logged(plan: Causal, log: Path, name: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """Time and readings as logged, read again; None where the columns have other names than the canonical ones."""
+    try:
+        raw = pd.read_csv(log, comment="#", usecols=["time_s", name], on_bad_lines="skip")
+    except ValueError:
+        return None
+    return tuple(pd.to_numeric(raw[c], errors="coerce").to_numpy() for c in ("time_s", name))  # type: ignore[return-value]
