@@ -1,0 +1,80 @@
+"""The cooling fit against the length of its window, and compensated against commuted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.errors import InputError
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.windows import cooling_by_window, referee_table
+from tcdyn.pipeline import estimate_beta
+from tcdyn.plots.style import figure
+from tcdyn.plots.windows import draw_referee, draw_window_study
+from tests.conftest import Campaign
+
+LENGTHS = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 60.0)
+
+
+@pytest.fixture(scope="module")
+def partition(campaign: Campaign) -> Partition:
+    return estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records).partition
+
+
+@pytest.fixture(scope="module")
+def by_window(partition: Partition, campaign: Campaign) -> pd.DataFrame:
+    return cooling_by_window(partition, LENGTHS, campaign.rig.common.uncertainty)
+
+
+def test_five_seconds_give_the_cooling_fit_s_own_answer(partition: Partition, by_window: pd.DataFrame) -> None:
+    for disk in ("fast", "slow"):
+        row = by_window.query("disk == @disk and window_s == 5.0").iloc[0]
+        # the smoother sees a longer trace, which moves the answer by less than a tenth of its uncertainty
+        assert row["beta"] == pytest.approx(partition.cooling[disk].beta, abs=0.1 * row["u_beta"])
+        # the budget draws the lag with the joint fit's correlations, the table as if independent
+        u = float(np.std(partition.budget.draws[f"cooling {disk}"]))
+        assert row["u_beta"] == pytest.approx(u, rel=0.2)
+
+
+def test_every_window_length_holds_the_truth(by_window: pd.DataFrame, campaign: Campaign) -> None:
+    truth = campaign.truth["tests"]["B3"]["beta"]
+    assert ((by_window["beta"] - truth).abs() < 3 * by_window["u_beta"]).all()
+
+
+def test_longer_windows_know_h_better_and_fit_the_mean_better(by_window: pd.DataFrame) -> None:
+    for _, own in by_window.groupby("disk"):
+        assert (np.diff(own["u_h_W_m2K"]) < 0).all()
+
+
+def test_windows_within_the_lag_are_marked_and_those_beyond_the_log_left_out(by_window: pd.DataFrame) -> None:
+    assert set(by_window["window_s"]) == {0.5, 1.0, 2.0, 5.0, 10.0, 15.0}
+    assert by_window.query("window_s == 0.5")["within_lag"].all()
+    assert not by_window.query("window_s >= 1.0")["within_lag"].any()
+
+
+def test_bad_lengths_get_one_sentence(partition: Partition) -> None:
+    with pytest.raises(InputError, match="above zero"):
+        cooling_by_window(partition, (0.0, 1.0))
+    with pytest.raises(InputError, match="of cooling"):
+        cooling_by_window(partition, (600.0,))
+
+
+def test_compensated_and_commuted_forms_agree(partition: Partition) -> None:
+    table = referee_table(partition)
+    assert len(table) == 4
+    assert (table["z"].abs() < 3).all()
+    apart = np.hypot(table["u_compensated"], table["u_commuted"])
+    assert (table["u_difference"] < apart).all()  # depth, steel and static lines move both alike
+    assert (table["difference"] == table["compensated"] - table["commuted"]).all()
+
+
+def test_pictures_show_both_disks(by_window: pd.DataFrame, partition: Partition) -> None:
+    fig, axes = figure(1, 2)
+    draw_window_study(by_window, axes[0], truth=0.7)
+    draw_referee(referee_table(partition), axes[1])
+    words = " ".join(t.get_text() for t in axes[0].get_legend().get_texts())
+    assert "fast disk" in words
+    assert "shorter than the lag" in words
+    assert len(axes[1].get_yticks()) == 4
+    fig.canvas.draw()
