@@ -135,9 +135,7 @@ class Chain:
         num, den = self.polynomials()
         if len(den) == 1:
             return np.array([1.0]), np.array([1.0])
-        system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
-        b, a = signal.ss2tf(*system)
-        return np.asarray(b[0]), np.asarray(a)
+        return discretised(num, den, dt_s, hold)
 
     def with_lag_shift(self, shift_s: float) -> Chain:
         """The same chain with its largest lag longer by ``shift_s`` (never below zero)."""
@@ -167,6 +165,15 @@ def conditioning_polynomials(b: Conditioning) -> tuple[NDArray[np.float64], NDAr
         return np.array([1.0]), den
     _, den = signal.butter(b.poles, wc, analog=True)
     return np.array([1.0]), np.asarray(den / den[-1])
+
+
+def discretised(
+    num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under ``hold``."""
+    system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
+    b, a = signal.ss2tf(*system)
+    return np.asarray(b[0]), np.asarray(a)
 
 
 def delayed(u: NDArray[np.float64], samples: float, hold: Hold, start: ArrayLike) -> NDArray[np.float64]:

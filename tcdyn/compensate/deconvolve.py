@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import Grid, read_variance, readings
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
-from tcdyn.compensate.noise import noise_sd as estimate_noise_sd
+from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.profile import Intensity
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth, stretch_of
@@ -70,11 +70,7 @@ def deconvolve(
     data = np.asarray(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
-    sd = (
-        np.array([estimate_noise_sd(data[:, c]) for c in range(m)])
-        if noise_sd is None
-        else np.broadcast_to(np.asarray(noise_sd, dtype=float), (m,)).copy()
-    )
+    sd = channel_noise_sd(data, noise_sd)
     stretch, _, _ = stretch_of(data, dt_s, chains, (), sd)
     levels = np.geomspace(1e-4, 1e7, trials)
     rows = [_trial(stretch, sd**2, level * sd**2) for level in levels]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from calibration.errors import InputError
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, discretised
 
 Array = NDArray[np.float64]
 
@@ -105,8 +105,6 @@ def noise_gain(b: Array, a: Array) -> float:
 
 
 def _sampled(num: Array, den: Array, dt_s: float) -> tuple[Array, Array]:
-    """Digital form of num/den, exact for input straight between samples (FOH)."""
-    system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method="foh")[:4]
-    b, a = signal.ss2tf(*system)
-    b = np.asarray(b[0]) * (np.sum(a) / np.sum(b[0]))
-    return b, np.asarray(a)
+    """Digital form of num/den, exact for input straight between samples (FOH), its static gain one to rounding."""
+    b, a = discretised(num, den, dt_s)
+    return b * (np.sum(a) / np.sum(b)), a

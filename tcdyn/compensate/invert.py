@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import lag_sensitivity, proper_inverse
-from tcdyn.compensate.noise import noise_sd as estimate_noise_sd
+from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import stretch_of
 
@@ -34,11 +34,7 @@ def invert(
     data = np.asarray(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
-    sd = (
-        np.array([estimate_noise_sd(data[:, c]) for c in range(m)])
-        if noise_sd is None
-        else np.broadcast_to(np.asarray(noise_sd, dtype=np.float64), (m,)).copy()
-    )
+    sd = channel_noise_sd(data, noise_sd)
     stretch, flags, warnings = stretch_of(data, dt_s, chains, (), sd)
     x, lag, slope, own = (np.empty(data.shape) for _ in range(4))
     for c, chain in enumerate(stretch.chains):

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # white noise passes with gain sqrt(70)
 MAD_TO_SD = 1.482602218505602
+
+
+def channel_noise_sd(data: Array, given: ArrayLike | None) -> Array:
+    """Noise (M,) of the channels of ``data (N, M)``: as ``given``, one number for all allowed, or estimated."""
+    m = data.shape[1]
+    if given is None:
+        return np.array([noise_sd(data[:, c]) for c in range(m)])
+    return np.broadcast_to(np.asarray(given, dtype=np.float64), (m,)).copy()
 
 
 def noise_sd(y: Array, fallback: float = 1e-6) -> float:

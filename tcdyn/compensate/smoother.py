@@ -14,7 +14,7 @@ from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
 from tcdyn.compensate.grid import Grid, readings
 from tcdyn.compensate.intensity import choose
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
-from tcdyn.compensate.noise import noise_sd as estimate_noise_sd
+from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.profile import Intensity
 from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn
 from tcdyn.compensate.result import SPIKE, Compensated
@@ -67,10 +67,7 @@ def smooth(
     data = np.asarray(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
-    if noise_sd is None:
-        start = np.array([estimate_noise_sd(data[:, c]) for c in range(m)])
-    else:
-        start = np.broadcast_to(np.asarray(noise_sd, dtype=float), (m,)).copy()
+    start = channel_noise_sd(data, noise_sd)
     stretch, flags, warnings = stretch_of(data, dt_s, chains, events_s, start)
     u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
     if intensity is None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from tcdyn.chain import Chain, delayed
+from tcdyn.chain import Chain, delayed, discretised
 
 
 def equalised(y: NDArray[np.float64], dt_s: float, chains: tuple[Chain, ...], common: Chain) -> NDArray[np.float64]:
@@ -31,8 +31,7 @@ def equalised(y: NDArray[np.float64], dt_s: float, chains: tuple[Chain, ...], co
             num = np.asarray(np.polymul(num, [common.zero_s, 1.0]), dtype=float)
             den = np.asarray(np.polymul(den, [max(chain.zero_s, 1e-3), 1.0]), dtype=float)
         x = delayed(y[:, i], max(common.delay_s - chain.delay_s, 0.0) / dt_s, "foh", y[0, i])
-        system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method="foh")[:4]
-        b, a = signal.ss2tf(*system)
+        b, a = discretised(num, den, dt_s)
         start = np.mean(x[: max(int(1.0 / dt_s), 1)])
-        out[:, i] = signal.lfilter(b[0], a, x, zi=signal.lfilter_zi(b[0], a) * start)[0]
+        out[:, i] = signal.lfilter(b, a, x, zi=signal.lfilter_zi(b, a) * start)[0]
     return out

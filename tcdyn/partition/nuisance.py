@@ -11,6 +11,7 @@ from scipy import signal
 
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from calibration.rigfile import UncertaintyTable
+from tcdyn.chain import discretised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.modal import RimGains
 from tcdyn.partition.prepare import DiskTraces
@@ -171,11 +172,8 @@ def _other_split(
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt_s)
     whole = np.interp(window.time_s, window.blocks.time_s, base)
-    system = signal.cont2discrete(
-        signal.tf2ss([tau1 - tau2, 0.0, 0.0], np.polymul([tau1, 1.0], [tau2, 1.0])), dt_s, method="foh"
-    )[:4]
-    b, a = signal.ss2tf(*system)
-    lost = signal.lfilter(b[0], a, whole, zi=signal.lfilter_zi(b[0], a) * whole[0])[0]
+    b, a = discretised([tau1 - tau2, 0.0, 0.0], np.polymul([tau1, 1.0], [tau2, 1.0]), dt_s)
+    lost = signal.lfilter(b, a, whole, zi=signal.lfilter_zi(b, a) * whole[0])[0]
     out = np.zeros((len(base), len(OUTER_ROW)))
     out[:, j] = -window.blocks.mean(lost)
     return out
