@@ -12,7 +12,6 @@ from calibration.errors import InputError
 Array = NDArray[np.float64]
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
-NEVER = "never moved"
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ class InverseState:
 class InverseStream:
     """Zero-lag streaming compensator: ``run(state, chunk) -> (state, temperature, flags)``, all chunkings alike.
 
-    A missing sample, and one that jumps by more than ``spike_K`` from the median of the five before it for at most
-    two samples, is replaced by that median and flagged: it does not ring through the filter.
+    A missing sample, and one that lies more than ``spike_K`` from the median of the five before it, is replaced by
+    that median and flagged: it does not ring through the filter. A step costs three samples, then the median has it.
     """
 
     filters: tuple[InverseFilter, ...]

@@ -59,8 +59,8 @@ class Spectrum:
     lam_z: Any
     shape_r: Any  # (nr-1, m): nodal values of unit-norm r-modes
     shape_z: Any  # (nz, n)
-    force_r: Any  # (3, m): flux at R_o per W of power, temperature at R_i, everywhere
-    force_z: Any  # (7, n): flux, three boundary shapes, the rest of the boundary, one, ...
+    force_r: Any  # (4, m): power at R_o, temperature at R_i, everywhere, ambient at R_o
+    force_z: Any  # (10, n): see ``spectrum``
     profile: Any  # (5, nz): shapes of d, b, f and of the air behind either washer
     h: Any
 

@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
@@ -284,4 +283,4 @@ def twin(model: Model, theta: Mapping[str, float], name: str) -> bool:
     return name in ("Tp1", "Tp2", "Tp3") and any(abs(theta[n] / theta[name] - 1) < 1e-2 for n in lags)
 
 
-__all__ = ["Fit", "InputError", "fit"]
+__all__ = ["Fit", "fit"]

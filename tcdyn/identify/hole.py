@@ -181,7 +181,7 @@ def _fit(time: Array, mean: Array, count: Array, noise: Array, ideals: int, base
         a, b = np.vstack([*rows, prior]), np.concatenate([*target, np.zeros(c + 2)])
         if not np.any(theta[:m]):  # first pass: shape of x alone
             a = np.delete(a, np.s_[m + c :], axis=1)
-            a, theta[: m + c] = a, np.linalg.lstsq(a, b, rcond=None)[0]
+            theta[: m + c] = np.linalg.lstsq(a, b, rcond=None)[0]
             continue
         theta = np.linalg.lstsq(a, b, rcond=None)[0]
         new = np.clip(theta[m + 2 * c :], extra - 0.3, extra + 0.3)

@@ -20,18 +20,22 @@ def weights_of(residual: Array, loss: Loss) -> Array:
     """psi(r)/r with the scale from the median absolute deviation."""
     if loss == "linear":
         return np.ones_like(residual)
-    scale = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-300
-    z = np.abs(residual) / (TUNING[loss] * scale)
+    z = _standardised(residual, loss)
     if loss == "huber":
         return np.asarray(np.minimum(1.0, 1.0 / np.maximum(z, 1e-300)))
     return np.asarray(np.where(z < 1, (1 - z**2) ** 2, 0.0))
 
 
+def _standardised(residual: Array, loss: Loss) -> Array:
+    """|r| in units of the tuning constant times the scale from the median absolute deviation."""
+    scale = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-300
+    return np.asarray(np.abs(residual) / (TUNING[loss] * scale))
+
+
 def robust_covariance(residual: Array, jacobian: Array, loss: Loss) -> Array:
     """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981, eq. 7.6.5)."""
     n, p = jacobian.shape
-    scale = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-300
-    z = np.abs(residual) / (TUNING[loss] * scale)
+    z = _standardised(residual, loss)
     psi = weights_of(residual, loss) * residual
     inside = z < 1
     slope = inside if loss == "huber" else np.where(inside, (1 - z**2) * (1 - 5 * z**2), 0.0)

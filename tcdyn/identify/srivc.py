@@ -8,11 +8,10 @@ exactly the output-error Jacobian of the current model, so the same realisation 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from tcdyn.identify.models import Model, transfer
+from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Problem, Segment
 from tcdyn.identify.realise import Array, Factor, Rational, realise
 from tcdyn.identify.simulate import simulate_rows
@@ -40,7 +39,6 @@ def output_terms(problem: Problem, segment: Segment, den: Array) -> Array:
     y = filled(segment)
     level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
     model = Rational(np.eye(n + 1)[0], (Factor.polynomial(den, free=False),))
-    model = replace(model, num=np.concatenate([[1.0], np.zeros(n)]))
     rows = simulate_rows(realise(model), y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
     rows[0] += level
     return rows
@@ -142,4 +140,4 @@ def transfer_starts(problem: Problem, delays_s: Sequence[float]) -> list[dict[st
     return [model.full(theta) for _, theta in sorted(found, key=lambda item: item[0])]
 
 
-__all__ = ["prefilter_rates", "srivc", "transfer", "transfer_starts"]
+__all__ = ["prefilter_rates", "srivc", "transfer_starts"]
