@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 
 from calibration.disk import CHANNELS, DISKS, DiskSetup
 from calibration.errors import InputError
-from calibration.logs import Log
+from calibration.logs import COMPENSATED, Log
 from calibration.record import DiskRecord
 from calibration.rigfile import Rig
 from calibration.static import apply_static, outside_range, static_u
@@ -21,6 +21,7 @@ from tcdyn.chain import Chain
 from tcdyn.partition.events import Events, find_events
 from tcdyn.partition.friction import contact_force
 from tcdyn.rig.contact import half_width_m
+from tcdyn.rig.kinematics import surface_speed_m_s
 
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0
@@ -116,7 +117,7 @@ def prepare(
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
-    if log.metadata.get("tcdyn") == "compensated":
+    if log.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
             "this log is already compensated",
             where=where,
@@ -133,7 +134,7 @@ def prepare(
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
     rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
-    speeds = (_surface_speed(rpm[0], radius[0]), _surface_speed(rpm[1], radius[1]))
+    speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
     if not speeds[0] > speeds[1] > 0:
         raise InputError(
             f"surface speeds {speeds[0]:.2f} (fast) and {speeds[1]:.2f} m/s (slow)",
@@ -274,7 +275,3 @@ def _filled(y: NDArray[np.float64]) -> NDArray[np.float64]:
         return y
     rows = np.arange(len(y))
     return np.interp(rows, rows[good], y[good])
-
-
-def _surface_speed(rpm: float, radius_m: float) -> float:
-    return rpm * 2 * np.pi / 60 * radius_m

@@ -13,9 +13,8 @@ from calibration.disk import CHANNELS
 from calibration.logs import read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.rigfile import Rig
-from calibration.static import OvenFit, fit_static_lines
-from immersion.fluid_table import read_fluid
-from immersion.fluids import Fluid, fluid
+from calibration.static import PRT_U_DEGC, OvenFit, fit_static_lines
+from immersion.fluids import fluid
 from tcdyn.identify.plunge import PlungeFit, identify_plunges
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun, run_from_log
@@ -58,7 +57,7 @@ def calibrate_disk(
     *,
     structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
-    prt_u_degC: float = 0.1 / 3**0.5,
+    prt_u_degC: float = PRT_U_DEGC,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
@@ -77,11 +76,11 @@ def calibrate_disk(
     for k, path in enumerate(immersion):
         progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
         log = read_log(path, "immersion", rig, disk)
-        substance = named_fluid(fluids[min(k, len(fluids) - 1)])
+        substance = fluid(fluids[min(k, len(fluids) - 1)])
         run = run_from_log(log.filled(), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        warnings += [*log.warnings, *getattr(run.entry, "warnings", ())]
+        warnings += [*log.warnings, *run.entry.warnings]
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
@@ -99,11 +98,6 @@ def calibrate_disk(
         warnings=list(dict.fromkeys(warnings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
-
-
-def named_fluid(name: str) -> Fluid:
-    """A fluid by its name, or from a user's table when ``name`` is a CSV file."""
-    return read_fluid(name) if name.lower().endswith(".csv") else fluid(name)
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
