@@ -115,8 +115,8 @@ class _Run:
         self.announce: Callable[[Causal], None] = lambda _: None
         self.hash = hashlib.sha256()
         self.offset = self.rows = self.written = self.bad = self.out_bytes = 0
-        self.last_growth = self.saved_at = time.monotonic()
-        self.grew = False
+        self.saved_at = time.monotonic()
+        self.still_since: float | None = self.saved_at
 
     def go(self, state_file: Path | None) -> FollowRun:
         """Wait for the header, begin or go on, follow to the end."""
@@ -203,11 +203,11 @@ class _Run:
             stream.seek(self.offset)
             new = stream.read(MOST_BYTES)
         whole = new[: new.rfind(b"\n") + 1]
-        self.grew = bool(whole)
         if not whole:
+            self.still_since = self.still_since or time.monotonic()
             self.sleep(self.poll_s)
             return []
-        self.last_growth = time.monotonic()
+        self.still_since = None
         self.offset += len(whole)
         self.hash.update(whole)
         rows: list[list[float]] = []
@@ -235,8 +235,8 @@ class _Run:
     def _why_end(self) -> str:
         if self.stop():
             return "stopped"
-        idle = time.monotonic() - self.last_growth
-        return f"no growth for {self.idle_s:g} s" if idle > self.idle_s and not self.grew else ""
+        still = self.still_since is not None and time.monotonic() - self.still_since > self.idle_s
+        return f"no growth for {self.idle_s:g} s" if still else ""
 
     def _append(self, stream: IO[bytes], text: str) -> None:
         data = text.encode("utf-8")
