@@ -116,7 +116,7 @@ class _Run:
         self.hash = hashlib.sha256()
         self.offset = self.rows = self.written = self.bad = self.out_bytes = 0
         self.saved_at = time.monotonic()
-        self.still_since: float | None = self.saved_at
+        self.still_since: float | None = None  # when a look first found nothing new
 
     def go(self, state_file: Path | None) -> FollowRun:
         """Wait for the header, begin or go on, follow to the end."""
@@ -160,11 +160,13 @@ class _Run:
             problem: InputError | None = None
             try:
                 if found := open_growing(self.log, self.rig, self.records):
+                    self.still_since = None
                     return found
             except InputError as error:
                 problem = error
                 if self.log.exists() and self.log.stat().st_size > HEAD_BYTES:
                     raise
+            self.still_since = self.still_since or time.monotonic()
             if ended := self._why_end():
                 if problem is not None:
                     raise problem
