@@ -19,6 +19,9 @@ def beta(
     out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     window_s: Annotated[float, typer.Option("--window-s", help="cooling used by the h-only fit")] = 5.0,
+    sensor_check: Annotated[
+        bool, typer.Option(help="stop at dead or swapped channels, warn of misplaced junctions")
+    ] = True,
     seed: Annotated[int, typer.Option(help="seed of the budget's Monte Carlo")] = 0,
     json_: Json = False,
     quiet: Quiet = False,
@@ -33,7 +36,9 @@ def beta(
 
     records = records_by_disk(record)
     with stages(quiet or json_) as progress:
-        run = estimate_beta(log, load_rig(rig), records, window_s=window_s, seed=seed, progress=progress)
+        run = estimate_beta(
+            log, load_rig(rig), records, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
+        )
         text = dump(run.to_dict())
         if out is not None:
             write_text(out, text)

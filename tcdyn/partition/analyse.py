@@ -24,6 +24,7 @@ from tcdyn.partition.lines import DiskLine
 from tcdyn.partition.nuisance import nuisances
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, refined_chains, steady_lines
+from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.shift import FitShift
 from tcdyn.partition.steady import SpeedLawPoint
 from tcdyn.partition.surface import Surface, surface_temperatures
@@ -32,6 +33,7 @@ from tcdyn.partition.window import OUTER, DiskWindow, disk_window, stretch_of
 
 WINDOW_S = 5.0
 LAG_STEP_S = 0.01
+FATAL_FAULTS = ("dead", "swapped")
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Partition:
     chains: Mapping[str, tuple[Chain, ...]]
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
+    sensors: SensorCheck | None
     warnings: tuple[str, ...]
 
     @property
@@ -77,12 +80,14 @@ def analyse(
     profile: Profile = "modal",
     weights: NDArray[np.float64] = EQUAL_WEIGHTS,
     seed: int = 0,
+    sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Partition:
     """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
-    ``u``: uncertainties of what nobody measured; ``window_s``: cooling used by the h-only fit. Raises InputError when
-    the log ends too early, the window is shorter than the lag, or the data contradict the model.
+    ``u``: uncertainties of what nobody measured; ``window_s``: cooling used by the h-only fit; ``sensor_check``: look
+    for dead, swapped and misplaced junctions first. Raises InputError when the log ends too early, the window is
+    shorter than the lag, a channel is dead or swapped, or the data contradict the model.
     """
     lag = max(d.common_lag_s for d in test.disks.values())
     if window_s < lag:
@@ -93,6 +98,11 @@ def analyse(
         )
     rows = stretch_of(test, max(window_s, joint_length_s(test)))
     warnings = list(test.warnings)
+    sensors = None
+    if sensor_check:
+        progress("sensor map")
+        sensors = check_sensors(test, u)
+        warnings += _sensor_warnings(sensors)
     progress("steady lines")
     lines, speed = steady_lines(test, rows, u, profile, weights)
     progress("joint fits")
@@ -126,11 +136,11 @@ def analyse(
     ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
     ways |= {f"joint {d}": joint[d].beta for d in DISKS}
     steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
-    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, u))
+    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, u, sensors))
     surface = surface_temperatures(test, speed, windows)
     budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
     return Partition(
-        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains, compensated, windows,
+        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains, compensated, windows, sensors,
         tuple(warnings),
     )  # fmt: skip
 
@@ -160,6 +170,18 @@ def _compensated_window(
     test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile
 ) -> DiskWindow:
     return disk_window(test, disk, done.temperature, rows, disk.noise_K, profile)
+
+
+def _sensor_warnings(check: SensorCheck) -> list[str]:
+    """Sentences for what the sensor map suspects; a dead or swapped channel stops the analysis by name."""
+    for suspect in check.suspects:
+        if suspect.kind in FATAL_FAULTS:
+            raise InputError(
+                suspect.sentence,
+                expected="six living junctions where rig.toml says",
+                remedy="map the columns in rig.toml [columns], or go on at your own risk with --no-sensor-check",
+            )
+    return list(check.warnings)
 
 
 def _cooling_shift(

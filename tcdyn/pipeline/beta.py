@@ -44,6 +44,7 @@ def estimate_beta(
     *,
     window_s: float = WINDOW_S,
     seed: int = 0,
+    sensor_check: bool = True,
     friction_correction_N: Callable[[float, float], float] | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
@@ -51,7 +52,12 @@ def estimate_beta(
     progress("reading the log")
     table = read_log(log, "ehl", rig)
     test = prepare(table, rig, records, friction_correction_N)
-    return BetaRun(table, analyse(test, rig.common.uncertainty, window_s=window_s, seed=seed, progress=progress))
+    return BetaRun(
+        table,
+        analyse(
+            test, rig.common.uncertainty, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
+        ),
+    )
 
 
 def summary_of(p: Partition) -> str:
