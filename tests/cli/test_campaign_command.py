@@ -145,7 +145,7 @@ def test_dask_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> 
 def cluster() -> Iterator[str]:
     distributed = pytest.importorskip("dask.distributed")
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, protocol="tcp"
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="tcp"
     ) as local:
         yield local.scheduler_address
 
@@ -238,7 +238,7 @@ def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path:
     for folder, workers in (("w1", 1), ("w2", 2)):
         run_campaign(logs, settings_of(campaign), tmp_path / folder, workers=workers)
         tables.append((tmp_path / folder / "campaign.csv").read_bytes())
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as local:
         run_campaign(logs, settings_of(campaign), tmp_path / "dask", dask=local.scheduler_address)
     tables.append((tmp_path / "dask" / "campaign.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]
