@@ -43,7 +43,8 @@ def compensate(
     behind_s: Annotated[
         float | None,
         typer.Option(
-            "--behind-s", help=f"{WITH_FOLLOW}how far behind the live smoother works [s], default 0; 0.5 is far quieter"
+            "--behind-s",
+            help=f"{WITH_FOLLOW}how far behind the live smoother works, in seconds; default 0, 0.5 is far quieter",
         ),
     ] = None,
     bandwidth_hz: Annotated[
