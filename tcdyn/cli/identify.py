@@ -119,7 +119,7 @@ def write_report(path: Path, record: IOData, comparison: Comparison) -> None:
     best = comparison.best
     model = best.identified
     sections = [
-        Section("Which model", f"Recommended: {comparison.why}", comparison.table),
+        Section("Which model", f"Recommended: {comparison.why}", comparison.table.drop(columns=["remark"])),
         Section(
             "Fit",
             f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
@@ -137,6 +137,9 @@ def write_report(path: Path, record: IOData, comparison: Comparison) -> None:
         ),
         Section("Residuals", model.sentence, None, residual_figure(best)),
     ]
+    remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
+    if len(remarks):
+        sections.append(Section("Remarks on the models", table=remarks))
     write_page(
         path,
         f"{model.model.name}: {model.input_name} to {model.output_name}",

@@ -51,7 +51,7 @@ def budget_table(p: Partition) -> pd.DataFrame:
             {
                 "source": r.source,
                 "u(β) speed law": f"{r.u_beta_steady:.4f}",
-                "u(β) cooling fit": f"{r.u_beta_transient:.4f}",
+                "u(β) cooling fit, worse disk": f"{r.u_beta_transient:.4f}",
             }
             for r in p.budget.rows
         ]

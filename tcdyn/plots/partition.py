@@ -118,7 +118,7 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     ax.set_xlabel(f"h of the {disk} disk [W/m²K]")
     ax.set_ylabel("β [1]" if disk == "fast" else "1 - β [1]")
     ax.set_title(f"{disk} disk: mean |measured - model| [K]", loc="left", fontsize=9)
-    ax.legend(frameon=False, fontsize=7, loc="upper left")
+    ax.legend(frameon=True, framealpha=1, edgecolor="none", fontsize=7, loc="upper left")
     return ax
 
 

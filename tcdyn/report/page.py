@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,17 +31,46 @@ class Section:
 
     @property
     def paragraphs(self) -> list[str]:
+        """The text's paragraphs, as the template takes them."""
         return [part.strip() for part in self.text.split("\n\n") if part.strip()]
 
     @property
     def table_html(self) -> str:
+        """The table as HTML; empty without one."""
         if self.table is None:
             return ""
-        return str(self.table.to_html(index=False, border=0, escape=True, na_rep="", float_format=lambda x: f"{x:.5g}"))
+        return table_html(self.table)
 
     @property
     def image(self) -> str:
+        """The figure as a ``data:`` address; empty without one."""
         return "" if self.figure is None else figure_data_uri(self.figure)
+
+
+def table_html(table: pd.DataFrame) -> str:
+    """The table as HTML: numbers right and unbroken, words left, long sentences in a column wide enough to read."""
+    columns = [[_cell(v) for v in table.iloc[:, k]] for k in range(table.shape[1])]
+    kinds = [_kind(cells) for cells in columns]
+    head = "".join(f'<th class="{k}">{html.escape(str(name))}</th>' for name, k in zip(table.columns, kinds))
+    rows = (
+        "<tr>" + "".join(f'<td class="{k}">{html.escape(c)}</td>' for c, k in zip(row, kinds)) + "</tr>"
+        for row in zip(*columns)
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    if value is None or value != value:
+        return ""
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _kind(cells: list[str]) -> str:
+    """ "prose" for long text, "words" for short text, "number" for all else."""
+    if any(len(c) > 28 and " " in c for c in cells):
+        return "prose"
+    filled = [c for c in cells if c]
+    return "words" if filled and not any(c[0] in "0123456789+-.<" for c in filled) else "number"
 
 
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
@@ -85,5 +115,5 @@ def write_page(
     footer: str = "",
 ) -> Path:
     """Write the page beside and rename it into place; returns its path."""
-    html = render_page(title, sections, verdict=verdict, warnings=warnings, assumptions=assumptions, footer=footer)
-    return write_text(path, html)
+    page = render_page(title, sections, verdict=verdict, warnings=warnings, assumptions=assumptions, footer=footer)
+    return write_text(path, page)
