@@ -183,7 +183,8 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
             reason += ", the least of all"
     skipped = good[(good["BIC"] < best["BIC"]) & (good["remark"] != "")]
     if len(skipped):
-        reason += f"; {', '.join(skipped['model'])} would score better but is not determined by these data"
+        verb = "is" if len(skipped) == 1 else "are"
+        reason += f"; {', '.join(skipped['model'])} would score better but {verb} not determined by these data"
     return str(best["model"]), reason + "."
 
 

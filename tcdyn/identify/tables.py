@@ -46,7 +46,11 @@ def from_frame(
     if time is None and dt_s is None:
         time = next((c for c in ("time_s", "time", "t", "t_s", "Time", "Time_s") if c in frame.columns), None)
         if time is None:
-            raise InputError("no time column found", where=where, remedy="name it (time=) or give dt_s")
+            raise InputError(
+                "no time column found",
+                where=where,
+                remedy="name it (time, --time) or give the sampling interval in seconds (dt_s, --dt)",
+            )
     groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
     interval = dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
     parts = []
@@ -91,7 +95,27 @@ def from_csv(path: str | Path, **options: object) -> IOData:
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(f"is not a table ({error})", where=path.name, expected="a CSV file with a header") from error
     frame.columns = [str(c).strip() for c in frame.columns]
+    if all(is_number(c.replace(",", ".") if decimal == "," else c) for c in frame.columns):
+        raise InputError(
+            f"the first row holds numbers ({', '.join(frame.columns[:3])}), not the names of columns",
+            where=path.name,
+            expected="a CSV file with a header",
+            remedy="write the names of the columns into a first row, such as time_s,u,y",
+        )
     return from_frame(frame, **{"name": path.name, **options})  # type: ignore[arg-type]
+
+
+def is_number(text: str) -> bool:
+    """Whether ``text`` reads as a number.
+
+    >>> is_number("1.01"), is_number("u1")
+    (True, False)
+    """
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def numbers(frame: pd.DataFrame, column: str, where: str) -> Array:

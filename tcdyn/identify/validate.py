@@ -195,4 +195,18 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
     if spikes and cross.p >= ALARM:
         advice = "; fit with loss='huber'" if fit.loss == "linear" else ", held down by the robust loss"
         said += f" {spikes} sample{'s' if spikes > 1 else ''} stand out as spikes{advice}."
+    if fit.problem.initial == "equilibrium":
+        said += start_advice(fit)
     return said
+
+
+def start_advice(fit: Fit) -> str:
+    """A sentence when a run begins 4 rms or more off the assumed equilibrium (median of 3 samples), else ""."""
+    rms = float(np.sqrt(np.mean(fit.residual**2)))
+    first = max((float(np.median(fit.residual[s][:3])) for s in stretches(fit.problem)), key=abs)
+    if abs(first) <= 4 * rms:
+        return ""
+    return (
+        f" A run starts {abs(first):.3g} off the equilibrium that was assumed, {abs(first) / rms:.0f} times the "
+        "rms: fit with initial='estimated' (--initial estimated)."
+    )

@@ -134,3 +134,30 @@ def test_a_lead_is_not_mistaken_for_an_output_that_moves_first():
     y = y + 0.3 * np.random.default_rng(0).normal(size=len(y))
     result = fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1Z")
     assert result.identified.theta["Tz"] == pytest.approx(0.9, abs=4 * result.estimates["Tz"].u)
+
+
+def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
+    (tmp_path / "bare.csv").write_text("0,0,299.53\n1,0,299.6\n")
+    with pytest.raises(InputError, match=r"first row holds numbers.*time_s,u,y"):
+        from_csv(tmp_path / "bare.csv", input="u", output="y")
+    (tmp_path / "bare.csv").write_text("0;299,53\n1;299,6\n")
+    with pytest.raises(InputError, match="first row holds numbers"):
+        from_csv(tmp_path / "bare.csv", input="u", output="y")
+
+
+def test_a_missing_time_column_names_the_options_of_both_ways_in():
+    with pytest.raises(InputError, match=r"--time.*dt_s, --dt"):
+        from_frame(table()[["u", "y"]], input="u", output="y")
+
+
+def test_a_run_that_starts_away_from_equilibrium_is_told():
+    # a lag of 20 s under a constant input, begun 50 units below its equilibrium, then one step of the input
+    t = np.arange(0.0, 400.0)
+    u = np.where(t < 200, 1.0, 0.0)
+    y = np.where(t < 200, 10 - 50 * np.exp(-t / 20), 10 * np.exp(-(t - 200) / 20))
+    y = y + np.random.default_rng(0).normal(0, 0.1, len(t))
+    data = IOData.from_arrays(u, y, 1.0)
+    assert "--initial estimated" in fit(data, "P1").identified.sentence
+    assert "--initial estimated" not in fit(data, "P1", initial="estimated").identified.sentence
+    settled = IOData.from_arrays(u[200 - 20 :], y[200 - 20 :], 1.0)
+    assert "--initial estimated" not in fit(settled, "P1").identified.sentence
