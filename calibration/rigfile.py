@@ -190,7 +190,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"not readable as TOML ({problem})", where=str(path)) from None
+        raise InputError(f"not readable as TOML ({problem})", where=str(path), expected="a rig file") from None
     return parse_rig(data, str(path))
 
 
@@ -206,9 +206,11 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         except ValidationError as problem:
             first = problem.errors()[0]
             key = ".".join(str(part) for part in first["loc"]) or "the file"
+            unknown = first["type"] == "extra_forbidden"
+            message = "there is no such key" if unknown else first["msg"]
             prefix = "" if name == "common" else f"{name}."
             raise InputError(
-                f"{prefix}{key}: {first['msg']}" + (f" (got {first['input']!r})" if first["loc"] else ""),
+                f"{prefix}{key}: {message}" + (f" (got {first['input']!r})" if first["loc"] and not unknown else ""),
                 where=where,
                 remedy="`tcdyn rig --show` lists every key with its default",
             ) from None
@@ -225,12 +227,23 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
     return out
 
 
+HINTS = [
+    "# names in your logs, where they differ from tcdyn's, such as",
+    '# fast_a_degC = "TC1 fast"',
+    "",
+    "# what holds for one disk only goes below, such as",
+    "# [slow.disk]",
+    "# conductivity_W_mK = 43.0",
+]
+
+
 def rig_toml(rig: Rig) -> str:
     """The rig as TOML text, every key with its value: what ``tcdyn rig --show`` prints."""
     lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
     body = rig.common.model_dump()
     for table in ("disk", "washer", "thermocouples", "contact", "conditioning", "uncertainty", "columns"):
         lines += _toml_table(table, body[table])
+    lines += HINTS if not body["columns"] else []
     for disk in ("fast", "slow"):
         own = rig.tables(disk).model_dump()
         for table, values in own.items():
