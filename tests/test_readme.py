@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import glob
 import io
 import re
 import shlex
@@ -39,6 +40,7 @@ def test_every_block_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         if language == "sh":
             for words in commands(block):
                 assert words[0] == "tcdyn"
+                words = [path for word in words for path in sorted(glob.glob(word)) or [word]]  # as a shell does
                 call = [sys.executable, "-m", "tcdyn.cli.app", *words[1:]]
                 done = subprocess.run(call, capture_output=True, text=True, timeout=300, check=False)
                 # `record check` exits 1 when it has something to ask
