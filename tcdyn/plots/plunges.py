@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-import pandas as pd
-
 from tcdyn.identify.plunge_result import PlungeFit
-from tcdyn.report.page import Section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,21 +47,3 @@ def plunge_figure(fit: PlungeFit) -> Figure:
         draw_plunge(fit, run, axes[0, run])
         draw_plunge_residuals(fit, run, axes[1, run])
     return figure
-
-
-def plunge_sections(fit: PlungeFit) -> list[Section]:
-    """The certificate's section on the plunges: traces, residuals, and their size for each channel."""
-    rows = []
-    for run, model, predicted in zip(fit.runs, fit.optimum.problem.models, fit.optimum.predictions_degC):
-        rest = model.blocks.readings_degC - predicted
-        sizes = np.sqrt(np.nanmean(rest**2, axis=0))
-        rows.append({"plunge": run.name, **{f"{c} [K]": f"{s:.3f}" for c, s in zip(fit.channels, sizes)}})
-    return [
-        Section(
-            "Plunges",
-            text="Residuals (rms over blocks) of each channel:",
-            table=pd.DataFrame(rows),
-            figure=plunge_figure(fit),
-            caption="Dots: block means of the readings; lines: immersion model and chain. Below: what is left.",
-        )
-    ]

@@ -13,7 +13,7 @@ from test_cal_record import RECORD
 from calibration.logs import write_log
 from calibration.record import read_record, write_record
 from tcdyn.cli.app import app, run
-from tcdyn.plots.plunges import plunge_sections
+from tcdyn.report.certificate import plunge_sections
 
 
 def tcdyn(*words) -> int:

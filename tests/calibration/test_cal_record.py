@@ -29,7 +29,7 @@ from calibration.rigfile import load_rig
 from calibration.static import fit_static_lines
 from tcdyn.chain import conditioning_polynomials
 from tcdyn.cli.record import app
-from tcdyn.plots.certificate import certificate_assumptions, certificate_sections, certificate_verdict
+from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
 from tcdyn.report.page import write_page
 
 
