@@ -18,6 +18,8 @@ MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen 
 
 @dataclass(frozen=True)
 class BudgetRow:
+    """One source of uncertainty and its standard uncertainty of beta by the speed law and by the cooling fit."""
+
     source: str
     u_beta_steady: float
     u_beta_transient: float
@@ -74,7 +76,7 @@ def monte_carlo(
     rng = np.random.default_rng(seed)
     normal = {key: rng.standard_normal(draws) for key in names}
     uniform = rng.uniform(u.speed_exponent_low, u.speed_exponent_high, draws)
-    uniform = uniform + (exponent - 0.667) * (abs(exponent - 0.667) > 1e-9)
+    uniform = uniform + exponent - 0.5 * (u.speed_exponent_low + u.speed_exponent_high)
     noise = {d: rng.standard_normal((draws, 7)) for d in ("fast", "slow")}
 
     def run(active: str | None) -> dict[str, NDArray[np.float64]]:
