@@ -29,6 +29,7 @@ class Grid:
 
     @property
     def cells(self) -> int:
+        """Number of cells."""
         return len(self.kind)
 
 

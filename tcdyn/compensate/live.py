@@ -42,6 +42,7 @@ class LiveState:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> LiveState:
+        """The state that ``to_json`` wrote."""
         arrays = {k: np.asarray(v, dtype=float) for k, v in data.items() if k != "done"}
         return cls(**arrays, done=int(data["done"]))
 

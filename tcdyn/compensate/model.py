@@ -31,10 +31,12 @@ class Stretch:
 
     @property
     def end_s(self) -> float:
+        """Time of the last sample [s]."""
         return (len(self.y) - 1) * self.dt_s
 
     @property
     def start_s(self) -> float:
+        """Time of the first knot [s]: before the first sample by the longest dead time, a multiple of dt."""
         longest = max(s.delay_s for s in self.sensors)
         return -float(np.ceil(longest / self.dt_s - 1e-9)) * self.dt_s
 

@@ -52,6 +52,7 @@ class Intensity:
 
     @classmethod
     def constant(cls, level: float) -> Intensity:
+        """The same ``level`` [K2/s3] at all times."""
         return cls((0.0,), (float(level),))
 
     def at(self, t_s: ArrayLike) -> Array:

@@ -30,6 +30,7 @@ class Sensor:
 
     @property
     def size(self) -> int:
+        """Number of states."""
         return len(self.output)
 
     def ramp(self) -> Array:

@@ -33,6 +33,7 @@ class InverseState:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> InverseState:
+        """The state that ``to_json`` wrote."""
         return cls(tuple(np.asarray(m) for m in data["memories"]), np.asarray(data["recent"]), int(data["done"]))
 
 
@@ -49,6 +50,7 @@ class InverseStream:
 
     @classmethod
     def of(cls, filters: Sequence[InverseFilter], spike_K: float = np.inf) -> InverseStream:
+        """For one filter a channel; ``spike_K`` [K] as above, infinite for none."""
         return cls(tuple(filters), spike_K)
 
     def start(self, first: ArrayLike) -> InverseState:

@@ -57,6 +57,7 @@ class DiskFit:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
+        """beta (of the fast disk), h [W/m2K] and the common lag [s]."""
         u = np.sqrt(np.diag(self.covariance))
         return {
             "beta": Estimate.normal(self.beta, u[0]),
@@ -79,6 +80,7 @@ class BothFit:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
+        """beta, both h [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply."""
         u = np.sqrt(np.diag(self.covariance))
         log_ratio = np.log(self.speed_ratio)
         slope = np.array([0.0, 1 / self.h_fast, -1 / self.h_slow]) / log_ratio

@@ -25,6 +25,7 @@ class DiskLine:
 
     @property
     def line(self) -> Line:
+        """The line of least misfit."""
         return self.map.line
 
 

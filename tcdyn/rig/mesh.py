@@ -126,6 +126,7 @@ class _Grid:
 
     @property
     def size(self) -> int:
+        """Number of unknowns."""
         return self.cells.size + self.shaft.size
 
 
