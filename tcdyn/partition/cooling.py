@@ -20,8 +20,8 @@ MATCH_S = 10.0  # the model is matched to the readings over this long before par
 class CoolingFit:
     """h [W/m2K] and share of one disk from its cooling; ``misfit_K`` is the rms over the window.
 
-    ``slope`` (R, 3): change of the matched model per unit of h along the line; ``inside`` (R,): blocks of the window;
-    ``h_noise`` its standard uncertainty from the compensated traces' noise alone.
+    ``slope`` (R, 3): change of the matched model per unit of h along the line; ``inside`` (R,): blocks of the window,
+    ``weight`` (inside,) their samples; ``h_noise`` its standard uncertainty from the compensated traces' noise alone.
     """
 
     disk: str
@@ -33,6 +33,7 @@ class CoolingFit:
     slope: NDArray[np.float64]
     power: NDArray[np.float64]
     inside: NDArray[np.bool_]
+    weight: NDArray[np.float64]
     before: NDArray[np.bool_]
     h_noise: float
 
@@ -47,8 +48,8 @@ class CoolingFit:
 
     def pull(self, effect: NDArray[np.float64]) -> float:
         """Change of the fitted h when the model's prediction changes by ``effect`` (R, 3) [K]."""
-        s = self.slope[self.inside]
-        return -float((s * self.matched(effect)[self.inside]).sum() / (s * s).sum())
+        s, w = self.slope[self.inside], self.weight[:, None]
+        return -float((w * s * self.matched(effect)[self.inside]).sum() / (w * s * s).sum())
 
 
 def cooling_fit(window: DiskWindow, line: Line, unload_s: float, window_s: float, noise_K: float) -> CoolingFit:
@@ -100,6 +101,7 @@ def cooling_fit(window: DiskWindow, line: Line, unload_s: float, window_s: float
         slope,
         power,
         inside,
+        weight[:, 0],
         before,
         float(scatter),
     )
