@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from calibration.disk import CHANNELS, DISKS, DiskSetup
+from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.logs import COMPENSATED, Log
 from calibration.record import DiskRecord
@@ -47,10 +47,12 @@ class DiskTraces:
 
     @property
     def common_lag_s(self) -> float:
+        """Mean of the channels' lags [s]."""
         return float(np.mean([c.lag_s for c in self.chains]))
 
     @property
     def common_lag_u_s(self) -> float:
+        """Standard uncertainty of that mean [s]."""
         return float(np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)))
 
     @property
@@ -97,6 +99,7 @@ class EhlTest:
 
     @property
     def speed_ratio(self) -> float:
+        """u_f / u_s of the surface speeds under load."""
         return self.speeds_m_s[0] / self.speeds_m_s[1]
 
     def rows(self, start_s: float, stop_s: float) -> slice:
@@ -237,17 +240,32 @@ def disk_traces(
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
-    """The chains of channels a..f as the record states them."""
+    """The chains of channels a..f as the record states them, conditioning filter included.
+
+    Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
+    """
     assert record.chain is not None
+    own = record.conditioning.conditioning()
+    if setup.conditioning.poles != own.poles or (own.poles > 0 and setup.conditioning != own):
+        raise InputError(
+            f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
+            f"rig.toml states {_filter_text(setup.conditioning)}",
+            expected="the filter that the disk was calibrated with",
+            remedy="give --rig the rig file of the calibration, or calibrate again",
+        )
     return tuple(
         Chain(
             taus_s=(c.tau1_s, c.tau2_s),
             zero_s=c.zero_s,
             delay_s=c.delay_s,
-            conditioning=setup.conditioning,
+            conditioning=own,
         )
         for c in (record.chain.channels[ch] for ch in CHANNELS)
     )
+
+
+def _filter_text(b: Conditioning) -> str:
+    return f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" if b.poles else "of no pole"
 
 
 def despiked(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
