@@ -129,10 +129,11 @@ def stretch_of(test: EhlTest, after_s: float) -> slice:
     """Rows from well before the steady window to ``after_s`` after parting; refuses a log that ends before."""
     off, end = test.events.unload_s, test.time_s[-1]
     if end < off + after_s:
+        left = max(np.floor(10 * (end - off)) / 10, 0.0)
         raise InputError(
             f"the log ends {end - off:.2f} s after the disks part",
             expected=f"at least {after_s:g} s of cooling",
-            remedy="ask for a shorter window",
+            remedy=f"ask for a shorter window, --window-s {left:g} or window_s={left:g}, or log more of the cooling",
         )
     return test.rows(max(off - STEADY_S - FORGET_S, test.events.load_on_s + 5.0), off + after_s)
 
