@@ -21,7 +21,7 @@ DECAYS_S = (0.1, 0.6, 3.6)
 EXPONENTIAL = 50.0  # a power as good as an exponential
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
-FLOOR = 1e-9  # lowest corner intensity, in noise variances per second cubed: below it nothing is left to smooth
+FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
 
 
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:

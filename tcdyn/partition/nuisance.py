@@ -119,7 +119,10 @@ def boundary_gradient(
     Worked out on block means and held between them.
     """
     setup = window.setup
-    extra = tuple((setup.junctions[c].depth_m - GRADIENT_STEP_M, setup.junctions[c].z_m) for c in INNER_ROW)
+    deepest = setup.junctions["b"].depth_m  # the model's inner radius
+    extra = tuple(
+        (min(setup.junctions[c].depth_m, deepest) - GRADIENT_STEP_M, setup.junctions[c].z_m) for c in INNER_ROW
+    )
     g = perturbed_gains(setup, h_W_m2K, window.half_width_m, window.rates_1_s, NOMINAL, window.profile, extra)
     rest, power = window.answer(g)
     rise = (rest + share * power)[:, 3:] - window.inputs[:, 1:4]

@@ -90,5 +90,6 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "slow_max_degC": est("surface slow", p.surface.slow_max_degC),
             "delta_T_us": est("delta_T_us", p.surface.delta_T_us),
         },
+        "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
         "warnings": list(p.warnings),
     }

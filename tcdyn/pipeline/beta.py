@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from calibration.errors import InputError
 from calibration.logs import Log, read_log
 from calibration.record import DiskRecord
 from calibration.rigfile import Rig
@@ -52,12 +53,15 @@ def estimate_beta(
     progress("reading the log")
     table = read_log(log, "ehl", rig)
     test = prepare(table, rig, records, friction_correction_N)
-    return BetaRun(
-        table,
-        analyse(
-            test, rig.common.uncertainty, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
-        ),
-    )
+    u = rig.common.uncertainty
+    try:
+        found = analyse(test, u, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+    except InputError as problem:
+        if problem.where:
+            raise
+        where = table.path.name
+        raise InputError(problem.what, where=where, expected=problem.expected, remedy=problem.remedy) from None
+    return BetaRun(table, found)
 
 
 def summary_of(p: Partition) -> str:

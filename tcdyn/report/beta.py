@@ -60,8 +60,21 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
             figure=budget,
         ),
         Section(f"{name}: error maps of the steady stretch", figure=maps, caption="The valley is the steady line."),
+        *sensor_sections(p, name),
         Section(f"{name}: the test", table=test_table(p), figure=whole),
     ]
+
+
+def sensor_sections(p: Partition, name: str) -> list[Section]:
+    """The pairs of junctions of each disk as tables 6.2 to 6.5 of the thesis judge them."""
+    if p.sensors is None:
+        return []
+    out = []
+    for disk in DISKS:
+        matrix = p.sensors.matrix(disk).rename_axis("junction").reset_index()
+        words = f"{p.sensors.verdicts[disk]} Bulk temperature {p.sensors.bulk_degC[disk]:.1f} degC."
+        out.append(Section(f"{name}: sensor map of the {disk} disk, steady running", words, table=matrix))
+    return out
 
 
 def write_beta_report(

