@@ -102,8 +102,8 @@ def _sentence(
         f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
         f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations"
         + (
-            f". The stated value that the data pull most is {strained.what}: {abs(strained.z):.1f} standard deviations, "
-            f"no contradiction below {SUSPECT_PULL}."
+            f". The stated value that the data pull most is {strained.what}: {abs(strained.z):.1f} standard "
+            f"deviations, no contradiction below {SUSPECT_PULL}."
             if strained
             else "."
         )
