@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "beta": ("tcdyn.cli.beta", "beta", "Heat partition of one EHL log by every way, cross-checked."),
     "campaign": ("tcdyn.cli.campaign", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
     "design": ("tcdyn.cli.design", "design", "What a planned test can tell of the lags, before it is run."),
+    "hole": ("tcdyn.cli.hole", "hole", "How much later cemented thermocouples answer than clamped ones."),
     "verify": ("tcdyn.cli.verify", "verify", "Every published number that can be checked, side by side."),
 }
 

@@ -8,8 +8,10 @@ from pathlib import Path
 from calibration.disk import DISKS
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.tables import budget_table, test_table, ways_table
+from tcdyn.partition.windows import cooling_by_window, referee_table
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure
+from tcdyn.plots.windows import draw_referee, draw_window_study
 from tcdyn.report.page import Section, write_page
 
 ASSUMED = (
@@ -60,8 +62,25 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
             figure=budget,
         ),
         Section(f"{name}: error maps of the steady stretch", figure=maps, caption="The valley is the steady line."),
+        *transient_sections(p, name),
         *sensor_sections(p, name),
         Section(f"{name}: the test", table=test_table(p), figure=whole),
+    ]
+
+
+def transient_sections(p: Partition, name: str) -> list[Section]:
+    """The cooling fit against the length of its window, and the compensated form against the commuted one."""
+    study = cooling_by_window(p)
+    picture, axes = figure(1, 2, height_in=3.8)
+    draw_window_study(study, axes[0])
+    draw_referee(referee_table(p), axes[1])
+    return [
+        Section(
+            f"{name}: does the cooling fit depend on its window, or on the inverse?",
+            figure=picture,
+            caption="Left: beta by the cooling fit against the cooling used. Right: the cooling fit on compensated "
+            "traces against the joint fit on lagged ones, which needs no inverse.",
+        )
     ]
 
 

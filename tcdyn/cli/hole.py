@@ -1,0 +1,59 @@
+"""``tcdyn hole``: how much later cemented thermocouples answer than clamped ones (section 5.4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from calibration.logs import read_log
+from calibration.rigfile import load_rig
+from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, warn
+
+
+def hole(
+    log: Annotated[Path, typer.Argument(help="log of several thermocouples at one depth, some clamped as ideal")],
+    rig: RigFile = None,
+    ideal: Annotated[
+        list[str] | None, typer.Option(help="a clamped channel, name without _degC; default all called ideal_*")
+    ] = None,
+    limit_s: Annotated[float, typer.Option("--limit-s", help="extra lag from which a hole is too slow")] = 0.20,
+    depth_mm: Annotated[float, typer.Option("--depth-mm", help="depth of all junctions")] = 3.0,
+    depth_u_mm: Annotated[float, typer.Option("--depth-u-mm", help="its standard uncertainty")] = 0.05,
+    report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones, with a verdict.
+
+    Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
+    """
+    from tcdyn.identify.hole import compare_holes
+
+    table = read_log(log, "hole", load_rig(rig))
+    found = compare_holes(
+        table.filled(),
+        ideal=ideal,
+        limit_s=limit_s,
+        depth_m=depth_mm * 1e-3,
+        depth_u_m=depth_u_mm * 1e-3,
+        where=log.name,
+    )
+    warnings = [*table.warnings, *found.warnings]
+    if report is not None:
+        from tcdyn.plots.immersion import draw_holes
+        from tcdyn.plots.style import figure
+        from tcdyn.report.page import Section, write_page
+
+        picture, (ax,) = figure(height_in=4.5)
+        draw_holes(found, ax)
+        sections = [Section("Extra lag of each hole", table=found.table()), Section("The record", figure=picture)]
+        write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), warnings=warnings)
+    if json_:
+        print(dump({"holes": found.table().to_dict("records"), "limit_s": limit_s, "warnings": warnings}), end="")
+        return
+    warn(warnings, quiet)
+    say(found.summary(), quiet)
+    if report is not None:
+        say(f"report: {report}", quiet)
