@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import sys
 import time
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +58,32 @@ def case_b(records: int = 10) -> None:
         _, found, sd, _ = live.run(live.start(y[0]), np.concatenate([y, np.tile(y[-1], (lag, 1))]))
         show(f"live smoother, {lag} samples behind", found[lag:], sd[lag:], 1.01)
     show("proper inverse, 1.5 Hz", proper_inverse(chain, dt, 1.5)(y), None, 1.01)
+    for band_Hz in (0.6, 0.9, 1.5):
+        other = pydynamic_fir(y, dt, chain, band_Hz)
+        if other is None:
+            print("  PyDynamic is not installed: its FIR route is left out (pip install PyDynamic)")
+            break
+        show(f"PyDynamic LSFIR, {band_Hz} Hz", *other, 0.69)
+
+
+def pydynamic_fir(y: Array, dt: float, chain: Chain, band_Hz: float, order: int = 24) -> tuple[Array, Array] | None:
+    """The archived PTB library's route: least-squares inverse FIR, low-pass FIR, GUM propagation; None without it."""
+    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+        warnings.simplefilter("ignore")
+        try:
+            from PyDynamic.model_estimation.fit_filter import LSFIR
+            from PyDynamic.uncertainty.propagate_filter import FIRuncFilter
+        except ImportError:
+            return None
+        f = np.linspace(0.0, 1.2 * band_Hz, 80)
+        response = chain.frequency_response(f)
+        both = np.concatenate([response.real, response.imag])
+        taps, _ = LSFIR(both, order, f, 1 / dt, order // 2, verbose=False, inv=True)
+        low = signal.firwin(2 * order + 1, band_Hz, fs=1 / dt)
+        runs = [
+            FIRuncFilter(column, 0.2, taps, np.zeros((order + 1, order + 1)), order // 2 + order, low) for column in y.T
+        ]
+    return np.column_stack([r[0] for r in runs]), np.column_stack([r[1] for r in runs])
 
 
 def junction_after_unloading(dt: float, n: int, off_s: float, fine: int = 8) -> tuple[Array, Array]:
