@@ -10,6 +10,7 @@ import typer
 
 from calibration.errors import InputError
 from calibration.write import write_text
+from tcdyn.cli.common import Json, Quiet, say
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.fit import Fit
 from tcdyn.report.page import Section, write_page
@@ -36,8 +37,13 @@ def identify(
     initial: Annotated[str, typer.Option(help="Start of each run: equilibrium, zero or estimated.")] = "equilibrium",
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
     held_out: Annotated[float, typer.Option(help="Share of the record kept for the held-out score.")] = 0.3,
+    narx: Annotated[
+        bool, typer.Option("--narx", help="Also ask a NARX model whether the lag depends on the level.")
+    ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
     """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say."""
     check_choice("--hold", hold, ("foh", "zoh"))
@@ -46,13 +52,21 @@ def identify(
     fixed = {} if gain is None else {"Kp": gain}
     structures = [structure(name, fixed, no_offset) for name in split_models(models)]
     comparison = compare(record, structures, held_out=held_out, initial=initial, loss="huber" if robust else "linear")
-    typer.echo(comparison_text(comparison))
+    if not (quiet or json_):
+        typer.echo(comparison_text(comparison))
+    if narx:
+        from tcdyn.identify.narx import temperature_dependence
+
+        say(temperature_dependence(record, held_out=held_out).sentence, quiet or json_)
     json_path = out or data.with_suffix(".identified.json")
     html_path = report or json_path.with_suffix(".html")
     write_text(json_path, comparison.best.identified.to_json() + "\n")
     read_identified(json_path)
     write_report(html_path, record, comparison)
-    typer.echo(f"wrote {json_path} and {html_path}")
+    if json_:
+        print(comparison.best.identified.to_json())
+        return
+    say(f"wrote {json_path} and {html_path}", quiet)
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -13,6 +13,7 @@ from calibration.estimate import Estimate
 from calibration.record import DiskRecord, read_record
 from calibration.recorddiff import RecordDiff, check_record, diff_records
 from calibration.static import static_u
+from tcdyn.cli.common import Json
 
 app = typer.Typer(name="record", help="Show, compare and check the records of calibrated disks.", no_args_is_help=True)
 
@@ -20,10 +21,13 @@ RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
 
 @app.command()
-def show(record: RecordPath) -> None:
+def show(record: RecordPath, json_: Json = False) -> None:
     """The record in one page: static lines, lags, what it was made from."""
     console = Console()
     found = read_record(record)
+    if json_:
+        print(found.to_json(), end="")
+        return
     console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
     console.print(static_table(found))
     if found.chain is not None:

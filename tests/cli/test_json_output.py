@@ -1,0 +1,44 @@
+"""Where a command prints numbers, --json prints them for scripts; --narx answers in a sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.disk import Conditioning
+from tcdyn.chain import Chain
+from tests.cli.test_main_job import tcdyn
+from tests.conftest import Campaign
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
+    y = Chain((2.0,), conditioning=Conditioning(poles=0)).response(u, 0.1, "zoh") + rng.normal(0, 0.2, len(u))
+    path = tmp_path / "data.csv"
+    pd.DataFrame({"time_s": 0.1 * np.arange(len(u)), "u": u, "y": y}).to_csv(path, index=False)
+    return path
+
+
+def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("identify", table, "--input", "u", "--output", "y", "--hold", "zoh", "--models", "P1")
+    assert tcdyn(*words, "--json") == 0
+    model = json.loads(capsys.readouterr().out)
+    assert (
+        "2.0" in json.dumps(model)[:4000] or abs(float(model["theta"]["Tp1"]) - 2.0) < 0.05
+    )  # 0.2 K of 50 K, 800 samples
+    assert tcdyn(*words, "--narx") == 0
+    said = capsys.readouterr().out
+    assert "No sign that the lag depends on the level" in said
+
+
+def test_record_show_prints_json(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tcdyn("record", "show", campaign.record_paths["slow"], "--json") == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["disk"] == "slow"
+    assert set(shown["static"]) == set("abcdef")
