@@ -13,7 +13,7 @@ from rich.table import Table
 
 from tcdyn.verify import VerifyRow, verify_rows
 
-COLOURS = {"agrees": "green", "differs": "bold red", "not checkable": "yellow"}
+COLOURS = {"agrees": "green", "same trend": "cyan", "differs": "bold red", "not checkable": "yellow"}
 
 
 def verify(
@@ -38,8 +38,8 @@ def sentence(rows: Sequence[VerifyRow]) -> str:
     """The verdict in one sentence."""
     count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
     return (
-        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['differs']} differ, "
-        f"{count['not checkable']} can only be checked in trend."
+        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} show the same "
+        f"trend, {count['differs']} differ, {count['not checkable']} cannot be checked in size."
     )
 
 

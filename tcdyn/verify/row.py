@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-Verdict = Literal["agrees", "differs", "not checkable"]
+Verdict = Literal["agrees", "same trend", "differs", "not checkable"]
 
 
 @dataclass(frozen=True)
 class VerifyRow:
-    """A published number beside ours. ``why`` says what "agrees" means here, or why nothing more can be said."""
+    """A published number beside ours. ``why`` says what the verdict means here, or why nothing more can be said."""
 
     quantity: str
     source: str
@@ -26,9 +26,11 @@ class VerifyRow:
         return self.verdict == "differs"
 
 
-def row(quantity: str, source: str, published: str, ours: str, ok: bool, why: str) -> VerifyRow:
-    """A row whose verdict is a computed truth value."""
-    return VerifyRow(quantity, source, published, ours, "agrees" if ok else "differs", why)
+def row(
+    quantity: str, source: str, published: str, ours: str, ok: bool, why: str, good: Verdict = "agrees"
+) -> VerifyRow:
+    """A row whose verdict is a computed truth value; ``good`` is what to call it when true."""
+    return VerifyRow(quantity, source, published, ours, good if ok else "differs", why)
 
 
 def within(ours: Sequence[float], published: Sequence[float], relative: float = 0.0, absolute: float = 0.0) -> bool:
