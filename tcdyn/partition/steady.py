@@ -93,6 +93,20 @@ def speed_law(fast: Line, slow: Line, speed_ratio: float, exponent: float) -> Sp
     return SpeedLawPoint(beta, h_fast, h_fast / chi, chi)
 
 
+def exponent_sensitivity(
+    fast: Line, slow: Line, speed_ratio: float, exponents: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """beta by the speed law for each exponent n (figure 4.17), shape of ``exponents``.
+
+    >>> B, D = 0.46 / 1100, 0.28 / 1100
+    >>> lines = Line(0.37 - 100 * B, B), Line(0.20 - 100 * D, D)
+    >>> exponent_sensitivity(*lines, 4.24, np.array([0.571, 0.667, 0.8])).round(2)
+    array([0.72, 0.73, 0.75])
+    """
+    chi = speed_ratio ** np.asarray(exponents, dtype=float)
+    return np.array([speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, float(c)) for c in chi])
+
+
 def steady_map(
     y: NDArray[np.float64],
     boundary: NDArray[np.float64],

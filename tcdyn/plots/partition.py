@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from calibration.disk import CHANNELS, DISKS
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.steady import exponent_sensitivity
 from tcdyn.plots.style import CHANNEL_STYLE, DISK_COLOUR, GREY
 
 SHOWN = ("e", "a", "b")
@@ -119,6 +120,24 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     ax.set_ylabel("β [1]" if disk == "fast" else "1 - β [1]")
     ax.set_title(f"{disk} disk: mean |measured - model| [K]", loc="left", fontsize=9)
     ax.legend(frameon=True, framealpha=1, edgecolor="none", fontsize=7, loc="upper left")
+    return ax
+
+
+def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8) -> Axes:
+    """beta by the speed law against its exponent (figure 4.17), and the exponent that the two disks imply."""
+    n = np.linspace(low - 0.05, high + 0.05, 60)
+    beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
+    ax.axvspan(low, high, color="#eeeeee", label="range of the literature")
+    ax.plot(n, beta, color="black", label="speed law")
+    implied = p.both.estimates["exponent"]
+    ax.errorbar(
+        implied.value, p.both.beta, xerr=1.96 * implied.u, yerr=1.96 * p.both.estimates["beta"].u, fmt="^",
+        color="black", markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
+    )  # fmt: skip
+    ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
+    ax.set_xlabel("exponent n of h ~ u^n [1]")
+    ax.set_ylabel("heat partition β [1]")
+    ax.legend(frameon=False, fontsize=8)
     return ax
 
 

@@ -36,6 +36,8 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
     draw.draw_ways(p, ax, truth)
     budget, (ax,) = figure(height_in=4.0)
     draw.draw_budget(p, ax)
+    exponent, (ax,) = figure(height_in=3.4)
+    draw.draw_exponent(p, ax)
     maps, axes = figure(1, 2, height_in=4.0)
     for disk, ax in zip(DISKS, axes):
         draw.draw_map(p, disk, ax)
@@ -60,6 +62,11 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
             f"Monte Carlo of {len(next(iter(p.budget.draws.values())))} draws, one source at a time.",
             table=budget_table(p),
             figure=budget,
+        ),
+        Section(
+            f"{name}: how much the exponent matters",
+            figure=exponent,
+            caption="The joint fit of both disks assumes no speed law and so estimates the exponent.",
         ),
         Section(f"{name}: error maps of the steady stretch", figure=maps, caption="The valley is the steady line."),
         *transient_sections(p, name),
