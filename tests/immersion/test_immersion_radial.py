@@ -1,7 +1,6 @@
 """The fast radial model against exact solutions."""
 
 from dataclasses import replace
-from time import process_time
 
 import numpy as np
 import pytest
@@ -88,10 +87,3 @@ def test_bath_drift_is_followed() -> None:
     tau = 1 / (DISK.mean_rate_K_m2_J * 2000.0)
     mean_lag = 50.0 + rate * out.t_s[-1] - out.surface_degC[-1]
     assert mean_lag == pytest.approx(rate * tau, rel=1e-3)
-
-
-def test_a_300_s_plunge_takes_well_under_a_second() -> None:
-    bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
-    t0 = process_time()
-    simulate_plunge_model(DISK, DEPTHS, lambda T, F, t: bath.h_W_m2K(T, F), 26.0, 110.0, 300.0)
-    assert process_time() - t0 < 0.5  # 0.05 s measured on one core; wide for slow machines
