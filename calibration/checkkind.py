@@ -84,11 +84,15 @@ def check_contact(frame: pd.DataFrame, place: Place) -> list[str]:
             expected="newtons that rise by 10 or more in contact",
         )
     if on < off:
+        apart = load < 0.5 * (np.nanmin(load) + np.nanmax(load))
+        inverted = not apart.any() or contact[apart].mean() > 0.5
         raise InputError(
             f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
             where=place.where,
             expected="contact 1 while the disks touch",
-            remedy="the switch looks inverted",
+            remedy="the switch looks inverted: log 1 - contact"
+            if inverted
+            else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
         )
     notes = _bounces(contact, "contact", place)
     if contact[0] > 0.5:

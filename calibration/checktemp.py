@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from calibration.errors import InputError
+from calibration.noise import white_noise_sd
 from calibration.table import FloatArray, RowNumbers
 
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
@@ -106,8 +107,7 @@ def find_spikes(values: FloatArray) -> NDArray[np.bool_]:
         return out
     x = values[index]
     step = np.diff(x)
-    noise = 1.4826 * float(np.median(np.abs(step - np.median(step)))) / np.sqrt(2.0)
-    limit = max(SPIKE_SIGMAS * noise, SPIKE_FLOOR_K)
+    limit = max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K)
     if not (np.abs(step) > 0.5 * limit).any():
         return out
     out[index] = np.abs(x - median_filter(x, 7, mode="nearest")) > limit
@@ -119,8 +119,7 @@ def noise_sd(values: FloatArray) -> float:
     x = values[np.isfinite(values)]
     if len(x) < 10:
         return 0.0
-    second = x[2:] - 2 * x[1:-1] + x[:-2]
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0))
+    return float(white_noise_sd(x, 2, centred=False))
 
 
 def check_group(columns: dict[str, FloatArray], place: Place, reference_degC: float | None) -> list[str]:

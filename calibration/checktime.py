@@ -26,8 +26,8 @@ class Sampling:
 def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "time_s") -> tuple[FloatArray, Sampling]:
     """The time [s] with single missing values filled, and its sampling.
 
-    Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even. Raises InputError for time that repeats
-    or runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
+    Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even and come back so. Raises InputError for time
+    that repeats or runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
     """
     place = f"column {column}"
     if len(time) < 10:
@@ -89,7 +89,19 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
         notes.append(
             f"{place}: sampled at {1 / dt:.3g} Hz; 75 Hz is the rig's rate, lags below {2 * dt:.2g} s are lost"
         )
-    return time, Sampling(dt, np.concatenate([[0], np.cumsum(counts)]), tuple(notes))
+    grid = np.concatenate([[0], np.cumsum(counts)])
+    return _unrounded(time, grid, dt), Sampling(dt, grid, tuple(notes))
+
+
+def _unrounded(time: FloatArray, grid: NDArray[np.int64], dt_s: float) -> FloatArray:
+    """Stamps on the even grid where the clock's decimals are too few for the interval; else as they are.
+
+    Stamps of 0.013, 0.027, 0.040 s have steps of 13 and 14 ms, neither of which is the interval of 75 Hz.
+    """
+    if abs(float(np.median(np.diff(time))) - dt_s) < 1e-3 * dt_s:
+        return time
+    even = time.mean() + dt_s * (grid - grid.mean())
+    return np.asarray(even) if float(np.max(np.abs(even - time))) < dt_s else time
 
 
 def spread(values: FloatArray, place: NDArray[np.int64]) -> FloatArray:
@@ -100,7 +112,7 @@ def spread(values: FloatArray, place: NDArray[np.int64]) -> FloatArray:
 
 
 def spread_time(time: FloatArray, sampling: Sampling) -> FloatArray:
-    """The time on the even grid: as logged where it was logged, straight lines between."""
+    """The time [s] on the even grid: as logged where it was logged, straight lines between."""
     grid = np.arange(int(sampling.place[-1]) + 1)
     return np.asarray(np.interp(grid, sampling.place, time))
 

@@ -48,6 +48,7 @@ ORDER: dict[str, tuple[str, ...]] = {
     "ehl": LAYOUTS["ehl"].all,
     "hole": LAYOUTS["hole"].all,
 }
+FEW = 3  # names that a question may hold; more stand in the lines to write only
 KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.all))
 
 
@@ -115,10 +116,13 @@ def normalised(name: str) -> str:
     >>> normalised("Fast A [°C]"), normalised("fast_a_degC")
     ('fasta', 'fasta')
     """
+    text = _words(name)
+    return re.sub(r"_(deg_?c|deg|degc|celsius|c|s|sec|seconds|n|rpm)$", "", text).replace("_", "")
+
+
+def _words(name: str) -> str:
     text = re.sub(r"[\[(].*?[\])]", "", name.lower()).replace("°", "deg")
-    text = re.sub(r"[^a-z0-9]+", "_", text).strip("_")
-    text = re.sub(r"_(deg_?c|deg|degc|celsius|c|s|sec|seconds|n|rpm)$", "", text)
-    return text.replace("_", "")
+    return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 
 def suggestion(missing: str, names: Iterable[str]) -> str | None:
@@ -126,6 +130,7 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
     by_key: dict[str, str] = {}
     for name in names:
         by_key.setdefault(normalised(name), name)
+        by_key.setdefault(_words(name).replace("_", ""), name)  # a last "c" may be degrees or junction c
     key = normalised(missing)
     if key in by_key:
         return by_key[key]
@@ -162,26 +167,32 @@ def _missing(
     layout = LAYOUTS[kind]
     looks = recognise(have)
     if looks is not None and looks != kind and (len(missing) >= 2 or set(LAYOUTS[looks].required) <= have):
+        lacks = ", ".join(missing[:FEW]) + (f" and {len(missing) - FEW} more" if len(missing) > FEW else "")
         return InputError(
-            f"this looks like {LAYOUTS[looks].name} (it lacks {_listed(missing)})",
+            f"this looks like {LAYOUTS[looks].name} (it lacks {lacks})",
             where=where,
             expected=layout.name,
             remedy=f"give {layout.name} here",
         )
     free = [n for n in names if n not in KNOWN or n not in layout.all]
-    near = {m: s for m in missing if (s := suggestion(m, free)) is not None}
+    near: dict[str, str] = {}
+    for m in missing:
+        like = suggestion(m, (n for n in free if n not in near.values()))
+        near |= {m: like} if like else {}
     mapped = [f"{m} = {mapping[m]!r} is mapped, but the file has no such column" for m in missing if m in mapping]
+    mapped = [*mapped[:1], "so it is with the others"] if len(mapped) > FEW else mapped
     if near:
-        pairs = ", ".join(f'{m} = "{s}"' for m, s in list(near.items())[:4])
-        meant = ", ".join(repr(s) for s in list(near.values())[:4])
-        remedy = f"did you mean {meant}? write {pairs} in rig.toml [columns]"
+        pairs = ", ".join(f'{m} = "{s}"' for m, s in near.items())
+        asked = ", ".join(map(repr, near.values())) if len(near) <= FEW else "the names below"
+        remedy = f"did you mean {asked}? write {pairs} in rig.toml [columns]"
+        if len(near) < len(missing):
+            unused = [n for n in free if n not in near.values()]
+            remedy += f"; nothing in the file looks like {', '.join(m for m in missing if m not in near)}"
+            remedy += f" (not used so far: {', '.join(map(repr, unused))})" if unused else ""
     else:
-        shown = ", ".join(map(repr, names[:12])) + (", ..." if len(names) > 12 else "")
-        remedy = f"map it in rig.toml [columns]; the file has {shown}"
+        them = "it" if len(missing) == 1 else "them"
+        remedy = f"map {them} in rig.toml [columns], such as {missing[0]} = 'its name in the file'"
+        remedy += f"; the file has {', '.join(map(repr, names))}"
     is_are = "column is" if len(missing) == 1 else "columns are"
-    what = f"{_listed(missing)}: {is_are} missing" + (f" ({mapped[0]})" if mapped else "")
+    what = f"{', '.join(missing)}: {is_are} missing" + (f" ({'; '.join(mapped)})" if mapped else "")
     return InputError(what, where=where, expected=layout.name, remedy=remedy)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.logwrite import write_log
 from calibration.oven import steady_minutes
+from calibration.result import Result, jsonable
 from calibration.rigfile import Rig, load_rig
 from calibration.table import Columns, Table, open_table, shown
 from calibration.write import sha256
@@ -29,7 +31,7 @@ ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 
 
 @dataclass(frozen=True)
-class Log:
+class Log(Result):
     """One log: canonical columns (temperatures as logged, before the static lines), and where they come from.
 
     ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN
@@ -49,6 +51,32 @@ class Log:
         """The junctions' columns."""
         skip = {*ROOM_AND_BATH, "prt_degC", "setpoint_degC"}
         return tuple(n for n in self.frame.columns if n.endswith("_degC") and n not in skip)
+
+    def summary(self) -> str:
+        """File, kind, length, sampling and warnings."""
+        said = f"{self.path.name}: {LAYOUTS[self.kind].name}, {len(self.frame)} rows"
+        if self.dt_s is not None:
+            said += f" at {1 / self.dt_s:.4g} Hz, {len(self.frame) * self.dt_s:.4g} s"
+        return "\n".join([f"{said}, {len(self.channels)} thermocouples", *(f"warning: {w}" for w in self.warnings)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Where the log comes from and the range of every column; the samples are in ``frame``."""
+        return {
+            "file": self.path.name,
+            "sha256": self.sha256,
+            "kind": self.kind,
+            "rows": len(self.frame),
+            "dt_s": self.dt_s,
+            "metadata": dict(self.metadata),
+            "columns": {row.pop("column"): row for row in jsonable(self.card())},
+            "warnings": list(self.warnings),
+        }
+
+    def card(self) -> pd.DataFrame:
+        """Least, middle and greatest value of every column, and how many are missing."""
+        f = self.frame
+        table = {"column": f.columns, "min": f.min().to_numpy(), "median": f.median().to_numpy()}
+        return pd.DataFrame({**table, "max": f.max().to_numpy(), "missing": f.isna().sum().to_numpy()})
 
     def filled(self) -> pd.DataFrame:
         """The frame with its few missing samples replaced by straight lines between their neighbours."""
@@ -95,7 +123,7 @@ def open_log(
     where = shown(file)
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
-    mapping = dict((rig or load_rig()).tables(disk or "").columns)
+    mapping = (rig or load_rig()).columns(disk)
     table = open_table(file, (*KNOWN, *mapping.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(

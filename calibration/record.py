@@ -10,14 +10,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.recordupgrade import SCHEMA, upgraded
+from calibration.result import Result
 from calibration.rigfile import ConditioningTable, RigTables, setup_from_tables
-from calibration.static import StaticLine
+from calibration.static import StaticLine, lines_table
 from calibration.write import sha256, write_text
 
 LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
@@ -84,7 +86,7 @@ class ChainRecord(_Part):
         return np.array(self.covariance, dtype=float)
 
 
-class DiskRecord(_Part):
+class DiskRecord(Result, _Part):
     """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
 
     schema_: Literal["tcdyn.disk/1"] = Field(default=SCHEMA, alias="schema")
@@ -119,6 +121,32 @@ class DiskRecord(_Part):
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
         return setup_from_tables(self.disk, self.setup)
+
+    def summary(self) -> str:
+        """Disk, day, files, common lag and warnings, in a few lines."""
+        by = f" by {self.created_by}" if self.created_by else ""
+        files = ", ".join(item.file for item in self.inputs) or "no files named"
+        lines = [f"disk {self.disk}, calibrated {self.created}{by}, from {files}"]
+        if self.chain is None:
+            lines.append("no chain: it can correct steady readings only")
+        else:
+            common = self.chain.common_lag_s.text("s")
+            lines.append(f"chain {self.chain.structure}: common lag {common}; differences between channels:")
+            rest = self.chain.differential_lag_s
+            lines.append("  " + ", ".join(f"{c} {rest[c].text('s')}" for c in sorted(rest)))
+        return "\n".join([*lines, *(f"warning: {w}" for w in self.warnings)])
+
+    def card(self) -> pd.DataFrame:
+        """Static line and lag of each channel."""
+        table = lines_table(self.static)
+        if self.chain is not None:
+            lags = {c: str(channel.lag_s) for c, channel in self.chain.channels.items()}
+            table["lag [s]"] = [lags.get(c, "") for c in table["channel"]]
+        return table
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of the record's file."""
+        return self.model_dump(mode="json", by_alias=True)
 
     def to_json(self) -> str:
         """The record as JSON text."""
@@ -162,7 +190,12 @@ def read_record(path: str | Path) -> DiskRecord:
     except FileNotFoundError:
         raise InputError("no such file", where=where, remedy="`tcdyn calibrate` writes one") from None
     except (OSError, ValueError, RecursionError) as problem:
-        raise InputError(f"not readable as JSON ({problem})", where=where, expected="a disk record") from None
+        raise InputError(
+            f"not readable as JSON ({problem})",
+            where=where,
+            expected="a disk record",
+            remedy="give the *.disk.json that `tcdyn calibrate` wrote",
+        ) from None
     return parse_record(data, where)
 
 
@@ -182,12 +215,6 @@ def parse_record(data: Any, where: str) -> DiskRecord:
             expected="a record as `tcdyn calibrate` writes it",
             remedy="do not edit records by hand; calibrate again",
         ) from None
-
-
-def require_disk(record: DiskRecord, disk: str, where: str = "") -> None:
-    """Raise InputError unless the record is of ``disk``."""
-    if record.disk != disk:
-        raise InputError(f"is the record of disk {record.disk!r}", where=where, expected=f"that of disk {disk!r}")
 
 
 def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,13 +11,14 @@ from scipy import stats
 
 from calibration.errors import InputError
 from calibration.record import DiskRecord, moment, now_utc
+from calibration.result import Result, jsonable
 from calibration.static import apply_static, outside_range, static_u
 
 SIGNIFICANT = 0.05
 
 
 @dataclass(frozen=True)
-class RecordDiff:
+class RecordDiff(Result):
     """One row a quantity: old, new, change, its standard uncertainty, z and two-sided p.
 
     ``significant`` is at the 5 % level after Holm's correction over all rows.
@@ -36,6 +38,18 @@ class RecordDiff:
         if not drifted:
             return f"No significant drift in {len(self.table)} quantities."
         return f"{len(drifted)} of {len(self.table)} quantities drifted significantly: {', '.join(drifted)}."
+
+    def summary(self) -> str:
+        """The verdict and the notes."""
+        return "\n".join([self.sentence(), *(f"note: {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Sentence, notes and every row of the table."""
+        return {"sentence": self.sentence(), "notes": list(self.notes), "quantities": jsonable(self.table)}
+
+    def card(self) -> pd.DataFrame:
+        """What drifted."""
+        return self.significant
 
 
 def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
@@ -67,13 +81,23 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             rows.append((f"{c} lag_s", before.value, after.value, float(np.hypot(before.u, after.u))))
             first, second = old.chain.differential_lag_s[c], new.chain.differential_lag_s[c]
             rows.append((f"{c} differential lag_s", first.value, second.value, float(np.hypot(first.u, second.u))))
-    for key in ("setup", "conditioning"):
-        if getattr(old, key) != getattr(new, key):
-            notes.append(f"{key} differs between the records")
+    notes += _changed_tables(old, new)
     gone = sorted(set(old.static) ^ set(new.static))
     if gone:
         notes.append(f"channels {', '.join(gone)} stand in one record only")
     return RecordDiff(_holm(rows), tuple(notes))
+
+
+def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
+    """Keys of rig.toml that the records were made with and that differ; names of columns have no part in a lag."""
+    before, after = (r.setup.model_dump(exclude={"columns"}) for r in (old, new))
+    before["conditioning"], after["conditioning"] = (r.conditioning.model_dump() for r in (old, new))
+    return [
+        f"[{table}] {key} was {values[key]}, is {after[table].get(key)}"
+        for table, values in before.items()
+        for key in values
+        if values[key] != after[table].get(key)
+    ]
 
 
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from calibration.disk import CHANNELS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
+from calibration.result import Result
 
 
 class _Table(BaseModel):
@@ -136,7 +137,7 @@ class RigTables(_Table):
         return self
 
 
-class Rig(BaseModel):
+class Rig(Result, BaseModel):
     """A rig: the tables of each disk, and the two disks' common contact."""
 
     model_config = ConfigDict(frozen=True)
@@ -145,9 +146,37 @@ class Rig(BaseModel):
     fast: RigTables
     slow: RigTables
 
+    def summary(self) -> str:
+        """The disks in a line each: size, steel, bandwidth of the conditioning."""
+        lines = [f"gear ratio {self.common.contact.gear_ratio:g}, h ~ u^{self.common.contact.speed_exponent:g}"]
+        for disk in ("fast", "slow"):
+            t = self.tables(disk)
+            d, filter_ = t.disk, t.conditioning
+            lines.append(
+                f"{disk}: {2 * d.outer_radius_mm:g} mm diameter, {d.width_mm:g} mm wide, bore {2 * d.bore_radius_mm:g} "
+                f"mm, {d.conductivity_W_mK:g} W/mK, {d.density_kg_m3:g} kg/m3, {d.specific_heat_J_kgK:g} J/kgK, "
+                f"conditioning {filter_.cutoff_Hz:g} Hz x {filter_.poles}"
+            )
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Every table of the rig file as it is in force: common, fast, slow."""
+        return self.model_dump(mode="json")
+
     def tables(self, disk: str) -> RigTables:
         """The tables of ``disk`` ("fast" or "slow"; any other name gives the common ones)."""
         return {"fast": self.fast, "slow": self.slow}.get(disk, self.common)
+
+    def columns(self, disk: str | None = None) -> dict[str, str]:
+        """``[columns]`` as a log of ``disk`` needs it: ``fast_a_degC``, mapped for EHL logs, names the fast disk's
+        ``a_degC`` in oven and plunge logs too, unless ``a_degC`` is mapped itself.
+
+        >>> parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml").columns("fast")["a_degC"]
+        'TC1 fast'
+        """
+        mapped = dict(self.tables(disk or "").columns)
+        start = f"{disk}_"
+        return {k.removeprefix(start): v for k, v in mapped.items() if disk and k.startswith(start)} | mapped
 
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
@@ -190,7 +219,12 @@ def load_rig(path: str | Path | None = None) -> Rig:
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(f"not readable as TOML ({problem})", where=str(path), expected="a rig file") from None
+        raise InputError(
+            f"not readable as TOML ({problem})",
+            where=str(path),
+            expected="a rig file",
+            remedy="`tcdyn rig --show > rig.toml` writes one",
+        ) from None
     return parse_rig(data, str(path))
 
 

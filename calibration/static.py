@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.oven import ErrorStatistics, error_statistics, hold_means
+from calibration.result import Result
 
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
 SIGNIFICANT = 0.01
@@ -48,11 +50,6 @@ class StaticLine(BaseModel):
             raise ValueError("range_degC must be (low, high)")
         return self
 
-    @classmethod
-    def identity(cls, range_degC: tuple[float, float] = (-60.0, 760.0)) -> StaticLine:
-        """The line that changes nothing, known exactly."""
-        return cls(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=range_degC)
-
     @property
     def gain_estimate(self) -> Estimate:
         """Gain with its 95 % interval."""
@@ -65,7 +62,7 @@ class StaticLine(BaseModel):
 
 
 @dataclass(frozen=True)
-class OvenFit:
+class OvenFit(Result):
     """Static lines of one disk and what the oven said about them.
 
     ``joint_covariance`` (2 M, 2 M) is that of (gain, offset) of every channel in order: channels share each row's
@@ -84,9 +81,13 @@ class OvenFit:
     def summary(self) -> str:
         """The lines as people write them."""
         return "\n".join(
-            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f}"
+            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f} K"
             for c, line in self.lines.items()
         )
+
+    def card(self) -> pd.DataFrame:
+        """Gain and offset with their standard uncertainties, one row a channel."""
+        return lines_table(self.lines)
 
 
 def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0) -> OvenFit:
@@ -192,6 +193,23 @@ def _joint(
             joint[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
             joint[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
     return joint
+
+
+def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
+    """Static lines as people read them, one row a channel, each number with its standard uncertainty."""
+    return pd.DataFrame(
+        [
+            {
+                "channel": name,
+                "gain": str(line.gain_estimate),
+                "offset [degC]": str(line.offset_estimate),
+                "range [degC]": f"{line.range_degC[0]:.0f} to {line.range_degC[1]:.0f}",
+                "u at mid-range [K]": f"{float(static_u(line, 0.5 * sum(line.range_degC))):.2g}",
+                "residual sd [K]": f"{line.residual_sd_degC:.2g}",
+            }
+            for name, line in sorted(lines.items())
+        ]
+    )
 
 
 def _table(raw: ErrorStatistics, after: ErrorStatistics) -> pd.DataFrame:

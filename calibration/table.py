@@ -80,7 +80,9 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     except FileNotFoundError:
         raise InputError("no such file", where=where) from None
     except IsADirectoryError:
-        raise InputError("is a folder", where=where, expected="a log file") from None
+        raise InputError(
+            "is a folder", where=where, expected="a log file", remedy=f"name its files, such as {where}/*.csv"
+        ) from None
     except (OSError, ValueError) as problem:
         raise InputError(f"not readable ({problem})", where=where) from None
     if not head:
@@ -94,6 +96,9 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
         return read_lvm(file, where, known)
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
+    if ending in (".json", ".toml", ".html"):
+        kind = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}[ending]
+        raise InputError(f"is {kind} by its ending", where=where, expected="a log (CSV, LVM, TDMS or Parquet)")
     return CsvTable.open(file, where, known)
 
 

@@ -33,7 +33,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             raise InputError("is a folder", where=str(target), expected="a file to write")
         handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent)
     except (OSError, ValueError) as problem:
-        raise InputError(f"cannot be written ({problem})", where=str(target)) from None
+        reason = getattr(problem, "strerror", None) or problem
+        remedy = "give a folder that you may write into"
+        raise InputError(f"cannot be written ({reason})", where=str(target), remedy=remedy) from None
     os.close(handle)
     beside = Path(name)
     try:

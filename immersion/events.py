@@ -103,7 +103,7 @@ def reconcile_entry(
     """
     su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
-    warnings = ["the entry switch bounced; its first closing was taken"] if bounced else []
+    warnings = ["the entry switch bounced within a second; its first closing was taken"] if bounced else []
     if switch_s is None and probe_s is None:
         raise InputError(
             "no entry found: the switch never closes and the probe never jumps",

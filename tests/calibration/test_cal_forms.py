@@ -8,6 +8,7 @@ import pytest
 from cal_cases import FRAMES, csv_text, ehl_frame, immersion_frame, lvm_text, oven_frame, write
 from nptdms import ChannelObject, TdmsWriter
 
+from calibration.columns import LAYOUTS, match_columns
 from calibration.errors import InputError
 from calibration.logs import read_log, write_log
 from calibration.rigfile import parse_rig
@@ -107,6 +108,9 @@ def test_rounded_time_stamps_are_even_sampling(tmp_path):
     frame = immersion_frame()
     log = read_log(write_log(frame.assign(time_s=frame["time_s"].round(3)), tmp_path / "p.csv"), "immersion")
     assert log.dt_s == pytest.approx(1 / 75, rel=1e-6)  # 0.5 ms rounding over 40 s averages out
+    steps = np.diff(log.frame["time_s"])  # whoever takes the interval from the times must get the same
+    assert np.median(steps) == pytest.approx(1 / 75, rel=1e-6)
+    assert np.abs(log.frame["time_s"] - frame["time_s"]).max() < 0.5e-3  # the rounding itself
     assert log.warnings == ()
 
 
@@ -174,6 +178,21 @@ def test_columns_are_mapped_by_the_rig_file_and_near_misses_are_named(tmp_path):
     same(path, "oven", frame, rig)
     with pytest.raises(InputError, match="did you mean 'prt_degC'"):
         read_log(path, "oven", parse_rig({"columns": {"prt_deg": "PRT [°C]"}}, "rig.toml"))
+
+
+def test_one_name_for_a_thermocouple_serves_the_logs_of_both_disks_and_of_one(tmp_path):
+    names = {f"{c}_degC": f"TC {c} langsam" for c in "abcdef"}
+    rig = parse_rig({"columns": {f"slow_{name}": own for name, own in names.items()}}, "rig.toml")
+    frame = oven_frame()
+    path = write_log(frame.rename(columns=names), tmp_path / "oven.csv")
+    pd.testing.assert_frame_equal(read_log(path, "oven", rig, "slow").frame, read_log_frame(tmp_path, frame))
+    with pytest.raises(InputError, match="a_degC, b_degC"):  # another disk's names are not taken for it
+        read_log(path, "oven", rig, "fast")
+
+
+def read_log_frame(folder, frame):
+    """An oven log under tcdyn's own names."""
+    return read_log(write_log(frame, folder / "plain.csv"), "oven").frame
 
 
 def test_an_extra_column_is_fine_and_oil_may_be_missing(tmp_path):
@@ -276,3 +295,18 @@ def test_filled_joins_missing_samples_by_straight_lines(tmp_path):
     expected = np.linspace(frame["a_degC"][999], frame["a_degC"][1003], 5)
     assert log.filled()["a_degC"][999:1004].to_numpy() == pytest.approx(expected, abs=1e-12)
     assert log.channels == ("a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC")
+
+
+def test_every_missing_column_is_named_and_each_near_miss_is_offered_once() -> None:
+    """Thirteen columns renamed: all thirteen are listed, twelve with the line to write, the other with what is left."""
+    required = LAYOUTS["ehl"].required
+    channels = [c for c in required if c.startswith(("fast_", "slow_"))]
+    renamed = {c: "TC " + c.removesuffix("_degC").replace("_", " ").title() + " [°C]" for c in channels}
+    names = tuple(renamed.get(c, c) for c in required if c != "load_N")
+    with pytest.raises(InputError) as caught:
+        match_columns((*names, "Kraft"), "ehl", "D4.csv")
+    said = str(caught.value)
+    assert ", ".join(["load_N", *channels]) in said
+    for canonical, name in renamed.items():
+        assert f'{canonical} = "{name}"' in said
+    assert "nothing in the file looks like load_N (not used so far: 'Kraft')" in said

@@ -21,7 +21,6 @@ from calibration.record import (
     now_utc,
     parse_record,
     read_record,
-    require_disk,
     write_record,
 )
 from calibration.recorddiff import check_record, diff_records
@@ -162,10 +161,7 @@ def test_an_older_schema_is_read_with_a_warning(tmp_path):
         read_record(write(tmp_path, "old.json", json.dumps(old)))
 
 
-def test_the_record_of_another_disk_is_refused():
-    require_disk(RECORD, "fast")
-    with pytest.raises(InputError, match="record of disk 'fast'"):
-        require_disk(RECORD, "slow")
+def test_records_of_two_disks_are_not_compared():
     with pytest.raises(InputError, match="one disk"):
         diff_records(RECORD, make_record(disk="slow"))
 
@@ -203,6 +199,15 @@ def test_check_names_what_a_reader_would_ask():
     assert "no chain" in said
 
 
+def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
+    data = RECORD.to_dict()
+    data["setup"]["columns"] = {"fast_a_degC": "TC1"}
+    assert diff_records(RECORD, parse_record(data, "b")).notes == ()
+    data["setup"]["disk"]["conductivity_W_mK"] = 43.0
+    (note,) = diff_records(RECORD, parse_record(data, "b")).notes
+    assert note == "[disk] conductivity_W_mK was 41.0, is 43.0"
+
+
 def test_the_commands_show_compare_and_check(tmp_path):
     runner = CliRunner()
     one, two = write_record(RECORD, tmp_path / "a.json"), write_record(make_record(again(1, 0.5)), tmp_path / "b.json")
@@ -230,5 +235,5 @@ def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_pat
     )
     text = page.read_text()
     assert "6 of 6 thermocouples fit to use" in text
-    assert text.count("data:image/png") == 2
+    assert text.count("data:image/png") == 3  # errors, residuals, lags
     assert "Made from" in text

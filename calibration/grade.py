@@ -1,0 +1,40 @@
+"""Two grades of what is said about data: warnings ask for a decision, notes tell of what was mended on the way."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+MENDED = re.compile(
+    r"spikes (in \d+ channels )?were taken as missing"
+    r"|spikes?(\(s\))?; taken as missing"
+    r"|spikes? (was|were) left out"
+    r"|time stamps jitter by up to half a sample"
+    r"|the clock passes midnight"
+    r"|levels .* are read as 0 and 1"
+    r"|a continuous log: \d+ steady minutes were found"
+    r"|each return to a set point counts as the next repeat"
+)
+
+
+def is_note(sentence: str) -> bool:
+    """Whether ``sentence`` tells of something mended in full, which nobody needs to act upon.
+
+    Whatever is not known to be harmless is a warning.
+
+    >>> is_note("651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)")
+    True
+    >>> is_note("fast_c: 8.1 % of the samples are spikes or missing")
+    False
+    """
+    return MENDED.search(sentence) is not None
+
+
+def graded(sentences: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Warnings and notes among ``sentences``, each in their order.
+
+    >>> graded(["x.csv, row 9, column e_degC: 2 spike(s); taken as missing", "the switch never moved"])
+    (['the switch never moved'], ['x.csv, row 9, column e_degC: 2 spike(s); taken as missing'])
+    """
+    told = list(sentences)
+    return [s for s in told if not is_note(s)], [s for s in told if is_note(s)]

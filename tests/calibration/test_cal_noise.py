@@ -1,0 +1,38 @@
+"""The noise of a trace that its logger rounds: never below the rounding, and untouched where the steps are fine."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.noise import rounding_sd, white_noise_sd
+
+STEP_12_BIT_K = 860 / 2**12
+RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
+
+
+def rounded(sd_K: float, step_K: float) -> np.ndarray:
+    y = RAMP + sd_K * np.random.default_rng(0).standard_normal(len(RAMP))
+    return np.asarray(np.round(y / step_K) * step_K * 1.003 + 0.2)  # a static line comes after the rounding
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("sd_K", [0.0, 0.02, 0.05])
+def test_a_trace_of_coarse_steps_is_as_noisy_as_its_rounding(order: int, sd_K: float) -> None:
+    found = float(white_noise_sd(rounded(sd_K, STEP_12_BIT_K), order))
+    # the true scatter about the smooth curve lies between the rounding alone and both together
+    assert STEP_12_BIT_K / 12**0.5 <= found <= 1.01 * np.hypot(sd_K, STEP_12_BIT_K / 12**0.5)
+
+
+def test_fine_steps_and_unrounded_traces_have_no_rounding_to_speak_of() -> None:
+    assert rounding_sd(rounded(0.12, 860 / 2**16)) == 0.0
+    assert rounding_sd(RAMP) == 0.0
+    assert rounding_sd(np.full(100, 20.0)) == 0.0
+
+
+def test_columns_are_judged_each_by_itself() -> None:
+    both = np.column_stack([rounded(0.02, STEP_12_BIT_K), rounded(0.12, 860 / 2**16)])
+    both[500:510, 0] = np.nan
+    coarse, fine = white_noise_sd(both, 3)
+    assert coarse == pytest.approx(1.003 * STEP_12_BIT_K / 12**0.5, rel=1e-6)
+    assert fine == pytest.approx(1.003 * 0.12, rel=0.05)  # 20000 samples, a median of them
