@@ -83,7 +83,7 @@ def spectrum(
     mesh: Mesh,
     parameters: dict[str, Any] | None = None,
 ) -> Spectrum:
-    """Modes and projections of the scheme.
+    """Modes and projections of the scheme at the surface's ``h`` [W/m2K].
 
     Forcings in r: power at R_o, temperature at R_i, everywhere, ambient at R_o. Forcings in z: flux, the shapes of
     d, b and f, what they leave to the air, one, face d, face f, and what they leave to the air on either side.

@@ -31,7 +31,7 @@ class Tridiagonal:
 
 
 def radial_operator(ri: Any, ro: float, n: int, alpha: Any, conductivity: Any, h: Any) -> Tridiagonal:
-    """A_r on the nodes j = 1..n-1 (node 0 carries the imposed profile)."""
+    """A_r [1/s] on the nodes j = 1..n-1 (node 0 carries the imposed profile); SI units throughout."""
     dr = (ro - ri) / (n - 1)
     j = np.arange(1.0, n)
     r = ri + dr * j
@@ -66,7 +66,7 @@ def inner_source(ri: Any, ro: float, n: int, alpha: Any) -> Any:
 
 
 def axial_operator(width: float, n: int, alpha: Any, conductivity: Any, washer: Any) -> Tridiagonal:
-    """A_z on all nodes i = 0..n-1."""
+    """A_z [1/s] on all nodes i = 0..n-1; SI units throughout."""
     dz = width / (n - 1)
     c = alpha / dz**2
     ends = np.zeros(n)
@@ -133,7 +133,7 @@ def flux_density(flux: Flux, half_width: Any, width: float, n: int) -> Any:
 
 
 def profile_basis(kind: str, z: Array, at: tuple[float, float, float], width: float, lowest: Any, reading: Any) -> Any:
-    """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two.
+    """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two; ``width`` in m.
 
     "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions
     of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (3, nz).

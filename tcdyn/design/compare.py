@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 
 from calibration.disk import DiskSetup
+from calibration.result import Result, jsonable
+from tcdyn.design.advice import MEANING, common, differences, headline, sentence
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
-from tcdyn.design.prediction import Prediction, combined, table, verdict
+from tcdyn.design.prediction import Prediction, combined, table
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, predict_touches
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Result):
     """Predictions of several planned tests side by side, and one sentence each."""
 
     predictions: tuple[Prediction, ...]
@@ -26,14 +29,30 @@ class Design:
         return table(self.predictions)
 
     def sentences(self) -> tuple[str, ...]:
-        """One sentence a test, then the advice."""
-        best = min(self.predictions, key=lambda p: p.u_common_s)
-        alike = min(self.predictions, key=lambda p: p.u_differential_s)
-        advice = (
-            f"The common lag is told best by: {best.name} (+- {best.u_common_s:.3f} s); the differences by: "
-            f"{alike.name} (+- {alike.u_differential_s:.3f} s)."
-        )
-        return (*(verdict(p, self.lag_s) for p in self.predictions), advice)
+        """One sentence a test, then what to do."""
+        return (*(sentence(p, self.lag_s) for p in self.predictions), headline(self.predictions, self.lag_s))
+
+    def summary(self) -> str:
+        """What to do, every test with the standard uncertainties to expect, and what the grades mean."""
+        rows = [
+            {
+                "test": p.name,
+                "common lag [s]": f"{p.u_common_s:.3f} {common(p, self.lag_s)}",
+                "differences [s]": f"{p.u_differential_s:.3f} {differences(p, self.lag_s)}",
+            }
+            for p in self.predictions
+        ]
+        shown = pd.DataFrame(rows).to_string(index=False)
+        return "\n".join([headline(self.predictions, self.lag_s), "", shown, "", MEANING])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table, numbers that a test does not have left out, and the sentences."""
+        rows = [{k: v for k, v in row.items() if v is not None} for row in jsonable(self.table())]
+        return {"tests": rows, "sentences": list(self.sentences())}
+
+    def card(self) -> pd.DataFrame:
+        """Test, and what it will tell of the common lag and of the differences [s]."""
+        return self.table()[["test", "u_common_s", "u_differential_s"]]
 
 
 def compare_tests(

@@ -68,22 +68,6 @@ def table(predictions: Sequence[Prediction]) -> pd.DataFrame:
     return pd.DataFrame([p.row() for p in predictions])
 
 
-def verdict(p: Prediction, lag_s: float) -> str:
-    """One sentence: what the test can fix and what it cannot."""
-    common = "fixes" if p.u_common_s < 0.05 * lag_s else "hints at" if p.u_common_s < 0.15 * lag_s else "cannot fix"
-    rest = (
-        "fixes"
-        if p.u_differential_s < 0.03 * lag_s
-        else "hints at"
-        if p.u_differential_s < 0.1 * lag_s
-        else "cannot fix"
-    )
-    return (
-        f"{p.name}: {common} the common lag (+- {p.u_common_s:.3f} s of {lag_s:.2f} s) and {rest} the differences "
-        f"between channels (+- {p.u_differential_s:.3f} s)."
-    )
-
-
 def information(
     jacobians: Sequence[Array], noise_K: float, own: int, shared: int, own_prior_sd: Array, shared_prior_sd: Array
 ) -> Array:

@@ -11,6 +11,9 @@ import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
+from calibration.result import Result, jsonable
+from tcdyn.identify.advice import COLUMNS, advice, follows_input, order_table
+from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
@@ -22,7 +25,7 @@ CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P3", "P3D")
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Result):
     """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with ``why``."""
 
     table: pd.DataFrame
@@ -34,6 +37,32 @@ class Comparison:
     def best(self) -> Fit:
         """The fit of the recommended model."""
         return self.fits[self.recommended]
+
+    def summary(self) -> str:
+        """Which model to use and why, or that none will do; the recommended model; the order table."""
+        lines = [self.advice, "", self.best.summary()]
+        model = self.best.identified
+        if not model.model.integrators:
+            times = ", ".join(f"{k} = {v.text('s')}" for k, v in percent_times(model).items())
+            lines.append(f"  lag (first moment) {model.lag_s.text('s')}; step response {times}")
+        shown = order_table(self.table, model.output_unit).to_string(index=False)
+        return "\n".join([*lines, "", shown, "", COLUMNS])
+
+    @property
+    def advice(self) -> str:
+        """Which model to use and why, or that none of them is good enough and what to try."""
+        untried = [name for name in CANDIDATES if name not in set(self.table["model"])]
+        unsettled = "off the equilibrium" in self.best.identified.sentence
+        return advice(self.table, self.recommended, self.why, untried, unsettled)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The recommended model as its file holds it, why, and the order table."""
+        table = jsonable(self.table)
+        return {**self.best.to_dict(), "recommended": self.recommended, "why": self.why, "comparison": table}
+
+    def card(self) -> pd.DataFrame:
+        """The order table, remarks left out."""
+        return self.table.drop(columns=["remark"])
 
 
 def compare(
@@ -48,8 +77,9 @@ def compare(
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
     scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`. The recommendation
     takes the lowest BIC among models without complaint (no parameter on a bound or undetermined), and gives way to
-    a smaller model whose BIC is within 2, or whose held-out error is better by more than 5 %. Ends with a reason
-    in words.
+    a smaller model whose BIC is within 2, or whose held-out error is better by more than 5 %. Models whose residuals
+    still follow the input come last, after those whose single parameters the data do not determine but whose response
+    they do. Ends with a reason in words.
     """
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
@@ -163,7 +193,9 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
     """The row to use and a sentence why."""
     good = table[table["BIC"].notna()]
     sound = good[good["remark"] == ""]
-    pool = sound if len(sound) else good
+    passing = sound[[not follows_input(row) for _, row in sound.iterrows()]]
+    explaining = good[[not follows_input(row) for _, row in good.iterrows()]]
+    pool = next(p for p in (passing, explaining, sound, good) if len(p))
     best = pool.iloc[0]
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
     reason = f"{best['model']} has the lowest BIC"
@@ -181,10 +213,17 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
         reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
         if not best["held_out_rms"] > rival["held_out_rms"]:
             reason += ", the least of all"
+    ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
+    if len(ties) and not len(near):
+        reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
     skipped = good[(good["BIC"] < best["BIC"]) & (good["remark"] != "")]
     if len(skipped):
         verb = "is" if len(skipped) == 1 else "are"
         reason += f"; {', '.join(skipped['model'])} would score better but {verb} not determined by these data"
+    missing = sound[(sound["BIC"] < best["BIC"]) & ~sound["model"].isin(pool["model"])]
+    if len(missing):
+        verb = "misses" if len(missing) == 1 else "miss"
+        reason += f"; {', '.join(missing['model'])} would score better but {verb} dynamics"
     return str(best["model"]), reason + "."
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
+from calibration.result import Result
 
 Array = NDArray[np.float64]
 Hold = Literal["zoh", "foh"]
@@ -35,7 +36,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class IOData:
+class IOData(Result):
     """Inputs and outputs of one or several runs at one sampling interval.
 
     ``hold`` says what the input did between samples: held (``zoh``, a computer's output) or a straight line
@@ -102,6 +103,24 @@ class IOData:
             output_units=tuple(output_units) or ("",) * no,
             name=name,
         )
+
+    def summary(self) -> str:
+        """Names, runs, samples and what is missing."""
+        said = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}: {len(self.runs)} run(s), "
+        said += f"{self.n_samples} samples every {self.dt_s:g} s, input {self.hold.upper()}"
+        return said + (f", {self.missing} output values missing" if self.missing else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Names, units, sampling and length of each run; the samples are in ``runs``."""
+        return {
+            "name": self.name,
+            "inputs": dict(zip(self.input_names, self.input_units)),
+            "outputs": dict(zip(self.output_names, self.output_units)),
+            "dt_s": self.dt_s,
+            "hold": self.hold,
+            "runs": [{"name": r.name, "start_s": r.start_s, "samples": r.n} for r in self.runs],
+            "missing": self.missing,
+        }
 
     @property
     def n_samples(self) -> int:

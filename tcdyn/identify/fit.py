@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, rounded
+from calibration.result import Result
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
@@ -27,7 +29,7 @@ Intervals = Literal["auto", "quadratic", "profile"]
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Result):
     """A finished fit: the identified model and everything needed to judge it.
 
     ``residual`` (N,) is measured minus simulated at the measured samples; ``innovation`` the same after the noise
@@ -76,12 +78,22 @@ class Fit:
             unit = m.model.unit(name)
             if name in self.estimates:
                 e = self.estimates[name]
-                lines.append(f"  {name:5s} {e.value:12.5g} +- {e.u:<9.2g} [{e.low95:.5g}, {e.high95:.5g}] {unit}")
+                value, u = rounded(e.value, e.u)
+                interval = f"[{rounded(e.low95, e.u)[0]}, {rounded(e.high95, e.u)[0]}]"
+                lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} {interval} {unit}")
             else:
                 lines.append(f"  {name:5s} {m.theta[name]:12.5g} (fixed) {unit}")
         lines.append(f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}")
         lines += [f"  {m.sentence}", *(f"  warning: {w}" for w in self.warnings)]
         return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The identified model as its file holds it."""
+        return self.identified.to_dict()
+
+    def card(self) -> pd.DataFrame:
+        """Parameters with their standard uncertainties and intervals."""
+        return self.identified.card()
 
 
 def fit(

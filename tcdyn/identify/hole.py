@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.noise import white_noise_sd
+from calibration.result import Result, jsonable
 from immersion.events import EntryEvent, find_entry
 from immersion.radial import plunge_grid
 from tcdyn.identify.plunge_grid import Reading, lag_on_grid
 from tcdyn.identify.plunge_noise import block_sd, inflation
-from tcdyn.identify.plunge_run import despiked, make_averages, white_noise_sd
+from tcdyn.identify.plunge_run import despiked, make_averages
 
 Array = NDArray[np.float64]
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
@@ -36,7 +38,7 @@ class Hole:
 
 
 @dataclass(frozen=True)
-class HoleComparison:
+class HoleComparison(Result):
     """Every cemented thermocouple against the clamped ones, and the clamped ones against each other."""
 
     holes: tuple[Hole, ...]
@@ -67,6 +69,14 @@ class HoleComparison:
     def summary(self) -> str:
         """A sentence a hole."""
         return "\n".join(h.sentence for h in self.holes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Extra lags with their verdicts, the limit and the warnings."""
+        return {"holes": jsonable(self.table()), "limit_s": self.limit_s, "warnings": list(self.warnings)}
+
+    def card(self) -> pd.DataFrame:
+        """One row a hole."""
+        return self.table()
 
 
 def compare_holes(
@@ -212,7 +222,7 @@ def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float
         verdict = "undecided"
     label = f"{diameter:g} mm hole" if diameter else name
     sentence = (
-        f"{label}: {estimate.value:+.3f} s against the clamped thermocouples ({estimate.low95:.3f} to "
-        f"{estimate.high95:.3f} s): {verdict}."
+        f"{label}: {estimate.value:+.3f} s against the clamped thermocouples (95 %: {estimate.low95:.3f} to "
+        f"{estimate.high95:.3f} s; limit {limit:g} s): {verdict}."
     )
     return Hole(name, diameter, estimate, verdict, sentence)

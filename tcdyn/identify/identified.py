@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, rounded
+from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.identify.data import Hold
 from tcdyn.identify.models import Known, Model
@@ -26,7 +28,7 @@ SCHEMA = "tcdyn.identified/1"
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Result):
     """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
 
     ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation
@@ -128,10 +130,33 @@ class Identified:
             cement_s=p.get("Tc", 0.0),
         )
 
+    def summary(self) -> str:
+        """The parameters with their standard uncertainties, the lag and what validation said."""
+        m = self.model
+        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {self.hold.upper()}, dt = {self.dt_s:g} s"]
+        lines += [f"  {n} {e.text(m.unit(n))}" for n, e in self.estimates.items()]
+        lines += [] if m.integrators else [f"  lag (first moment) {self.lag_s.text('s')}"]
+        said = [self.sentence] if self.sentence else []
+        return "\n".join([*lines, *(f"  {s}" for s in said), *(f"  warning: {w}" for w in self.warnings)])
+
+    def card(self) -> pd.DataFrame:
+        """Free parameters, one row each."""
+        rows = []
+        for name, e in self.estimates.items():
+            value, u = rounded(e.value, e.u)
+            low, high = (rounded(end, e.u)[0] for end in (e.low95, e.high95))
+            row = {"parameter": name, "value": value, "u": u, "low 95 %": low, "high 95 %": high}
+            rows.append({**row, "unit": self.model.unit(name)})
+        return pd.DataFrame(rows)
+
     def to_json(self) -> str:
         """The model as JSON text, complete: :meth:`from_json` gives it back."""
+        return json.dumps(self.to_dict(), indent=2)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The model as its file holds it."""
         m = self.model
-        return json.dumps(
+        plain = jsonable(
             {
                 "schema": SCHEMA,
                 "model": {
@@ -158,9 +183,9 @@ class Identified:
                 "statistics": {k: (v if np.isfinite(v) else None) for k, v in self.statistics.items()},
                 "sentence": self.sentence,
                 "warnings": list(self.warnings),
-            },
-            indent=2,
+            }
         )
+        return dict(plain)
 
     @classmethod
     def from_json(cls, text: str) -> Identified:

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
-from calibration.estimate import Estimate
-from immersion.correlations import THESIS_THREE, Bath, Correlation, Validity, check_validity
+from immersion.correlations import THESIS_THREE, Bath, Correlation, check_validity
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import Chain
 from tcdyn.identify.plunge_form import ModelForm, model_form
 from tcdyn.identify.plunge_layout import STRUCTURES, Layout, Structure, stages
 from tcdyn.identify.plunge_map import Optimum, fit_map
 from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_result import PlungeFit, conditional_u, lag_shares, split_lags
+from tcdyn.identify.plunge_result import PlungeFit, known_burst_u, lag_estimates, lag_shares, split_lags
 from tcdyn.identify.plunge_run import Blocks, PlungeRun, make_blocks
-from tcdyn.identify.plunge_scan import LagScan, lag_covariance, scan_common_lag
+from tcdyn.identify.plunge_scan import LagScan, lag_covariance, settled_scan
+from tcdyn.identify.plunge_words import fit_warnings, lag_sentence
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def identify_plunges(
         known = _bath(run, chosen, setup).property_u_rel(initial[r], float(b.bath_degC[0]))["total"]
         sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
     best, rival = _best_of_two(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K)
-    scan, best = scan_common_lag(best)
+    scan, best, _ = settled_scan(best)
     others = [find_correlation(name) for name in alternatives]
     form = model_form(best, scan, chosen, others, setup.conditioning.lag_s)
     return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form, rival)
@@ -87,7 +87,6 @@ def _result(
     covariance = lag_covariance(scan) + form.covariance
     _, differential = split_lags(lag, covariance, channels)
     common = scan.estimate(own, form.u_common_s)
-    u = np.sqrt(np.diag(covariance))
     validity = tuple(
         check_validity(_bath(r, chosen, setup), s.temperature_degC, m.bath_degC)
         for r, s, m in zip(runs, best.surfaces, best.problem.models)
@@ -98,7 +97,7 @@ def _result(
         correlation=chosen.name,
         channels=channels,
         chains={c: _chain(best.theta, layout, j, setup) for j, c in enumerate(channels)},
-        lag_s={c: Estimate.normal(lag[j], u[j]) for j, c in enumerate(channels)},
+        lag_s=lag_estimates(lag, scan, form.covariance, channels),
         lag_covariance=covariance,
         common_lag_s=common,
         differential_lag_s=differential,
@@ -106,8 +105,8 @@ def _result(
         budget=lag_shares(best, scan, form),
         model_form=form,
         validity=validity,
-        warnings=(*rival, *_warnings(runs, blocks, best, validity)),
-        sentence=_sentence(best, common, len(runs)),
+        warnings=(*rival, *fit_warnings(runs, blocks, best, validity)),
+        sentence=lag_sentence(common, common.u, known_burst_u(best), len(runs)),
         converged=best.converged,
         priors=priors,
         setup=setup,
@@ -175,42 +174,3 @@ def _nuisances(best: Optimum) -> pd.DataFrame:
             "prior_sd": np.where(np.isfinite(problem.sd), problem.sd, np.nan),
         }
     )
-
-
-def _sentence(best: Optimum, common: Estimate, runs: int) -> str:
-    known = conditional_u(best, "ln_burst", "entry_")
-    who = "One plunge gives" if runs == 1 else f"{runs} plunges give"
-    text = f"{who} a common lag of {common.value:.2f} s +- {common.u:.2f} s"
-    if common.u <= max(0.05, 0.10 * common.value):
-        return text + "; the entry burst is told apart from it."
-    return (
-        text + f"; with the entry burst and the entry time known it would be +- {known:.2f} s, so these data cannot "
-        "separate the lag from the burst: take the differences between channels from here and the common lag from an "
-        "unloading."
-    )
-
-
-def _warnings(
-    runs: Sequence[PlungeRun], blocks: Sequence[Blocks], best: Optimum, validity: Sequence[Validity]
-) -> tuple[str, ...]:
-    out: list[str] = []
-    if not best.converged:
-        out.append("the plunge fit stopped before it converged")
-    problem = best.problem
-    pull = np.where(np.isfinite(problem.sd), (best.theta - problem.mean) / problem.sd, 0.0)
-    for name, p in zip(problem.layout.names(), pull):
-        if abs(p) > 3:
-            out.append(f"{name} lies {abs(p):.1f} prior standard deviations from what was expected")
-    for run, b, v, factor in zip(runs, blocks, validity, problem.inflation):
-        out += [f"{run.name}: {w}" for w in (*run.entry.warnings, *v.warnings)]
-        if b.spikes:
-            out.append(f"{run.name}: {b.spikes} spikes were left out")
-        if factor.common > 4 or factor.differential > 4:
-            out.append(
-                f"{run.name}: residuals are coloured (variance factors {factor.common:.1f} common, "
-                f"{factor.differential:.1f} differential); the uncertainties were widened for it"
-            )
-    for j, c in enumerate(problem.layout.channels):
-        if best.theta[problem.layout.lag][j] < 0.01:
-            out.append(f"channel {c}: the lag ran into zero; its interval is not to be trusted")
-    return tuple(dict.fromkeys(out))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from calibration.rigfile import UncertaintyTable
 
@@ -31,10 +31,6 @@ class PlungePriors:
     shape_logit: float = 0.0  # logit of 4 tau1 tau2 / lag^2: centre
     shape_logit_common: float = 1.5
     shape_logit_channel: float = 0.7
-
-    def known_geometry(self) -> PlungePriors:
-        """The same with conductivity and depths taken as exactly known."""
-        return replace(self, conductivity_log=1e-6, depth_m=1e-9)
 
     @classmethod
     def for_rig(cls, table: UncertaintyTable) -> PlungePriors:

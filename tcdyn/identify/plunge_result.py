@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration.disk import DiskSetup
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, rounded, with_u
 from immersion.correlations import Validity
 from tcdyn.chain import Chain
 from tcdyn.identify.plunge_form import ModelForm
@@ -17,8 +17,13 @@ from tcdyn.identify.plunge_map import Optimum, inverse
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun
 from tcdyn.identify.plunge_scan import LagScan, lag_covariance
+from tcdyn.identify.plunge_structures import StructureComparison
 
 Array = NDArray[np.float64]
+INTERVAL_NOTE = (
+    "(a lag's interval may reach further up than down: a long lag behind a fierce entry burst fits nearly as well as a "
+    "short one; burst and lag are common to the channels, so their differences have even intervals)"
+)
 
 
 @dataclass(frozen=True)
@@ -55,18 +60,50 @@ class PlungeFit:
     runs: tuple[PlungeRun, ...] = field(repr=False)
     optimum: Optimum = field(repr=False)
     scan: LagScan = field(repr=False)
+    structures: StructureComparison | None = field(default=None, repr=False)  # None: other structures not tried
 
     def summary(self) -> str:
-        """A few lines of text."""
+        """The lags, the structures and what limits them, in a few lines; warnings last."""
+        return "\n".join([*self.lines(), *(f"  warning: {w}" for w in self.warnings)])
+
+    def lines(self) -> list[str]:
+        """The summary's lines without the warnings."""
+        count = f"{len(self.runs)} plunge{'s' if len(self.runs) > 1 else ''}"
+        common = self.common_lag_s
+        rows = [(c, rounded(self.lag_s[c].value, self.lag_s[c].u), self.differential_lag_s[c]) for c in self.channels]
         lines = [
-            f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {len(self.runs)} plunges",
-            f"  common lag {self.common_lag_s} s",
+            f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
+            f"  common lag {with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
+            f"    {INTERVAL_NOTE}",
+            *(
+                f"  {c}: lag {value} +- {u} s, from the common lag {with_u(d.value, d.u, 's')}"
+                for c, (value, u), d in rows
+            ),
+            "  where the uncertainty comes from [s], common lag / differences:",
+            *(f"    {s.source}: {s.u_common_s:.3f} / {s.u_differential_s:.3f}" for s in self.budget),
+            f"  {self.sentence}",
         ]
-        lines += [f"  {c}: lag {self.lag_s[c]} s, differential {self.differential_lag_s[c]} s" for c in self.channels]
-        lines += [
-            f"  {s.source}: u {s.u_common_s:.3f} s common, {s.u_differential_s:.3f} s differential" for s in self.budget
-        ]
-        return "\n".join([*lines, f"  {self.sentence}", *(f"  warning: {w}" for w in self.warnings)])
+        if self.structures is None or self.structures.warnings:  # said as a warning, then
+            return lines
+        return [*lines, f"  structure: {self.structures.sentence}."]
+
+
+def interval(estimate: Estimate) -> str:
+    """The 95 % interval with the decimals of the uncertainty.
+
+    >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
+    '0.593 to 0.857'
+    """
+    return f"{rounded(estimate.low95, estimate.u)[0]} to {rounded(estimate.high95, estimate.u)[0]}"
+
+
+def lag_estimates(lag: Array, scan: LagScan, extra: Array, channels: tuple[str, ...]) -> dict[str, Estimate]:
+    """Each channel's lag (C,) [s]: the common lag's skew posterior along the profile, the rest normal.
+
+    ``extra`` (C, C) [s2] is what the choice of a model adds to the covariance.
+    """
+    rest = np.diag(scan.differential_covariance + extra)
+    return {c: scan.skewed(float(lag[j]), float(scan.lag_slope[j]), float(rest[j])) for j, c in enumerate(channels)}
 
 
 def split_lags(lag: Array, covariance: Array, channels: tuple[str, ...]) -> tuple[Estimate, dict[str, Estimate]]:
@@ -74,7 +111,7 @@ def split_lags(lag: Array, covariance: Array, channels: tuple[str, ...]) -> tupl
 
     >>> common, rest = split_lags(np.array([0.7, 0.8]), np.array([[0.02, 0.0199], [0.0199, 0.02]]), ("a", "b"))
     >>> print(common, rest["b"])
-    0.75 +- 0.14 0.05 +- 0.0071
+    0.75 +- 0.14 0.0500 +- 0.0071
     """
     c = len(lag)
     one = np.full(c, 1 / c)
@@ -107,21 +144,21 @@ def lag_shares(best: Optimum, scan: LagScan, form: ModelForm) -> tuple[LagShare,
         "conductivity and junction depths": matching("ln_conductivity", "depth_"),
         "split of the lag": matching("split_", "common_split"),
     }
-    out = [_share("all of the fit", lag_covariance(scan))]
+    out = [share_of("all of the fit", lag_covariance(scan))]
     everything = np.zeros(lay.size, dtype=bool)
     for name, held in groups.items():
-        out.append(_share(name, full - _held(best.hessian, held, lay.lag)))
+        out.append(share_of(name, full - _held(best.hessian, held, lay.lag)))
         everything |= held
-    out.append(_share("noise alone", _held(best.hessian, everything, lay.lag)))
-    out.append(_share("choice of correlation", form.covariance))
+    out.append(share_of("noise alone", _held(best.hessian, everything, lay.lag)))
+    out.append(share_of("choice of correlation", form.covariance))
     return tuple(out)
 
 
-def conditional_u(best: Optimum, *starts: str) -> float:
-    """Standard uncertainty of the common lag if the parameters whose names begin with ``starts`` were known [s]."""
+def known_burst_u(best: Optimum) -> float:
+    """Standard uncertainty of the common lag [s], were entry burst and entry time known."""
     lay = best.problem.layout
-    held = np.array([n.startswith(starts) for n in lay.names()])
-    return _share("", _held(best.hessian, held, lay.lag)).u_common_s
+    held = np.array([n.startswith(("ln_burst", "entry_")) for n in lay.names()])
+    return share_of("", _held(best.hessian, held, lay.lag)).u_common_s
 
 
 def _held(hessian: Array, held: NDArray[np.bool_], lag: slice) -> Array:
@@ -131,7 +168,8 @@ def _held(hessian: Array, held: NDArray[np.bool_], lag: slice) -> Array:
     return np.asarray(covariance[np.ix_(at, at)])
 
 
-def _share(source: str, covariance: Array) -> LagShare:
+def share_of(source: str, covariance: Array) -> LagShare:
+    """The common and the differential standard uncertainty in a covariance (C, C) of the lags [s2]."""
     c = len(covariance)
     project = np.eye(c) - 1 / c
     common = max(float(covariance.mean()), 0.0)

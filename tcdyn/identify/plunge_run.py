@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.noise import rounding_sd, white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
 
@@ -22,9 +23,14 @@ class Line(Protocol):
     """A static line: T_degC = gain * logged + offset."""
 
     @property
-    def gain(self) -> float: ...
+    def gain(self) -> float:
+        """Slope [1]."""
+        ...
+
     @property
-    def offset(self) -> float: ...
+    def offset(self) -> float:
+        """Temperature at a reading of zero [degC]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -107,7 +113,7 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
             f"the record runs from {t[0]:.1f} s to {end:.1f} s around the entry",
             where=run.name,
             expected="half a second before it and 10 s after it, at least",
-            remedy="log from before the disk goes in until it is warm",
+            remedy="log from before the disk goes in until it is warm, or leave this plunge out",
         )
     keep = (t >= max(-before_s, t[0])) & (t <= end)
     times, values = t[keep], run.readings_degC[keep]
@@ -153,15 +159,9 @@ def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Arr
     windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
     with np.errstate(invalid="ignore"):
         off = values - np.median(windows, axis=-1)
-        sd = 1.4826 * np.nanmedian(np.abs(off), axis=0)
+        sd = np.maximum(1.4826 * np.nanmedian(np.abs(off), axis=0), [rounding_sd(column) for column in values.T])
         bad = np.abs(off) > threshold * np.maximum(sd, 1e-9) * 1.3
     return np.where(bad, np.nan, values), int(np.count_nonzero(bad))
-
-
-def white_noise_sd(values: Array) -> Array:
-    """Standard deviation of the white noise of each column (N, C), from second differences and their median [K]."""
-    second = np.diff(values, n=2, axis=0)
-    return np.asarray(1.4826 * np.nanmedian(np.abs(second - np.nanmedian(second, axis=0)), axis=0) / np.sqrt(6.0))
 
 
 def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> tuple[Array, Array]:

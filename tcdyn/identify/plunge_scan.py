@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from calibration.estimate import Estimate
+from calibration.estimate import Z95, Estimate
 from tcdyn.identify.plunge_layout import Layout
 from tcdyn.identify.plunge_map import LEAST_LAG_S, Optimum, inverse, minimise
 
@@ -36,14 +36,21 @@ class LagScan:
     differential_covariance: Array  # (C, C): of the lags with the common lag held
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
-        """Posterior mean, sd and 95 % interval, moved by ``shift_s`` and widened by an independent ``extra_u_s``."""
-        u = float(np.hypot(self.sd_s, extra_u_s))
-        wider = u / self.sd_s
+        """The common lag: posterior mean, sd and 95 % interval, moved by ``shift_s``, widened by ``extra_u_s``."""
+        return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
+
+    def skewed(self, value_s: float, slope: float, rest_variance_s2: float) -> Estimate:
+        """Of ``value_s`` = slope x common lag + an independent normal rest: u, and a 95 % interval as skew as it is.
+
+        Each side of the interval is the root of the squares of both parts' sides.
+        """
+        rest = float(np.sqrt(max(rest_variance_s2, 0.0)))
+        below, above = slope * (self.mean_s - self.low95_s), slope * (self.high95_s - self.mean_s)
         return Estimate(
-            value=self.mean_s + shift_s,
-            u=u,
-            low95=self.mean_s + shift_s - wider * (self.mean_s - self.low95_s),
-            high95=self.mean_s + shift_s + wider * (self.high95_s - self.mean_s),
+            value=value_s,
+            u=float(np.hypot(slope * self.sd_s, rest)),
+            low95=value_s - float(np.hypot(below, Z95 * rest)),
+            high95=value_s + float(np.hypot(above, Z95 * rest)),
         )
 
 
@@ -90,6 +97,21 @@ def scan_common_lag(best: Optimum, *, step: float = 0.8, drop: float = 9.0, limi
     cost = np.array([points[o].cost for o in order])
     volume = np.array([_log_volume(points[o], free) for o in order])
     return _finish(lag, cost, volume, points[order[int(np.argmin(cost + 2 * volume))]], free)
+
+
+def settled_scan(best: Optimum, *, step: float = 0.8, drop: float = 9.0) -> tuple[LagScan, Optimum, Optimum]:
+    """:func:`scan_common_lag`, started again where the walk found a clearly better optimum than ``best``.
+
+    In the curved valley of lag against burst a fit can stop early. Also gives the optimum that the walk started from.
+    """
+    scan, final = scan_common_lag(best, step=step, drop=drop)
+    if float(scan.cost.min()) > best.cost - 2.0:
+        return scan, final, best
+    k = int(np.argmin(scan.cost))
+    again = minimise(final.problem, _at(final, float(scan.lag_s[k]), held_directions(final.problem.layout)).theta)
+    if again.cost > best.cost:
+        return scan, final, best
+    return *scan_common_lag(again, step=step, drop=drop), again
 
 
 def _at(near: Optimum, lag_s: float, free: Array) -> Optimum:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
+from calibration.table import open_table
 from tcdyn.identify.data import Array, Hold, IOData
 
+TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
+OTHER_FORMS = (".tdms", ".lvm", ".parquet", ".pq")
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
 
@@ -38,13 +43,15 @@ def from_frame(
     where = name or "table"
     for role, column in (("input", input), ("output", output), ("time", time), ("run", run)):
         if column is not None and column not in frame.columns:
+            near = get_close_matches(column, map(str, frame.columns), n=1, cutoff=0.6)
             raise InputError(
                 f"{role} column {column!r} is missing",
                 where=where,
                 expected=f"one of {', '.join(map(str, frame))}",
+                remedy=f"did you mean {near[0]!r}?" if near else "",
             )
     if time is None and dt_s is None:
-        time = next((c for c in ("time_s", "time", "t", "t_s", "Time", "Time_s") if c in frame.columns), None)
+        time = next((c for c in TIMES if c in frame.columns), None)
         if time is None:
             raise InputError(
                 "no time column found",
@@ -79,19 +86,30 @@ def from_frame(
 
 
 def from_csv(path: str | Path, **options: object) -> IOData:
-    """:func:`from_frame` on a CSV file; separators and decimal commas are recognised."""
+    """:func:`from_frame` on a text table; separators (spaces, too), decimal commas and German letters are recognised.
+
+    TDMS, LVM and Parquet are read as logs are. Lines above the header that begin with ``#`` are skipped.
+    """
     path = Path(path)
     if not path.is_file():
         raise InputError("no such file", where=str(path), expected="a CSV table")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read as text ({error})", where=str(path), expected="a CSV table") from error
-    header = text.partition("\n")[0]
+    if path.suffix.lower() in OTHER_FORMS:
+        table = open_table(path)
+        asked = {options.get(role) for role in ("input", "output", "time", "run")}
+        raw = table.read([n for n in table.names if n in asked or n in TIMES])
+        named = pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
+        return from_frame(named, **{"name": path.name, **options})  # type: ignore[arg-type]
+    text = text_of(path)
+    lines = text.split("\n")
+    above = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
+    header = lines[above].strip()
     separator = max(";\t,", key=header.count)
-    decimal = "," if separator == ";" else "."
+    if separator not in header and len(header.split()) > 1:
+        separator = r"\s+"
+    commas = separator == ";" or (separator != "," and "," in "".join(lines[above + 1 : above + 3]))
+    decimal = "," if commas else "."
     try:
-        frame = pd.read_csv(path, sep=separator, decimal=decimal, encoding="utf-8-sig")
+        frame = pd.read_csv(StringIO(text), sep=separator, decimal=decimal, skiprows=above)
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(f"is not a table ({error})", where=path.name, expected="a CSV file with a header") from error
     frame.columns = [str(c).strip() for c in frame.columns]
@@ -103,6 +121,20 @@ def from_csv(path: str | Path, **options: object) -> IOData:
             remedy="write the names of the columns into a first row, such as time_s,u,y",
         )
     return from_frame(frame, **{"name": path.name, **options})  # type: ignore[arg-type]
+
+
+def text_of(path: Path) -> str:
+    """The file's text, UTF-8 or, as German Excel saves it, Windows-1252; refuses what is no text."""
+    try:
+        raw = path.read_bytes()
+        if raw.count(0):
+            raise InputError("is no text: it holds zero bytes", where=path.name, expected="a CSV table")
+        try:
+            return raw.decode("utf-8-sig").replace("\r\n", "\n")
+        except UnicodeDecodeError:
+            return raw.decode("cp1252").replace("\r\n", "\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"cannot be read as text ({error})", where=str(path), expected="a CSV table") from error
 
 
 def is_number(text: str) -> bool:
@@ -144,7 +176,7 @@ def sampling(groups: list[tuple[str, pd.DataFrame]], time: str | None, where: st
 
 
 def check_times(t: Array, column: str, where: str) -> None:
-    """Refuse missing, repeated and backward times."""
+    """Refuse missing, repeated and backward times ``t`` (N,) [s]."""
     if np.isnan(t).any():
         raise InputError(f"column {column} is empty in row {np.flatnonzero(np.isnan(t))[0] + 1}", where=where)
     back = np.flatnonzero(np.diff(t) <= 0)
@@ -160,7 +192,7 @@ def check_times(t: Array, column: str, where: str) -> None:
 
 
 def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str) -> tuple[Array, Array]:
-    """``u`` and ``y`` on an even grid: gaps filled with NaN outputs, or all resampled by straight lines."""
+    """``u`` and ``y`` on an even grid of times [s]: gaps filled with NaN, or all resampled by straight lines."""
     position = (t - t[0]) / dt_s
     if resample:
         grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from calibration.rigfile import load_rig
+from tcdyn.design.advice import COMMON, DIFFERENCES, MEANING, grade, headline
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges, vary
-from tcdyn.design.prediction import combined, from_covariances, information
+from tcdyn.design.prediction import Prediction, combined, from_covariances, information
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, patch_response, predict_touches
 
@@ -83,3 +84,23 @@ def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
     assert len(design.table()) == 7
     assert len(design.sentences()) == 8
     assert all(s.endswith(".") for s in design.sentences())
+
+
+def told(kind: str, common_s: float, differences_s: float) -> Prediction:
+    return Prediction(f"{kind} test", kind, common_s, differences_s, np.eye(6), common_s, common_s)
+
+
+def test_the_headline_names_the_least_laborious_test_that_suffices() -> None:
+    plunge, unloading, both = told("plunge", 0.05, 0.01), told("unloading", 0.03, 0.03), told("together", 0.02, 0.009)
+    said = headline([plunge, unloading, both], 0.73)
+    assert said.startswith("Do this: plunge test, and log an unloading.")
+    assert "plunges alone leave the common lag at +- 0.050 s" in said  # each alone lacks another thing
+    assert "an unloading alone leaves the differences at +- 0.030 s" in said
+    assert headline([told("plunge", 0.03, 0.01), unloading, both], 0.73).startswith("Do this: plunge test. It")
+    assert headline([plunge, unloading], 0.73).startswith("No test of this plan tells the lags well.")
+
+
+def test_grades_are_those_that_are_explained() -> None:
+    assert [grade(u, 1.0, COMMON) for u in (0.049, 0.051, 0.151)] == ["well", "roughly", "poorly"]
+    assert [grade(u, 1.0, DIFFERENCES) for u in (0.029, 0.031, 0.101)] == ["well", "roughly", "poorly"]
+    assert all(word in MEANING for word in ("5 %", "15 %", "3 %", "10 %"))

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from identify_cases import case_a
+from nptdms import ChannelObject, TdmsWriter
 
 from calibration.errors import InputError
 from tcdyn.identify import IOData, fit, from_csv, from_frame
@@ -161,3 +162,21 @@ def test_a_run_that_starts_away_from_equilibrium_is_told():
     assert "--initial estimated" not in fit(data, "P1", initial="estimated").identified.sentence
     settled = IOData.from_arrays(u[200 - 20 :], y[200 - 20 :], 1.0)
     assert "--initial estimated" not in fit(settled, "P1").identified.sentence
+
+
+def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
+    """Spaces between columns, German Excel with its encoding, and TDMS hold the same samples as plain CSV."""
+    frame = table().rename(columns={"y": "y_°C"})
+    plain = from_frame(frame, input="u", output="y_°C")
+    matlab, excel, labview = tmp_path / "m.dat", tmp_path / "e.csv", tmp_path / "l.tdms"
+    matlab.write_text(frame.to_string(index=False, float_format="%.17g"), encoding="utf-8")
+    frame.to_csv(excel, sep=";", decimal=",", index=False, encoding="cp1252")
+    with TdmsWriter(labview) as writer:
+        writer.write_segment([ChannelObject("Messung", name, frame[name].to_numpy()) for name in frame])
+    for path in (matlab, excel, labview):
+        read = from_csv(path, input="u", output="y_°C")
+        assert np.allclose(read.runs[0].y, plain.runs[0].y, rtol=0, atol=1e-15)
+        assert read.dt_s == pytest.approx(plain.dt_s)
+    for path in (matlab, labview):
+        with pytest.raises(InputError, match="did you mean 'y_°C'"):
+            from_csv(path, input="u", output="y_C")

@@ -12,6 +12,7 @@ from plunge_study import OWN_LAG_S, describe, make_runs, study
 
 from calibration.disk import CHANNELS, Conditioning
 from calibration.errors import InputError
+from calibration.noise import white_noise_sd
 from calibration.rigfile import load_rig
 from immersion.correlations import correlation
 from tcdyn.chain import Chain
@@ -21,7 +22,7 @@ from tcdyn.identify.plunge_layout import Layout, stages
 from tcdyn.identify.plunge_model import build_run_model, predict_run
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_result import PlungeFit
-from tcdyn.identify.plunge_run import PlungeRun, make_blocks, white_noise_sd
+from tcdyn.identify.plunge_run import PlungeRun, make_blocks
 
 SETUP = load_rig().disk_setup("fast")
 

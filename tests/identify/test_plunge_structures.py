@@ -1,0 +1,143 @@
+"""Which chain structure the plunges speak for: the wrong one is named, and its lag's interval then holds the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from plunge_simulator import same_pairs, simulate
+from plunge_study import OWN_LAG_S, make_runs
+
+from calibration.estimate import Z95, Estimate
+from calibration.rigfile import load_rig
+from tcdyn.identify.plunge import identify_plunges
+from tcdyn.identify.plunge_doubt import with_structure_doubt
+from tcdyn.identify.plunge_evidence import held_out, laplace, log_evidence
+from tcdyn.identify.plunge_result import PlungeFit
+from tcdyn.identify.plunge_scan import LagScan
+from tcdyn.identify.plunge_structures import StructureComparison, StructureRow, percent
+
+SETUP = load_rig().disk_setup("fast")
+TRUE_S = 0.75 + OWN_LAG_S
+
+
+@cache
+def fitted(structure: str, lag_s: float, second_lag: bool = True) -> tuple[PlungeFit, PlungeFit]:
+    """The fit of one pair of plunges before and after the comparison; two equal lags behind, or one."""
+    rng = np.random.default_rng(5)
+    d = same_pairs(1, lag=lag_s)
+    share = 0.5 if second_lag else 1.0
+    d.tau1, d.tau2 = share * lag_s + 0 * d.tau1, (1 - share) * lag_s + 1e-5 + 0 * d.tau2
+    times, readings = simulate(d, 60.0, rng)
+    before = identify_plunges(make_runs(d, times, readings, rng), SETUP, structure=structure, alternatives=())  # type: ignore[arg-type]
+    return before, with_structure_doubt(before)
+
+
+def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() -> None:
+    before, after = fitted("P1", 0.75)
+    found = after.structures
+    assert found is not None
+    assert not before.common_lag_s.covers(TRUE_S)  # why this is needed: wrong, and sure of itself
+    assert found.contradicted
+    assert found.best.structure == "P2"
+    (warning,) = found.warnings
+    assert after.warnings[0] == warning
+    for word in ("contradict", "P1", "P2", "chi-square lower by", "instead of", "--structure P2"):
+        assert word in warning
+    held = {r.structure: r.held_out for r in found.rows}
+    assert held["P1"] > held["P2"] + 6.0  # the held-out plunge agrees: twenty times as probable, at least
+
+
+def test_the_widened_interval_holds_the_truth_that_the_wrong_structure_missed() -> None:
+    before, after = fitted("P1", 0.75)
+    assert after.common_lag_s.covers(TRUE_S)
+    assert after.common_lag_s.value == before.common_lag_s.value  # the lags stay those of the structure asked for
+    assert after.common_lag_s.u == pytest.approx(np.sqrt(after.lag_covariance.mean()), rel=0.1)
+    assert {s.source for s in after.budget} >= {"everything", "choice of chain structure"}
+
+
+def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
+    before, after = fitted("P2", 0.75)
+    assert after.structures is not None
+    assert after.structures.warnings == ()
+    assert after.common_lag_s.covers(TRUE_S)
+    assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
+
+
+def test_one_lag_is_not_contradicted_where_there_is_one() -> None:
+    found = fitted("P1", 0.3, second_lag=False)[1].structures
+    assert found is not None
+    assert not found.contradicted
+    # neither is rewarded for being simple, nor punished for being rich
+    assert min(r.probability for r in found.rows if r.structure != "P1D") > 0.05
+
+
+def test_evidence_integrated_over_the_lag_is_near_laplace_s_where_the_lag_is_nearly_normal() -> None:
+    # both leave out the same constants but the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
+    before = fitted("P2", 0.75)[0]
+    gap = log_evidence(before.scan, before.optimum) - laplace(before.optimum)
+    assert gap == pytest.approx(0.5 * np.log(2 * np.pi / 6), abs=0.35)  # the skewness of a lag known to a tenth
+
+
+def test_one_plunge_alone_holds_nothing_out() -> None:
+    rng = np.random.default_rng(6)
+    d = same_pairs(1)
+    times, readings = simulate(d, 60.0, rng)
+    fit = identify_plunges(make_runs(d, times, readings, rng)[:1], SETUP, alternatives=())
+    assert held_out(fit.optimum) is None
+
+
+def row(structure: str, lag: float, probability: float, chi_square: float = 0.0) -> StructureRow:
+    return StructureRow(structure, Estimate.normal(lag, 0.05), chi_square, probability, None)
+
+
+def comparison(chosen: str, *rows: StructureRow, u_structure: float = 0.0) -> StructureComparison:
+    return StructureComparison(chosen, rows, np.full((6, 6), u_structure**2), 0.05)
+
+
+def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_the_lag_depends_on_them() -> None:
+    same = comparison("P2", row("P1", 0.70, 0.4), row("P2", 0.70, 0.6))
+    assert "cannot tell" in same.sentence
+    assert "hardly depends" in same.sentence
+    assert same.warnings == ()
+    apart = comparison("P2", row("P1", 0.80, 0.4), row("P2", 0.70, 0.6), u_structure=0.063)
+    assert apart.warnings == (apart.sentence,)
+    assert "widened from 0.050 s to 0.080 s" in apart.sentence
+    sure = comparison("P2", row("P1", 0.9, 1e-4, 20.0), row("P2", 0.7, 0.9999))
+    assert "speak for P2" in sure.sentence
+    assert "held" not in "".join(sure.table().columns)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(1e-5, "below 0.1 %"), (0.0042, "0.4 %"), (0.28, "28 %"), (0.998, "99.8 %"), (0.9999, "above 99.9 %")],
+)
+def test_probabilities_are_said_in_digits_that_people_use(share: float, said: str) -> None:
+    assert percent(row("P1", 0.7, share)) == said
+
+
+def test_the_comparison_travels_as_json_and_as_a_table_of_sensible_digits() -> None:
+    found = fitted("P1", 0.75)[1].structures
+    assert found is not None
+    data = found.to_dict()
+    assert data["contradicted"] is True
+    assert len(data["candidates"]) == 3  # type: ignore[arg-type]
+    assert sum(c["probability"] for c in data["candidates"]) == pytest.approx(1.0)  # type: ignore[attr-defined]
+    table = found.table()
+    assert table["chain"].str.contains("used here").sum() == 1
+    assert all(len(text.split(" +- ")[1].replace("0.", "").lstrip("0")) == 2 for text in table["common lag [s]"])
+
+
+def test_a_channel_s_interval_is_as_skew_as_the_common_one() -> None:
+    scan: LagScan = replace(fitted("P2", 0.75)[0].scan, mean_s=0.7, sd_s=0.1, low95_s=0.55, high95_s=0.95)
+    alone = scan.skewed(0.72, 1.0, 0.0)
+    assert (alone.low95, alone.high95, alone.u) == pytest.approx((0.57, 0.97, 0.1))
+    mostly_own = scan.skewed(0.72, 1.0, 1.0**2)
+    assert mostly_own.high95 - 0.72 == pytest.approx(Z95 * mostly_own.u, rel=0.02)  # a large normal part evens it out
+    fit = fitted("P2", 0.75)[1]
+    c = fit.common_lag_s
+    skew = (c.high95 - c.value) / (c.value - c.low95)
+    for lag in fit.lag_s.values():
+        assert (lag.high95 - lag.value) / (lag.value - lag.low95) == pytest.approx(skew, rel=0.1)
