@@ -11,6 +11,7 @@ from scipy import signal
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.result import Result
 
 if TYPE_CHECKING:
     import control
@@ -22,7 +23,7 @@ NO_CONDITIONING = Conditioning(poles=0)
 
 
 @dataclass(frozen=True)
-class Chain:
+class Chain(Result):
     """G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s), with G(0) = 1.
 
     ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B. Two more factors
@@ -54,6 +55,22 @@ class Chain:
         if self.pair is not None:
             own += 2 * self.pair[1] * self.pair[0]
         return own + self.conditioning.lag_s
+
+    def summary(self) -> str:
+        """Lags, zero, dead time and filter, and the first moment of it all."""
+        said = ["lags " + ", ".join(f"{tau:.4g}" for tau in self.taus_s) + " s"] if self.taus_s else []
+        said += [f"zero {self.zero_s:.4g} s"] if self.zero_s else []
+        said += [f"complex pair Tw {self.pair[0]:.4g} s, zeta {self.pair[1]:.4g}"] if self.pair else []
+        said += [f"cement {self.cement_s:.4g} s"] if self.cement_s else []
+        said += [f"dead time {self.delay_s:.4g} s"] if self.delay_s else []
+        if self.conditioning.poles:
+            c = self.conditioning
+            said.append(f"conditioning {c.cutoff_Hz:g} Hz x {c.poles} ({c.shape})")
+        return f"{'; '.join(said) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The parameters, and ``lag_s``."""
+        return {**super().to_dict(), "lag_s": self.lag_s}
 
     def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in descending powers of s, the dead time left out."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from calibration.result import Result
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import corner_rad_s
 from tcdyn.compensate.inverse import InverseFilter, proper_inverse
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class BeforeUse:
+class BeforeUse(Result):
     """Chain times compensator, before use.
 
     ``noise_gain``: sd out over sd in; ``noise_out_K``: sd of the answer; ``bandwidth_Hz`` where chain times compensator
@@ -48,7 +49,7 @@ class BeforeUse:
                 f"step response, 10 to 90 %: {self.rise_s:.3g} s (uncompensated {self.raw_rise_s:.3g} s), "
                 f"overshoot {100 * self.overshoot:.2g} %",
                 f"remaining shift {self.remaining_shift_s:.3g} s: on a ramp of 1 K/s the answer is "
-                f"{self.bias_K_per_K_s:.3g} K behind",
+                f"{self.bias_K_per_K_s if abs(self.bias_K_per_K_s) > 1e-6 else 0.0:.3g} K behind",
                 *self.warnings,
             ]
         )

@@ -37,10 +37,6 @@ class Tradeoff:
     chosen: Array
     criterion: str
 
-    def gcv(self, samples: int) -> Array:
-        """Generalised cross-validation score (L, M): misfit / (1 - freedom/N)^2 [K2]."""
-        return np.asarray(self.misfit / (1 - self.freedom / samples) ** 2)
-
 
 def deconvolve(
     y: ArrayLike,

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_smoothing_spline
+from scipy.optimize import minimize_scalar
 
 from calibration.errors import InputError
+from calibration.result import Result, jsonable
 from tcdyn.compensate.separable import CArray, Curve, CurveFit, fit_curve
 
 Array = NDArray[np.float64]
 MOST_POINTS, EVALUATIONS = 800, 60  # enough for a dozen parameters; more changes nothing that is seen
+WEIGHT_DECADES = (-10.0, 2.0)  # of the spline's roughness, time scaled to -1 .. 1: from every sample to a straight line
 METHODS = ("rational", "gaussians", "spline")
 
 
@@ -42,7 +46,7 @@ def gaussians(count: int, decay: bool = False) -> Curve:
 
 
 @dataclass(frozen=True)
-class Denoised:
+class Denoised(Result):
     """A trace without its noise: ``temperature`` (N,) [degC], and per segment the method, its cross-validated rms [K]
 
     and what every candidate scored there.
@@ -59,6 +63,11 @@ class Denoised:
             f"segment {k}: {m}, cross-validated {s:.3g} K" for k, (m, s) in enumerate(zip(self.methods, self.cv_rms))
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Method and scores of each segment [K]; the samples are in ``temperature``."""
+        parts = zip(self.methods, self.cv_rms, self.scores)
+        return {"segments": jsonable([{"method": m, "cv_rms_K": s, "scores_K": all_} for m, s, all_ in parts])}
+
 
 def remove_noise(
     time_s: ArrayLike,
@@ -69,8 +78,9 @@ def remove_noise(
 ) -> Denoised:
     """Fit each stretch between events with the curve that predicts best what it has not seen.
 
-    Candidates: a rational function (5,5), three Gaussians, a smoothing spline (weight by GCV); choice by
-    cross-validation over ``folds`` interleaved blocks. The lag of the thermocouple stays in: this removes noise only.
+    Candidates: a rational function (5,5), three Gaussians, a smoothing spline whose weight is chosen on the same
+    blocks; choice by cross-validation over ``folds`` interleaved blocks. The lag of the thermocouple stays in: this
+    removes noise only.
 
     Args:
         time_s, y: (N,) [s], [degC], NaN where missing.
@@ -94,16 +104,27 @@ def remove_noise(
                 expected="at least 40",
                 remedy="merge the events",
             )
-        score = {m: _cross_validated(m, t[good], data[good], folds) for m in methods}
+        weight = _spline_weight(t[good], data[good], folds) if "spline" in methods else 0.0
+        score = {m: _cross_validated(m, t[good], data[good], folds, weight) for m in methods}
         name = min(score, key=lambda m: score[m])
-        out[part] = _fit(name, t[good], data[good], t[part])
+        out[part] = _fit(name, t[good], data[good], t[part], weight)
         names.append(name)
         best.append(score[name])
         scores.append(score)
     return Denoised(out, tuple(names), tuple(best), tuple(scores))
 
 
-def _cross_validated(method: str, t: Array, y: Array, folds: int) -> float:
+def _spline_weight(t: Array, y: Array, folds: int) -> float:
+    """Weight of the spline's roughness (time scaled to -1 .. 1) that predicts the blocks left out best."""
+
+    def score(decades: float) -> float:
+        return _cross_validated("spline", t, y, folds, 10.0**decades)
+
+    found = minimize_scalar(score, bounds=WEIGHT_DECADES, method="bounded", options={"xatol": 0.2, "maxiter": 20})
+    return float(10.0**found.x)
+
+
+def _cross_validated(method: str, t: Array, y: Array, folds: int, weight: float) -> float:
     """Root mean square error [K] on blocks left out in turn; blocks of about a hundredth of the segment."""
     block = max(len(t) // (20 * folds), 1)
     fold = (np.arange(len(t)) // block) % folds
@@ -111,17 +132,21 @@ def _cross_validated(method: str, t: Array, y: Array, folds: int) -> float:
     for k in range(folds):
         out = fold == k
         with np.errstate(all="ignore"):
-            squares += float(np.sum((y[out] - _fit(method, t[~out], y[~out], t[out])) ** 2))
+            squares += float(np.sum((y[out] - _fit(method, t[~out], y[~out], t[out], weight)) ** 2))
     rms = float(np.sqrt(squares / len(t)))
     return rms if np.isfinite(rms) else np.inf
 
 
-def _fit(method: str, t: Array, y: Array, at: Array) -> Array:
-    """The method fitted to (t, y), at other times; time is centred and scaled first."""
+def _fit(method: str, t: Array, y: Array, at: Array, weight: float) -> Array:
+    """The method fitted to (t, y), at other times; time is centred and scaled first.
+
+    ``weight``: of the spline's roughness against the sum of squares over all samples, not over their means.
+    """
     middle, half = 0.5 * (t[0] + t[-1]), 0.5 * (t[-1] - t[0])
     x, to = np.asarray((t - middle) / half), np.asarray((at - middle) / half)
     if method == "spline":
-        return np.asarray(make_smoothing_spline(*_thinned(x, y, 4000))(to))
+        few = _thinned(x, y, 4000)
+        return np.asarray(make_smoothing_spline(*few, lam=weight * len(few[0]) / len(x))(to))
     few = _thinned(x, y)
     fit = fit_rational if method == "rational" else fit_gaussians
     return fit(*few)(to)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibration.noise import white_noise_sd
+
 Array = NDArray[np.float64]
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # white noise passes with gain sqrt(70)
-MAD_TO_SD = 1.482602218505602
 
 
 def channel_noise_sd(data: Array, given: ArrayLike | None) -> Array:
@@ -24,11 +24,9 @@ def noise_sd(y: Array, fallback: float = 1e-6) -> float:
     sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling rate leaves less
     than 2 % of its amplitude. A trace that rests on one step of its logger gets a quarter of that step.
     """
-    wiggle = np.convolve(y, FOURTH, mode="valid")
-    wiggle = wiggle[np.isfinite(wiggle)]
-    if len(wiggle) < 8:
+    if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
         return fallback
-    sd = MAD_TO_SD * float(np.median(np.abs(wiggle))) / np.sqrt(70.0)
+    sd = float(white_noise_sd(y, 4, centred=False))
     if sd > 0:
         return sd
     steps = np.abs(np.diff(y[np.isfinite(y)]))

@@ -30,7 +30,7 @@ class Burst:
         return np.asarray(self.height * self.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
 
     def at(self, t: Array) -> Array:
-        """The burst at time t, zero before it starts."""
+        """The burst at time t (N,) [s], zero before it starts."""
         age = np.maximum(t - self.start_s, 0.0) / self.decay_s
         return np.where(t >= self.start_s, self.height * (1.0 + age / self.power) ** -self.power, 0.0)
 

@@ -11,6 +11,7 @@ from tcdyn.compensate.result import MISSING, SATURATED, SPIKE, STUCK
 
 Array = NDArray[np.float64]
 SPIKE_SD = 6.0  # one sample in 5e8 of normal noise
+COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 NEIGHBOURS = 9  # a spike of up to four samples stands out of the median of nine
 
 
@@ -39,7 +40,11 @@ def flags_of(y: Array, noise_sd: Array) -> NDArray[np.uint8]:
 
 
 def _long_runs(trace: Array) -> NDArray[np.bool_]:
-    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere."""
+    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere.
+
+    Where most neighbours are equal anyway, the logger's step is coarser than the noise, and a long rest on one step
+    says nothing: no run is called long.
+    """
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
     if len(change) == 0:
@@ -48,6 +53,8 @@ def _long_runs(trace: Array) -> NDArray[np.bool_]:
     lengths = ends - starts
     usual = lengths <= np.quantile(lengths, 0.99)
     repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
+    if repeats > COARSE:
+        return np.zeros(n, dtype=bool)
     longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
     long = lengths > longest
     return np.repeat(long, lengths)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from calibration.estimate import with_u
+from calibration.result import Result, jsonable
 from tcdyn.compensate.profile import Intensity
 
 Array = NDArray[np.float64]
@@ -14,7 +19,7 @@ GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
 
 
 @dataclass(frozen=True)
-class Compensated:
+class Compensated(Result):
     """A compensated record; all arrays (N, M), one column a channel.
 
     ``temperature`` [degC] at the junction at ``time_s``; ``sd`` [K] its standard deviation, from ``sd_noise`` (noise
@@ -46,18 +51,41 @@ class Compensated:
         mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / m
         return np.abs(self.lag_sensitivity) * mean_u
 
-    def lag_crosscovariance(self, i: int, j: int) -> Array:
-        """Covariance (N,) [K2] of channels i and j at equal times through their lags."""
-        return np.asarray(self.lag_sensitivity[:, i] * self.lag_sensitivity[:, j] * self.lag_covariance[i, j])
-
-    def summary(self) -> str:
-        """A few lines for people."""
+    def summary(self, names: Sequence[str] = ()) -> str:
+        """A few lines for people; ``names`` of the channels, their numbers without."""
         lines = [f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"]
         for c in range(self.temperature.shape[1]):
             flagged = int(np.count_nonzero(self.flags[:, c]))
             lines.append(
-                f"  channel {c}: noise {self.noise_sd[c]:.3g} K, standard deviation {np.median(self.sd[:, c]):.3g} K "
-                f"typical, {np.max(self.sd[:, c]):.3g} K at most, {flagged} samples flagged"
+                f"  channel {names[c] if names else c}: noise {self.noise_sd[c]:.3g} K, "
+                f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
+                f"{flagged} samples flagged"
             )
-        lines += [f"  slope free to jump at {t:.4f} s (+- {u:.2g} s)" for t, u in self.events_s]
+        common = float(np.max(self.common_sd()))
+        if common > 0:
+            lines.append(f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)")
+        lines += [f"  slope free to jump at {with_u(t, u, 's')}" for t, u in self.events_s]
         return "\n".join([*lines, *self.warnings])
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the answer is worth, channel by channel; the samples are in the arrays."""
+        return {
+            "method": self.method,
+            "samples": len(self.time_s),
+            "channels": jsonable(self.card()),
+            "common_sd_max_K": float(np.max(self.common_sd())),
+            "events_s": [{"value": t, "u": u} for t, u in self.events_s],
+            "warnings": list(self.warnings),
+        }
+
+    def card(self) -> pd.DataFrame:
+        """Noise, typical and largest standard deviation and flagged samples of each channel."""
+        return pd.DataFrame(
+            {
+                "channel": range(self.temperature.shape[1]),
+                "noise_sd_K": self.noise_sd,
+                "sd_median_K": np.median(self.sd, axis=0),
+                "sd_max_K": np.max(self.sd, axis=0),
+                "flagged": np.count_nonzero(self.flags, axis=0),
+            }
+        )

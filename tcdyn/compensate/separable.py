@@ -35,11 +35,6 @@ class CurveFit:
     sd: Array
     samples: int
 
-    @property
-    def residual_sd(self) -> float:
-        """sqrt(rss / (N - parameters)), in the unit of y."""
-        return float(np.sqrt(self.rss / max(self.samples - len(self.sd), 1)))
-
     def __call__(self, x: ArrayLike) -> Array:
         """The curve at ``x`` (N,)."""
         return np.asarray(

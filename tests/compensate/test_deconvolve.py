@@ -43,6 +43,6 @@ def test_pictures_are_drawn_from_results():
     axes = Figure().subplots(3)
     ours, tradeoff = deconvolve(y, DT, CHAIN, trials=7)
     assert draw_tradeoff(tradeoff, axes[0]).get_xlabel()
-    assert draw_compensated(smooth(y, DT, CHAIN), y, axes[1], window_s=(2.0, 10.0)).get_xlabel() == "time, s"
+    assert draw_compensated(smooth(y, DT, CHAIN), y, axes[1], window_s=(2.0, 10.0)).get_xlabel() == "time [s]"
     assert draw_before_use(before_use(proper_inverse(CHAIN, DT, 1.0), 0.2), axes[2]).get_xlabel()
     assert len(ours.time_s) == len(x)

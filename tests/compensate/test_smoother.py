@@ -155,6 +155,17 @@ def test_dead_channel_is_refused():
         )
 
 
+def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
+    """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing is broken."""
+    t = np.arange(0, 60, DT)
+    x = 80 - 4 * (1 - np.exp(-t / 30.0))
+    step = 860 / 2**12
+    y = np.round((x + 0.02 * np.random.default_rng(3).standard_normal(len(x))) / step) * step
+    ours = smooth(y, DT, Chain((0.02,), conditioning=NO_CONDITIONING))
+    assert not np.any(ours.flags & (STUCK | SATURATED))
+    assert np.sqrt(np.mean((ours.temperature[:, 0] - x) ** 2)) < 0.5 * step  # the rounding itself is 0.29 of a step
+
+
 def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
     """Lag longer by 10 ms: the answers differ by lag_sensitivity * 10 ms, to second order and regularisation."""
     _, y = exponential_rise()
