@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from calibration.disk import DISKS
@@ -14,25 +16,30 @@ from calibration.estimate import Estimate
 from calibration.rigfile import UncertaintyTable
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.budget import Budget, monte_carlo
+from tcdyn.partition.compensated import (
+    compensate_stretch,
+    compensated_window,
+    cooling_by_lag,
+    cooling_shift,
+    lag_effect,
+)
 from tcdyn.partition.cooling import CoolingFit, cooling_fit
 from tcdyn.partition.crosscheck import CrossCheck, cross_check
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
 from tcdyn.partition.lines import DiskLine
 from tcdyn.partition.nuisance import nuisances
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, refined_chains, steady_lines
 from tcdyn.partition.sensors import SensorCheck, check_sensors
-from tcdyn.partition.shift import FitShift
 from tcdyn.partition.steady import SpeedLawPoint
 from tcdyn.partition.surface import Surface, surface_temperatures
 from tcdyn.partition.tension import tensions
-from tcdyn.partition.window import OUTER, DiskWindow, disk_window, stretch_of
+from tcdyn.partition.window import OUTER, DiskWindow, stretch_of
 
 WINDOW_S = 5.0
-LAG_STEP_S = 0.01
 FATAL_FAULTS = ("dead", "swapped")
 
 
@@ -67,6 +74,11 @@ class Partition:
         out |= {f"cooling {d}": self.cooling[d].beta for d in DISKS}
         return out | {f"joint {d}": self.joint[d].beta for d in DISKS}
 
+    @cached_property
+    def profiles(self) -> pd.DataFrame:
+        """How much worse the joint fits become away from their best numbers; see ``tcdyn.partition.profile``."""
+        return joint_profiles(self.test, self.joint, self.both)
+
     def estimate(self, key: str, value: float) -> Estimate:
         """``value`` with the uncertainty of the budget's draws of ``key``."""
         return Estimate.normal(value, float(np.std(self.budget.draws[key])))
@@ -96,6 +108,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
+    u = u.model_copy(update={"friction_rel": float(np.hypot(u.friction_rel, test.added.u_N / test.friction_N))})
     rows = stretch_of(test, max(window_s, joint_length_s(test)))
     warnings = list(test.warnings)
     sensors = None
@@ -113,12 +126,15 @@ def analyse(
     for d in DISKS:
         disk = test.disks[d]
         compensated[d] = compensate_stretch(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
-        windows[d] = _compensated_window(test, disk, rows, compensated[d], profile)
+        windows[d] = compensated_window(test, disk, rows, compensated[d], profile)
         noise = float(np.median(compensated[d].sd_noise[:, OUTER]))
         cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
         progress(f"cooling fit, {d} disk")
-        shifts[d] = _cooling_shift(test, disk, rows, windows[d], lines[d], cooling[d], u)
-        by_lag[d] = _by_lag(test, disk, rows, compensated[d], windows[d], lines[d], cooling[d], profile)
+        at = (cooling[d].share, cooling[d].h_W_m2K)
+        nuis = nuisances(windows[d], disk, disk.readings_degC[rows], test.dt_s, *at, u, test.events.unload_u_s)
+        shifts[d] = cooling_shift(nuis, lines[d], cooling[d])
+        late = lag_effect(test, disk, rows, compensated[d], windows[d], at[1])
+        by_lag[d] = cooling_by_lag(late, lines[d], cooling[d])
     budget = monte_carlo(
         {d: lines[d].line for d in DISKS},
         {d: lines[d].shift for d in DISKS},
@@ -145,33 +161,6 @@ def analyse(
     )  # fmt: skip
 
 
-def compensate_stretch(
-    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float
-) -> Compensated:
-    """The six traces of one disk over ``rows``, smoothed with the parting as a known kink."""
-    y = disk.readings_degC[rows]
-    event = test.events.unload_s - test.time_s[rows][0]
-    m = y.shape[1]
-    centre = np.eye(m) - 1.0 / m
-    covariance = centre @ disk.lag_covariance_s2 @ centre.T + lag_u_s**2
-    return smooth(
-        y,
-        test.dt_s,
-        chains,
-        noise_sd=disk.noise_K,
-        events_s=(float(event),),
-        event_u_s=test.events.unload_u_s,
-        lag_covariance=covariance,
-        static_u=disk.static_u_K,
-    )
-
-
-def _compensated_window(
-    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile
-) -> DiskWindow:
-    return disk_window(test, disk, done.temperature, rows, disk.noise_K, profile)
-
-
 def _sensor_warnings(check: SensorCheck) -> list[str]:
     """Sentences for what the sensor map suspects; a dead or swapped channel stops the analysis by name."""
     for suspect in check.suspects:
@@ -182,48 +171,3 @@ def _sensor_warnings(check: SensorCheck) -> list[str]:
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with --no-sensor-check",
             )
     return list(check.warnings)
-
-
-def _cooling_shift(
-    test: EhlTest,
-    disk: DiskTraces,
-    rows: slice,
-    window: DiskWindow,
-    line: DiskLine,
-    fit: CoolingFit,
-    u: UncertaintyTable,
-) -> FitShift:
-    """Errors of (share, h) of the cooling fit by the nuisances, through the traces and through the line."""
-    nuis = nuisances(
-        window, disk, disk.readings_degC[rows], test.dt_s, fit.share, fit.h_W_m2K, u, test.events.unload_u_s
-    )
-    slope = line.line.slope
-    per_sd = []
-    for q, name in enumerate(nuis.names):
-        k = line.shift.names.index(name)
-        share_off = float(line.shift.per_sd[k] @ np.array([1.0, fit.h_W_m2K]))
-        h_off = -fit.pull(nuis.effect[q] * nuis.sd[q] - share_off * fit.power)
-        per_sd.append((share_off + slope * h_off, h_off))
-    toward = np.array([slope, 1.0])
-    noise = fit.h_noise**2 * np.outer(toward, toward)
-    noise[0, 0] += line.shift.noise[0, 0]
-    return FitShift(nuis.names, nuis.shared, np.array(per_sd), noise)
-
-
-def _by_lag(
-    test: EhlTest,
-    disk: DiskTraces,
-    rows: slice,
-    done: Compensated,
-    window: DiskWindow,
-    line: DiskLine,
-    fit: CoolingFit,
-    profile: Profile,
-) -> NDArray[np.float64]:
-    """Error of (share, h) of the cooling fit per second by which the compensated lag is too long."""
-    longer = replace(done, temperature=done.temperature + LAG_STEP_S * done.lag_sensitivity)
-    moved = _compensated_window(test, disk, rows, longer, profile)
-    rest, _ = moved.answer(moved.gains(fit.h_W_m2K))
-    before, _ = window.answer(window.gains(fit.h_W_m2K))
-    change = fit.pull((rest - before) - (moved.y - window.y)) / LAG_STEP_S
-    return np.array([line.line.slope * change, change])

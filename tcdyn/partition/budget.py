@@ -32,6 +32,12 @@ class Budget:
     rows: tuple[BudgetRow, ...]
     draws: dict[str, NDArray[np.float64]]
 
+    @property
+    def together(self) -> tuple[float, float]:
+        """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk, of all sources."""
+        cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in ("fast", "slow")]
+        return float(np.std(self.draws["speed law"])), max(cooling)
+
 
 def source_of(nuisance: str) -> str:
     """The line of the budget that a nuisance belongs to.

@@ -12,16 +12,26 @@ from scipy import stats
 from calibration.estimate import Estimate
 
 SUSPECT_Z = 3.0
-SUSPECT_PULL = 3.6  # of some thirty stated values one lies beyond this in about 5 % of sound rigs (coverage study)
-STRAINED_PULL = 2.5
+NOTED_CHANCE = 0.5
 
 
 @dataclass(frozen=True)
 class Tension:
-    """Something the data contradict: what it is in words, and by how many standard deviations."""
+    """A stated value that the data pull: what it is in words, and by how many standard deviations.
+
+    ``chance``: how often a sound test shows as much somewhere among the values of this kind; ``alarm``: the chance
+    below which it is a contradiction.
+    """
 
     what: str
     z: float
+    chance: float
+    alarm: float
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether chance would bring so large a tension too rarely to believe it."""
+        return self.chance < self.alarm
 
 
 @dataclass(frozen=True)
@@ -29,7 +39,7 @@ class CrossCheck:
     """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference.
 
     ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first; ``strained`` is
-    the one that they pull most, where that is noteworthy though no contradiction yet.
+    the one that they pull most, where half of all sound tests show less, though it is no contradiction.
     """
 
     z: float
@@ -53,8 +63,7 @@ def cross_check(
     ``values`` and ``draws`` have the same keys. The difference of two ways is judged against the spread of the
     difference of their draws, so an error that moves both alike does not count. With several pairs the largest z is
     judged by the chance that any of so many would be as large (``p_value`` from the draws themselves). ``tensions``
-    beyond ``SUSPECT_PULL`` become named suspects. The ways agree when there is none and no pair is beyond
-    ``SUSPECT_Z``.
+    that contradict become named suspects. The ways agree when there is none and no pair is beyond ``SUSPECT_Z``.
     """
     names = list(values)
     pairs, zs = [], []
@@ -70,10 +79,10 @@ def cross_check(
     p = float(np.mean(largest >= worst[3]))
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
-    suspects = tuple(sorted((t for t in tensions if abs(t.z) >= SUSPECT_PULL), key=lambda t: -abs(t.z)))
+    suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
     agree = worst[3] < SUSPECT_Z and not suspects
-    most = max(tensions, key=lambda t: abs(t.z), default=None)
-    strained = most if most is not None and abs(most.z) >= STRAINED_PULL else None
+    most = min(tensions, key=lambda t: t.chance, default=None)
+    strained = most if most is not None and most.chance < NOTED_CHANCE else None
     sentence = _sentence(worst, values, steady, suspects, strained)
     return CrossCheck(worst[3], agree, sentence, (worst[0], worst[1]), p, tuple(pairs), suspects, strained)
 
@@ -99,11 +108,11 @@ def _sentence(
             "Do NOT trust beta before that is cleared up."
         )
     return (
-        f"The ways to beta agree: {spread}, speed law {steady.value:.3f} +- {steady.u:.3f}; the largest "
+        f"The ways to beta agree: {spread}, speed law {steady}; the largest "
         f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations"
         + (
             f". The stated value that the data pull most is {strained.what}: {abs(strained.z):.1f} standard "
-            f"deviations, no contradiction below {SUSPECT_PULL}."
+            f"deviations, no contradiction (one sound test in {1 / strained.chance:.0f} shows as much)."
             if strained
             else "."
         )

@@ -9,6 +9,9 @@ import numpy as np
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.crosscheck import Tension
+from tcdyn.partition.profile_interval import profiles_file
+from tcdyn.partition.sensor_depths import DepthTest
 
 SCHEMA = "tcdyn.beta/1"
 
@@ -65,16 +68,15 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
                 for d in DISKS
             },
             "both": {k: v.model_dump() for k, v in p.both.estimates.items()},
+            "profiles": profiles_file(p.profiles),
         },
         "crosscheck": {
             "z": p.crosscheck.z,
             "agree": p.crosscheck.agree,
             "sentence": p.crosscheck.sentence,
             "p_value": p.crosscheck.p_value,
-            "suspects": [{"what": t.what, "z": t.z} for t in p.crosscheck.suspects],
-            "strained": None
-            if p.crosscheck.strained is None
-            else {"what": p.crosscheck.strained.what, "z": p.crosscheck.strained.z},
+            "suspects": [_tension(t) for t in p.crosscheck.suspects],
+            "strained": None if p.crosscheck.strained is None else _tension(p.crosscheck.strained),
             "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in p.crosscheck.pairs],
         },
         "budget": [
@@ -91,5 +93,18 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "delta_T_us": est("delta_T_us", p.surface.delta_T_us),
         },
         "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
+        "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
         "warnings": list(p.warnings),
+    }
+
+
+def _tension(t: Tension) -> dict[str, Any]:
+    return {"what": t.what, "z": t.z, "chance": t.chance}
+
+
+def _junctions(t: DepthTest) -> dict[str, Any]:
+    """How much deeper this test alone places each junction than rig.toml [mm], and its pull on the stated depth."""
+    return {
+        c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
+        for (c, e), z in zip(t.deeper_m.items(), t.pull)
     }

@@ -14,17 +14,19 @@ from scipy.ndimage import median_filter
 from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.logs import COMPENSATED, Log
+from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
 from calibration.rigfile import Rig
 from calibration.static import apply_static, outside_range, static_u
 from tcdyn.chain import Chain
-from tcdyn.partition.events import Events, find_events
-from tcdyn.partition.friction import contact_force
+from tcdyn.partition.events import SETTLE_S, Events, find_events
+from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
 from tcdyn.rig.contact import half_width_m
 from tcdyn.rig.kinematics import surface_speed_m_s
 
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0
+FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
 
 
@@ -71,7 +73,8 @@ class DiskTraces:
 class EhlTest:
     """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
 
-    ``power_W`` is the whole frictional power F u_s; ``speeds_m_s`` (fast, slow) are the surface speeds under load.
+    ``power_W`` is the whole frictional power F u_s; ``speeds_m_s`` (fast, slow) are the surface speeds under load;
+    ``added`` the part of ``friction_N`` that the transducer did not see.
     """
 
     time_s: NDArray[np.float64]
@@ -86,6 +89,7 @@ class EhlTest:
     speed_exponent: float
     disks: Mapping[str, DiskTraces]
     warnings: tuple[str, ...]
+    added: FrictionAdded = NOTHING_ADDED
 
     @property
     def sliding_speed_m_s(self) -> float:
@@ -111,12 +115,12 @@ def prepare(
     log: Log,
     rig: Rig,
     records: Mapping[str, DiskRecord],
-    friction_correction_N: Callable[[float, float], float] | None = None,
+    friction_added: Callable[[float, float], FrictionAdded] | None = None,
 ) -> EhlTest:
     """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
 
-    ``friction_correction_N`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the
-    bearings' friction (section 2.10), which the transducer on the slow shaft does not see.
+    ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
+    friction (section 2.10), which the transducer on the slow shaft does not see.
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
@@ -152,6 +156,8 @@ def prepare(
         )
     load = contact_force(t, frame["load_N"].to_numpy(dtype=float), events)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
+    if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
+        warnings.append("the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen")
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
     if load_N <= 0 or friction_N <= 0:
@@ -160,9 +166,9 @@ def prepare(
             where=where,
             expected="both above zero",
         )
-    if friction_correction_N is not None:
-        added = friction_correction_N(load_N, rpm[1])
-        friction, friction_N = friction + added * load / load_N, friction_N + added
+    added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
+    friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N
+    warnings += added.warnings
     if not 0.002 < friction_N / load_N < 0.2:
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
     setups = [rig.disk_setup(d) for d in DISKS]
@@ -180,6 +186,7 @@ def prepare(
         speed_exponent=rig.common.contact.speed_exponent,
         disks={d: disk_traces(frame, d, rig.disk_setup(d), records[d], steady, warnings, where) for d in DISKS},
         warnings=tuple(warnings),
+        added=added,
     )
 
 
@@ -210,10 +217,12 @@ def disk_traces(
     absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
     if absent:
         raise InputError(f"the record of the {disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
-    columns, spikes, static = [], [], []
+    columns, spikes, static, coarse = [], [], [], []
     for ch in CHANNELS:
         line = record.static[ch]
         raw = frame[f"{disk}_{ch}_degC"].to_numpy(dtype=float)
+        if (step := coarse_step_K(raw)) > 0:
+            coarse.append((step, ch))
         values, marked = despiked(np.asarray(apply_static(raw, line), dtype=float))
         if np.mean(marked) > 0.05:
             warnings.append(f"{disk}_{ch}: {100 * np.mean(marked):.1f} % of the samples are spikes or missing")
@@ -225,7 +234,9 @@ def disk_traces(
             )
         columns.append(values)
         spikes.append(marked)
-        static.append(float(static_u(line, mean)))
+        static.append(float(np.hypot(static_u(line, mean), step / 12**0.5)))
+    if coarse:
+        warnings.append(f"{disk} disk: {coarse_sentence(coarse)}")
     y = np.column_stack(columns)
     return DiskTraces(
         name=disk,
@@ -283,8 +294,23 @@ def despiked(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bo
 
 def white_noise(y: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard deviation of the white noise of each column, from third differences and their median; (N, M) -> (M,)."""
-    d = np.diff(y, n=3, axis=0)
-    return np.asarray(1.4826 * np.median(np.abs(d - np.median(d, axis=0)), axis=0) / np.sqrt(20.0))
+    return white_noise_sd(y, 3)
+
+
+def coarse_sentence(coarse: Sequence[tuple[float, str]]) -> str:
+    """What to say of channels, each with the step [K] that hides its noise."""
+    return (
+        f"the logger writes in steps of {max(coarse)[0]:.2g} K, coarser than the noise, in "
+        f"{', '.join(ch for _, ch in coarse)}: such rounding is no white noise, and lags and transient fits may be "
+        "further off than they say"
+    )
+
+
+def coarse_step_K(raw: NDArray[np.float64]) -> float:
+    """Step of a logger that hides the noise of a trace (N,), zero where the noise is seen or the step is fine [K]."""
+    rounding = rounding_sd(raw)
+    hidden = rounding > FINE_ROUNDING_K and rounding >= float(white_noise(raw[:, None])[0])
+    return rounding * 12**0.5 if hidden else 0.0
 
 
 def _filled(y: NDArray[np.float64]) -> NDArray[np.float64]:

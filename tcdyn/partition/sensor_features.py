@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.window import INNER, NOMINAL, OUTER, Perturbation, chained_power, perturbed_gains
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 STEADY_S = 100.0
 BASE_S = 8.0
@@ -27,6 +29,7 @@ AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
 AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
 LAG_STEP_S = 0.05
 SLOWEST_PER_S = 0.02
+BEND_S = 40.0  # a disk under load warms up with about this time constant
 THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 THICK_MESH = Mesh(49, 41)
 NO_SHIFT = (0.0, 0.0, 0.0)
@@ -34,7 +37,7 @@ NO_SHIFT = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Window:
-    """Mean over [start, stop) [s], less the mean over the base before the event; ``event`` names what it follows."""
+    """Mean over [start, stop) [s], less the straight line of the base before the event; ``event`` it follows."""
 
     event: str
     start_s: float
@@ -56,7 +59,8 @@ class DiskFeatures:
     """Window means of one disk: W windows, inputs in the order power, a..f, ambient.
 
     ``x`` (W, 8) inputs and ``banks`` (W, 8, K) their lags; ``late`` (W, K + 1) power and its lags when the chain is
-    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s]; ``noise`` (W,) white noise left of one.
+    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white
+    noise left of one; ``bend`` (W, 6) how far a trend before the event may have bent since [K].
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore (``seen``).
@@ -72,13 +76,15 @@ class DiskFeatures:
     late: Array
     slope: Array
     noise: Array
+    bend: Array
     book: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # gains once worked out
+    memo: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # what the readings made of them
 
     def on(self, setup: DiskSetup) -> DiskFeatures:
         """The same readings on a disk that is stated otherwise."""
-        return replace(self, setup=setup, book={})
+        return replace(self, setup=setup, book={}, memo={})
 
-    @property
+    @cached_property
     def seen(self) -> NDArray[np.bool_]:
         """Which data are predicted, (W, 6) in the order a, c, e, d, b, f."""
         early = [w.event != "steady" and w.after_s <= THICK_S for w in self.windows]
@@ -93,13 +99,26 @@ class DiskFeatures:
             ),
         )
 
+    def with_column_of(self, other: DiskFeatures, place: int, column: int) -> DiskFeatures:
+        """The same disk with position ``place`` of a..f read by ``column`` of another disk."""
+        x, banks, slope, bend = self.x.copy(), self.banks.copy(), self.slope.copy(), self.bend.copy()
+        x[:, 1 + place], banks[:, 1 + place] = other.x[:, 1 + column], other.banks[:, 1 + column]
+        slope[:, place], bend[:, place] = other.slope[:, column], other.bend[:, column]
+        return replace(self, x=x, banks=banks, slope=slope, bend=bend, memo={})
+
     def _once(self, key: Any, work: Callable[[], RimGains]) -> RimGains:
         if key not in self.book:
             self.book[key] = work()
         return self.book[key]
 
+    def remember(self, key: Any, work: Callable[[], T]) -> T:
+        """What ``work`` gives, worked out once for each ``key`` and these readings."""
+        if key not in self.memo:
+            self.memo[key] = work()
+        return cast(T, self.memo[key])
+
     def rim_gains(self, h: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
-        """Gains of the rim to the outer row and any ``extra`` points."""
+        """Gains of the rim at ``h`` [W/m2K] to the outer row and any ``extra`` points."""
         return perturbed_gains(self.setup, h, self.half_width_m, self.rates_1_s, p, "modal", extra)
 
     def _thick_gains(self, h: float, p: Perturbation, inner_m: tuple[float, float, float]) -> RimGains:
@@ -158,14 +177,14 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         early = (on - BASE_S, on - 0.5)
         loading = tuple(Window("loading", on + a, on + b, early, b) for a, b in AFTER_LOADING_S)
         parts.append(_stretch(test, disk, loading, on - BEFORE_S))
-    x, banks, late, slope, noise = (np.concatenate([p[k] for p in parts]) for k in range(5))
+    x, banks, late, slope, noise, bend = (np.concatenate([p[k] for p in parts]) for k in range(6))
     windows = (*steady, *cooling) if len(parts) == 1 else (*steady, *cooling, *loading)
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    return DiskFeatures(disk.name, disk.setup, test.half_width_m, windows, rates, x, banks, late, slope, noise)
+    return DiskFeatures(disk.name, disk.setup, test.half_width_m, windows, rates, x, banks, late, slope, noise, bend)
 
 
 def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start_s: float) -> tuple[Array, ...]:
-    """x, banks, late, slope and noise of windows that one stretch of the test holds."""
+    """x, banks, late, slope, noise and bend of windows that one stretch of the test holds."""
     rows = test.rows(start_s, windows[-1].stop_s + test.dt_s)
     t = test.time_s[rows]
     chain = disk.mean_chain
@@ -175,20 +194,20 @@ def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
     feeds = [power, *y.T, test.ambient_degC[rows], slower]
     banks = [lag_bank(u, test.dt_s, rates) for u in feeds]
-    x, b, slope, noise = [], [], [], []
+    x, b, slope, noise, bend = [], [], [], [], []
     for w in windows:
+        weights, ahead_s, trend = _weights(t, w)
+        x.append([float(weights @ u) for u in feeds])
+        b.append(np.stack([weights @ bank for bank in banks]))
+        rate = trend @ y  # before the event
         inside = _rows(t, w.start_s, w.stop_s)
-        base = _rows(t, *w.base_s) if w.base_s else None
-        means = [(_mean(u, inside, base), _mean(bank, inside, base)) for u, bank in zip(feeds, banks)]
-        x.append([float(m[0]) for m in means])
-        b.append(np.stack([m[1] for m in means]))
         first, last = inside.start, inside.stop - 1
-        slope.append((y[last] - y[first]) / (t[last] - t[first]) if w.base_s else np.zeros(len(CHANNELS)))
-        count = 1 / (inside.stop - inside.start) + (1 / (base.stop - base.start) if base else 0.0)
-        noise.append(np.sqrt(count))
+        slope.append((y[last] - y[first]) / (t[last] - t[first]) - rate if w.base_s else np.zeros(len(CHANNELS)))
+        noise.append(np.sqrt((weights**2).sum()))
+        bend.append(0.5 * np.abs(rate) * ahead_s**2 / BEND_S)
     inputs, lags = np.array(x), np.stack(b)
     late = np.column_stack([inputs[:, -1], lags[:, -1]])
-    return inputs[:, :-1], lags[:, :-1], late, np.array(slope), np.array(noise)
+    return inputs[:, :-1], lags[:, :-1], late, np.array(slope), np.array(noise), np.array(bend)
 
 
 def _rows(t: Array, start_s: float, stop_s: float) -> slice:
@@ -196,6 +215,20 @@ def _rows(t: Array, start_s: float, stop_s: float) -> slice:
     return slice(first, max(last, first + 2))
 
 
-def _mean(u: Array, inside: slice, base: slice | None) -> Array:
-    level = u[inside].mean(axis=0)
-    return np.asarray(level if base is None else level - u[base].mean(axis=0))
+def _weights(t: Array, w: Window) -> tuple[Array, float, Array]:
+    """Weights (N,) of the samples in a window's number, its distance from the base [s], and weights of the base's rate.
+
+    From the mean of the window the straight line through the base is taken, so that a disk that still warms up, or an
+    ambient that drifts, is not read as an answer to the event.
+    """
+    inside, trend = _rows(t, w.start_s, w.stop_s), np.zeros_like(t)
+    weights = np.zeros_like(t)
+    weights[inside] = 1.0 / (inside.stop - inside.start)
+    if w.base_s is None:
+        return weights, 0.0, trend
+    base = _rows(t, *w.base_s)
+    about = t[base] - t[base].mean()
+    trend[base] = about / (about**2).sum()
+    ahead_s = float(t[inside].mean() - t[base].mean())
+    weights[base] -= 1.0 / (base.stop - base.start)
+    return weights - ahead_s * trend, ahead_s, trend

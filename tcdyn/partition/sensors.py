@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,8 @@ from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.estimate import Estimate
 from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.prepare import DiskTraces, EhlTest
-from tcdyn.partition.sensor_faults import H_GRID_W_M2K, Fault, Verdict, hypotheses, judge
+from tcdyn.partition.sensor_depths import DepthTest, depth_test
+from tcdyn.partition.sensor_faults import H_GRID_W_M2K, MISPLACED_M, Fault, Verdict, hypotheses, judge
 from tcdyn.partition.sensor_features import DiskFeatures, disk_features
 from tcdyn.partition.sensor_pairs import angle_groups, pair_matrix, pair_table
 
@@ -30,8 +32,9 @@ SETTLED_M = 0.03e-3
 class Suspect:
     """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset", "side" or "unknown".
 
-    ``columns``: names as in the log; ``size``: how much deeper the junction lies than stated [m], or how much it or
-    the side reads too high [K]; ``log_odds`` against a sound disk.
+    A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
+    ``size``: how much deeper the junction lies than stated [m], or how much it or the side reads too high [K];
+    ``log_odds`` against a sound disk.
     """
 
     disk: str
@@ -43,7 +46,8 @@ class Suspect:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        return tuple(f"{self.disk}_{c}_degC" for c in self.channels)
+        """The suspected channels as the log names them."""
+        return tuple(f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels)
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,8 @@ class SensorCheck:
 
     ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``asymmetry_K``: d less f; ``side_K``: how much hotter
     the second group of ``groups`` reads than the first, beyond what conduction explains; ``responses``: steady level,
-    rise after loading and fall after unloading of each junction; ``blind``: swaps that this test could not tell.
+    rise after loading and fall after unloading of each junction; ``blind``: swaps that this test could not tell;
+    ``depths``: where the test places the junctions of each disk that shows no fault.
     """
 
     table: pd.DataFrame
@@ -65,10 +70,12 @@ class SensorCheck:
     side_K: dict[str, Estimate | None]
     responses: pd.DataFrame
     blind: dict[str, tuple[tuple[str, str], ...]]
+    depths: dict[str, DepthTest]
     disks: Mapping[str, DiskTraces]
 
     @property
     def sound(self) -> bool:
+        """Whether no channel is suspected."""
         return not self.suspects
 
     def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
@@ -81,6 +88,8 @@ class _DiskCheck:
     suspects: tuple[Suspect, ...]
     side: Estimate | None
     blind: tuple[tuple[str, str], ...]
+    depths: DepthTest | None
+    log_likelihood: float
 
 
 def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorCheck:
@@ -94,8 +103,11 @@ def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorChe
     table = u if u is not None else UncertaintyTable.model_validate({})
     features = {d: disk_features(test, test.disks[d]) for d in DISKS}
     checks = {d: _check(test, test.disks[d], features[d], table) for d in DISKS}
+    crossed = _crossed(test, features, checks, table)
+    if crossed is not None:
+        checks = {d: replace(checks[d], suspects=(crossed,)) for d in DISKS}
     pairs = pd.concat([pair_table(test, test.disks[d], features[d], table) for d in DISKS], ignore_index=True)
-    suspects = tuple(s for d in DISKS for s in checks[d].suspects)
+    suspects = (crossed,) if crossed is not None else tuple(s for d in DISKS for s in checks[d].suspects)
     return SensorCheck(
         table=pairs,
         verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
@@ -107,6 +119,7 @@ def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorChe
         side_K={d: checks[d].side for d in DISKS},
         responses=pd.concat([_responses(test.disks[d], features[d]) for d in DISKS], ignore_index=True),
         blind={d: checks[d].blind for d in DISKS},
+        depths={d: t for d in DISKS if (t := checks[d].depths) is not None},
         disks=test.disks,
     )
 
@@ -114,36 +127,68 @@ def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorChe
 def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures, u: UncertaintyTable) -> _DiskCheck:
     dead = _dead(test, disk, f)
     if dead:
-        return _DiskCheck(tuple(dead), None, ())
+        return _DiskCheck(tuple(dead), None, (), None, np.inf)
     gains = [f.gains(float(h)) for h in H_GRID_W_M2K]
     sound = judge(f, disk, u, Fault("none"), gains)
     found = [judge(f, disk, u, h, gains) for h in hypotheses(angle_groups(disk.setup))]
-    odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
-    ranked = sorted(found, key=lambda v: -v.log_likelihood)
     side = next((v.size for v in found if v.fault.kind == "side"), None)
-    best = odds[ranked[0].fault]
+    odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
+    best = max(odds.values())
     if best > NAMED_LOG_ODDS:
+        found = [_settled(f, disk, u, v) for v in found]
+        odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
+        ranked = sorted(found, key=lambda v: -v.log_likelihood)
+        best = odds[ranked[0].fault]
         rivals = [v for v in ranked[1:] if odds[v.fault] > best - RIVAL_LOG_ODDS]
-        return _DiskCheck((_named(disk.name, _settled(f, disk, u, ranked[0]), best, rivals),), side, ())
+        return _DiskCheck((_named(disk.name, ranked[0], best, rivals),), side, (), None, ranked[0].log_likelihood)
     if sound.p_value < UNSOUND_P:
         words = (
             f"{disk.name} disk: its six junctions do not read as the rim model says (chi-square {sound.chi2:.0f} for "
             f"{sound.dof} data), and no single swap, misplacement or offset explains it"
         )
-        return _DiskCheck((Suspect(disk.name, "unknown", (), None, best, words),), side, ())
+        return _DiskCheck((Suspect(disk.name, "unknown", (), None, best, words),), side, (), None, sound.log_likelihood)
     blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
-    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind))
+    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, u, sound), sound.log_likelihood)
+
+
+def _crossed(
+    test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck], u: UncertaintyTable
+) -> Suspect | None:
+    """A channel of one disk exchanged with one of the other, where that explains both disks' faults better."""
+    if any(not checks[d].suspects or checks[d].suspects[0].kind == "dead" for d in DISKS):
+        return None
+    fast, slow = (features[d] for d in DISKS)
+    found = []
+    for i, j in product(range(len(CHANNELS)), repeat=2):
+        total = 0.0
+        for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
+            mixed = f.with_column_of(other, place, column)
+            gains = [mixed.gains(float(h)) for h in H_GRID_W_M2K]
+            fault = Fault("foreign", (CHANNELS[place],))
+            total += judge(mixed, test.disks[f.disk], u, fault, gains).log_likelihood
+        found.append((total, i, j))
+    best, i, j = max(found)
+    odds = best - sum(checks[d].log_likelihood for d in DISKS)
+    if odds < RIVAL_LOG_ODDS:
+        return None
+    names = (f"fast_{CHANNELS[i]}", f"slow_{CHANNELS[j]}")
+    words = (
+        f"channels {CHANNELS[i]} of the fast disk and {CHANNELS[j]} of the slow disk look swapped (log-odds {odds:.0f} "
+        "against the best fault of each disk by itself)"
+    )
+    return Suspect("both", "swapped", names, None, odds, words)
 
 
 def _settled(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, v: Verdict) -> Verdict:
-    """A misplaced junction's depth, linearised again where the last look put it, until it stays."""
+    """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
     channel = v.fault.channels[0]
     if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
         return v
     stated = f.setup.junctions[channel]
-    size = v.size
+    deepest = f.setup.junctions["b"].depth_m - LEAST_DEPTH_M
+    size, again = v.size, v
     for _ in range(4):
-        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, f.setup.junctions["b"].depth_m))
+        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
         setup = replace(f.setup, junctions={**f.setup.junctions, channel: replace(stated, depth_m=depth)})
         moved = f.on(setup)
         again = judge(moved, disk, u, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
@@ -152,7 +197,7 @@ def _settled(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, v: Verdict)
         size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
         if abs(again.size.value) < SETTLED_M:
             break
-    return replace(v, size=size)
+    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
 from calibration.disk import DISKS
+from calibration.estimate import Estimate, rounded, with_u
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.sensor_depths import DepthTest
 
 
 def ways_table(p: Partition) -> pd.DataFrame:
-    """beta, h and lag by every way, with standard uncertainties."""
+    """beta, h, lag and exponent by every way: standard uncertainties, and beta's 95 % interval."""
     rows: list[tuple[str, float, str, float, str, str | None]] = [
         ("speed law, fast disk", p.speed.beta, "speed law", p.speed.h_fast, "h_fast", None),
         ("speed law, slow disk", p.speed.beta, "speed law", p.speed.h_slow, "h_slow", None),
@@ -23,55 +27,75 @@ def ways_table(p: Partition) -> pd.DataFrame:
     table = []
     for word, beta, key, h, h_key, disk in rows:
         lag = p.joint[disk].estimates["lag_s"] if disk else None
-        b, hh = p.estimate(key, beta), p.estimate(h_key, h)
-        table.append(
-            {
-                "way": word,
-                "β [1]": f"{b.value:.4f} ± {b.u:.4f}",
-                "h [W/m²K]": f"{hh.value:.0f} ± {hh.u:.0f}",
-                "lag [s]": f"{lag.value:.3f} ± {lag.u:.3f}" if lag else "",
-            }
-        )
+        hh = p.estimate(h_key, h)
+        row = _way(word, p.estimate(key, beta), with_u(hh.value, hh.u))
+        table.append({**row, "lag [s]": with_u(lag.value, lag.u) if lag else "", "exponent n [1]": ""})
     both = p.both.estimates
-    table.append(
-        {
-            "way": "joint fit, both disks",
-            "β [1]": f"{both['beta'].value:.4f} ± {both['beta'].u:.4f}",
-            "h [W/m²K]": f"{both['h_fast'].value:.0f} / {both['h_slow'].value:.0f}",
-            "lag [s]": f"n = {both['exponent'].value:.3f} ± {both['exponent'].u:.3f}",
-        }
-    )
+    for d in DISKS:
+        h_both, n = both[f"h_{d}"], both["exponent"]
+        row = _way(f"joint fit of both, {d} disk", both["beta"], with_u(h_both.value, h_both.u))
+        table.append({**row, "lag [s]": "", "exponent n [1]": with_u(n.value, n.u)})
     return pd.DataFrame(table)
 
 
+def _way(word: str, beta: Estimate, h: str) -> dict[str, str]:
+    low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
+    return {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}", "h [W/m²K]": h}
+
+
 def budget_table(p: Partition) -> pd.DataFrame:
-    """Source, and its standard uncertainty of beta by the speed law and by the cooling fit."""
+    """Source, and its standard uncertainty of beta by the speed law and by the cooling fit; last, all together."""
+    speed, cooling = p.budget.together
+    rows = [(r.source, r.u_beta_steady, r.u_beta_transient) for r in p.budget.rows]
     return pd.DataFrame(
         [
-            {
-                "source": r.source,
-                "u(β) speed law": f"{r.u_beta_steady:.4f}",
-                "u(β) cooling fit, worse disk": f"{r.u_beta_transient:.4f}",
-            }
-            for r in p.budget.rows
+            {"source": source, "u(β) [1], speed law": _u(a), "u(β) [1], cooling fit of the worse disk": _u(b)}
+            for source, a, b in [*rows, ("all together", speed, cooling)]
         ]
     )
+
+
+def _u(u: float) -> str:
+    return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
 def test_table(p: Partition) -> pd.DataFrame:
     """The test's conditions."""
     t = p.test
-    rows = [
-        ("load", t.load_N, "N"),
-        ("friction", t.friction_N, "N"),
-        ("friction coefficient", t.friction_N / t.load_N, "1"),
-        ("sliding speed", t.sliding_speed_m_s, "m/s"),
-        ("entraining speed", t.entraining_speed_m_s, "m/s"),
-        ("half-width of the contact", t.half_width_m * 1e3, "mm"),
-        ("load on", t.events.load_on_s, "s"),
-        ("unloading", t.events.unload_s, "s"),
-        ("hottest surface, fast", p.surface.fast_max_degC, "°C"),
-        ("hottest surface, slow", p.surface.slow_max_degC, "°C"),
-        ("ΔT u_s", p.surface.delta_T_us, "K m/s"),
+    drawn = {
+        "hottest surface, fast disk": ("surface fast", p.surface.fast_max_degC, "°C"),
+        "hottest surface, slow disk": ("surface slow", p.surface.slow_max_degC, "°C"),
+        "their difference times sliding speed, ΔT u_s": ("delta_T_us", p.surface.delta_T_us, "K m/s"),
+    }
+    parting = with_u(t.events.unload_s, t.events.unload_u_s)
+    plain = [
+        ("load", f"{t.load_N:.0f}", "N"),
+        ("friction", f"{t.friction_N:.2f}", "N"),
+        ("friction coefficient", f"{t.friction_N / t.load_N:.4f}", "1"),
+        ("sliding speed", f"{t.sliding_speed_m_s:.2f}", "m/s"),
+        ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
+        ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
+        ("load on at", f"{t.events.load_on_s:.2f}", "s"),
+        ("unloading at", parting, "s"),
     ]
-    return pd.DataFrame([{"quantity": q, "value": f"{v:.4g}", "unit": unit} for q, v, unit in rows])
+    for word, (key, value, unit) in drawn.items():
+        estimate = p.estimate(key, value)
+        plain.append((word, with_u(estimate.value, estimate.u), unit))
+    return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
+
+
+def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
+    """How much deeper than stated each junction lies by the test alone, and its pull on what is stated."""
+    rows = []
+    for disk, test in tests.items():
+        for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
+            mm = with_u(1e3 * deeper.value, 1e3 * deeper.u)
+            rows.append((disk, channel, mm, f"{1e3 * test.stated_u_m:.2f}", f"{round(float(pull), 1) + 0.0:+.1f}"))
+    columns = [
+        "disk",
+        "junction",
+        "deeper than stated [mm]",
+        "u of the stated depth [mm]",
+        "standard deviations off [1]",
+    ]
+    return pd.DataFrame(rows, columns=columns)

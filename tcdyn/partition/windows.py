@@ -6,15 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rigfile import UncertaintyTable
-from tcdyn.partition.analyse import Partition, compensate_stretch
-from tcdyn.partition.cooling import CoolingFit, cooling_fit
-from tcdyn.partition.nuisance import Nuisances, nuisances
-from tcdyn.partition.window import OUTER, disk_window, stretch_of
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.compensated import (
+    compensate_stretch,
+    compensated_window,
+    cooling_by_lag,
+    cooling_shift,
+    lag_effect,
+)
+from tcdyn.partition.cooling import cooling_fit
+from tcdyn.partition.nuisance import nuisances
+from tcdyn.partition.window import OUTER, stretch_of
 
 LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
 TWO_SIGMA = 2.0
@@ -48,13 +54,11 @@ def _disk_rows(
     test, disk, line = p.test, p.test.disks[name], p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
     done = compensate_stretch(test, disk, rows, p.chains[name], lag.u)
-    window = disk_window(test, disk, done.temperature, rows, disk.noise_K)
-    longer = disk_window(test, disk, done.temperature + 0.01 * done.lag_sensitivity, rows, disk.noise_K)
+    window = compensated_window(test, disk, rows, done, p.windows[name].profile)
     noise = float(np.median(done.sd_noise[:, OUTER]))
     at = p.cooling[name]
     nuis = nuisances(window, disk, disk.readings_degC[rows], test.dt_s, at.share, at.h_W_m2K, u, test.events.unload_u_s)
-    gains = window.gains(at.h_W_m2K)
-    by_lag = ((longer.answer(gains)[0] - window.answer(gains)[0]) - (longer.y - window.y)) / 0.01
+    effect = lag_effect(test, disk, rows, done, window, at.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:
         row: dict[str, object] = {"disk": name, "window_s": length, "within_lag": length < lag.value}
@@ -64,40 +68,20 @@ def _disk_rows(
             empty = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
             out.append(row | empty)
             continue
-        u_share, u_h = _spread(fit, nuis, line.shift.names, line.shift.per_sd, line.line.slope, by_lag * lag.u)
-        u_share = float(np.sqrt(u_share**2 + line.shift.noise[0, 0]))
+        shift = cooling_shift(nuis, line, fit)
+        late = lag.u * cooling_by_lag(effect, line, fit)
+        u_share, u_h = np.sqrt((shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + late**2)
         out.append(
             row
             | {
                 "beta": fit.beta,
-                "u_beta": u_share,
+                "u_beta": float(u_share),
                 "h_W_m2K": fit.h_W_m2K,
-                "u_h_W_m2K": u_h,
+                "u_h_W_m2K": float(u_h),
                 "misfit_K": fit.misfit_K,
             }
         )
     return out
-
-
-def _spread(
-    fit: CoolingFit,
-    nuis: Nuisances,
-    line_names: Sequence[str],
-    line_per_sd: NDArray[np.float64],
-    slope: float,
-    late_K: NDArray[np.float64],
-) -> tuple[float, float]:
-    """Standard uncertainties of (share, h) of one fit: nuisances by traces and line, lag and noise, independent."""
-    share, h = [], []
-    for q, name in enumerate(nuis.names):
-        off = float(line_per_sd[list(line_names).index(name)] @ np.array([1.0, fit.h_W_m2K]))
-        move = -fit.pull(nuis.effect[q] * nuis.sd[q] - off * fit.power)
-        share.append(off + slope * move)
-        h.append(move)
-    for move in (fit.pull(late_K), fit.h_noise):
-        share.append(slope * move)
-        h.append(move)
-    return float(np.linalg.norm(share)), float(np.linalg.norm(h))
 
 
 def referee_table(partition: Partition) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 from joblib import Parallel, delayed
 
+from calibration.result import Result
 from calibration.rigfile import Rig, load_rig, rig_toml
 from tcdyn.rig.convection import FluidName
 from tcdyn.rig.ehl import EhlOptions, simulate_ehl
@@ -35,7 +36,7 @@ DEFAULT_PLUNGES = (Plunge(110.0), Plunge(138.0))
 
 
 @dataclass(frozen=True)
-class CampaignFiles:
+class CampaignFiles(Result):
     """Where a campaign's files are; plunges and ovens by disk, EHL logs and traces by test."""
 
     folder: Path
@@ -45,6 +46,12 @@ class CampaignFiles:
     ehl: dict[str, Path]
     truth: Path
     traces: dict[str, Path]
+
+    def summary(self) -> str:
+        """What was written where."""
+        plunges = ", ".join(f"{len(p)} plunges of the {d} disk" for d, p in self.plunges.items())
+        tests = f"{len(self.ehl)} EHL test{'s' if len(self.ehl) != 1 else ''} ({', '.join(self.ehl)})"
+        return f"{self.folder}: {self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}; truth in {self.truth}"
 
 
 def simulate_campaign(

@@ -26,12 +26,3 @@ def entraining_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0
     8.09
     """
     return 0.5 * (surface_speed_m_s(fast_rpm, radius_m) + surface_speed_m_s(slow_rpm, radius_m))
-
-
-def slide_roll_ratio(fast_rpm: float, slow_rpm: float) -> float:
-    """Slide-to-roll ratio u_s / u_m [-]; it depends on the gear ratio alone.
-
-    >>> round(slide_roll_ratio(4.24, 1.0), 3)
-    1.237
-    """
-    return 2.0 * (fast_rpm - slow_rpm) / (fast_rpm + slow_rpm)

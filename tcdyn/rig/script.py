@@ -65,7 +65,7 @@ class EhlTruth:
         )
 
     def contact_share(self, t: Array) -> Array:
-        """1 while loaded, 0 while apart, straight lines between."""
+        """1 while loaded, 0 while apart, straight lines between; ``t`` (N,) in s."""
         on, up, off, apart = self.breaks_s
         rise = np.clip((t - on) / max(up - on, 1e-12), 0, 1)
         return np.asarray(rise * (1 - np.clip((t - off) / max(apart - off, 1e-12), 0, 1)))

@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tcdyn.partition.compensated import compensate_stretch, compensated_window
 from tcdyn.partition.cooling import cooling_fit
+from tcdyn.partition.refine import steady_lines
 from tcdyn.partition.steady import Line
-from tcdyn.partition.window import Blocks
+from tcdyn.partition.window import Blocks, stretch_of
+from tests.partition.study_rigs import QUICK, study_rig
 
 
 @dataclass(frozen=True)
@@ -48,3 +51,16 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     assert fit.h_W_m2K == pytest.approx(700.0, rel=1e-5)  # xatol of the search
     # curvature over a step of half a per cent of h; without the weights the pull is off by a quarter
     assert fit.pull(effect) == pytest.approx(again.h_W_m2K - fit.h_W_m2K, rel=0.005)
+
+
+def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
+    """Figure 4.20: taken as one kink in its middle, such a ramp moved h by a fifth and the share by 0.05."""
+    made = study_rig(1, uncertain=False, lag_error_s=0.0, options=replace(QUICK, parting_s=1.5))
+    test, u = made.test, made.rig.common.uncertainty
+    rows = stretch_of(test, 5.0)
+    lines, _ = steady_lines(test, rows, u)
+    disk = test.disks["fast"]
+    done = compensate_stretch(test, disk, rows, disk.chains, 0.01)
+    window = compensated_window(test, disk, rows, done, "modal")
+    fit = cooling_fit(window, lines["fast"].line, test.events.unload_s, 5.0, 0.03)
+    assert fit.h_W_m2K == pytest.approx(made.told["h_fast"], rel=0.05)  # the budget's own standard uncertainty of h

@@ -5,7 +5,10 @@ from __future__ import annotations
 import pytest
 from scipy import stats
 
+from calibration.rigfile import load_rig
+from tcdyn.rig.truth import draw_truth
 from tests.partition.coverage_study import report, study
+from tests.partition.junction_study import moved_junction
 from tests.partition.study_rigs import study_rig
 
 RIGS = 40
@@ -20,9 +23,30 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
     table = report(done).set_index("what")
     assert (table["covered by 95 %"] >= least).all(), table.to_string()
     # and not by being wide: a spread of z below 0.6 would be an interval nearly twice too long
-    assert (table["rms z"] > 0.6).all(), table.to_string()
+    depths = table.index.str.startswith("depth")
+    assert (table["rms z"][~depths] > 0.6).all(), table.to_string()
+    # junctions are placed with a tolerance for what the rim model misses, wider than what this simulated rig shows
+    assert (table["rms z"][depths] > 0.35).all(), table.to_string()
     # at 7 % false alarms, more than 7 in 40 happen once in 1000 studies
-    assert done["alarm"].sum() <= stats.binom.ppf(0.999, RIGS, 0.07), done[["alarm", "largest pull", "of"]].to_string()
+    assert done["alarm"].sum() <= stats.binom.ppf(0.999, RIGS, 0.07), done["sentence"].to_string()
+
+
+@pytest.mark.slow
+def test_a_wrong_exponent_is_named() -> None:
+    """A rig whose h go with the first power of the speed, against at most 0.8 stated."""
+    true = draw_truth(3, load_rig(), exponent=1.0)
+    checked = study_rig(3, "D4", truth=true).analyse().crosscheck
+    assert not checked.agree
+    assert "speed exponent" in checked.sentence
+
+
+@pytest.mark.slow
+def test_a_junction_half_a_millimetre_off_is_named() -> None:
+    """Five standard uncertainties; the power for smaller ones is measured by `junction_study`."""
+    true = moved_junction(draw_truth(3, load_rig()), "fast", "e", 0.5e-3)
+    checked = study_rig(3, "D4", truth=true).analyse().crosscheck
+    assert not checked.agree
+    assert "junction e of the fast disk" in checked.sentence
 
 
 @pytest.mark.slow

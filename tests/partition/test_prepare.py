@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.record import DiskRecord
 from calibration.rigfile import load_rig
-from tcdyn.partition.prepare import record_chains
+from tcdyn.partition.prepare import disk_traces, record_chains
 from tcdyn.rig.truth import draw_truth
 from tests.partition.study_rigs import _record
 
@@ -31,3 +33,21 @@ def test_a_rig_file_with_another_filter_is_refused(record: DiskRecord) -> None:
     setup = replace(load_rig().disk_setup("fast"), conditioning=Conditioning(10.0, 2))
     with pytest.raises(InputError, match="made with conditioning of 2 pole"):
         record_chains(record, setup)
+
+
+def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(3000) / 75
+    fine = {f"fast_{c}_degC": 90 + 0.1 * t + 0.12 * rng.standard_normal(len(t)) for c in "abcdef"}
+    coarse = np.round((90 + 0.1 * t + 0.02 * rng.standard_normal(len(t))) / 0.21) * 0.21
+    said: dict[str, list[str]] = {"fine": [], "coarse": []}
+    for name, columns in (("fine", fine), ("coarse", {**fine, "fast_e_degC": coarse})):
+        frame = pd.DataFrame(columns)
+        traces = disk_traces(frame, "fast", load_rig().disk_setup("fast"), record, t > 30, said[name], "log")
+        assert (traces.noise_K > 0.05).all()  # rounding of 0.21 K steps is 0.06 K
+        if name == "coarse":  # a rounding that stands still does not average out: it adds to the line's uncertainty
+            assert traces.static_u_K[4] > 0.06 > 0.05 > traces.static_u_K[0]
+    assert said["fine"] == []
+    (sentence,) = said["coarse"]
+    assert "steps of 0.21 K" in sentence
+    assert "in e:" in sentence

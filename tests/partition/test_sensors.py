@@ -194,3 +194,12 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
     assert suspect.size is not None
     assert np.sign(suspect.size.value) == np.sign(deeper_mm)
+
+
+@pytest.mark.parametrize(("fast", "slow"), [("a", "a"), ("e", "c"), ("b", "d")])
+def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, slow: str) -> None:
+    wrong = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})
+    wrong = with_readings(wrong, "slow", {slow: column(b3, "fast", fast)})
+    (suspect,) = check_sensors(wrong).suspects
+    assert suspect.kind == "swapped"
+    assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")

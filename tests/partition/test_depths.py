@@ -1,0 +1,108 @@
+"""A test places its own junctions; what is off by more than a sound test shows is named, with the chance of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calibration.disk import CHANNELS
+from calibration.estimate import Estimate
+from calibration.logs import read_log
+from tcdyn.partition.crosscheck import Tension, cross_check
+from tcdyn.partition.friction import FrictionAdded
+from tcdyn.partition.prepare import EhlTest, prepare
+from tcdyn.partition.sensor_depths import DepthTest, chance_of, largest_pulls
+from tcdyn.partition.sensors import check_sensors
+from tcdyn.partition.tension import DEPTH_ALARM, OTHER_ALARM, tensions
+from tests.conftest import Campaign
+from tests.partition.study_rigs import QUICK, study_rig
+from tests.partition.test_sensors import stated_elsewhere
+
+
+@pytest.fixture(scope="module")
+def b3(campaign: Campaign) -> EhlTest:
+    return prepare(read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records)
+
+
+def test_a_disk_that_still_warms_up_is_not_accused() -> None:
+    """A minute under load: the inner row rises by 0.3 K/s when the load goes off."""
+    made = study_rig(3, uncertain=False, options=replace(QUICK, load_on_s=20.0, unload_s=80.0, duration_s=96.0))
+    found = check_sensors(made.test, made.rig.common.uncertainty)
+    assert found.sound, found.verdicts
+    for test in found.depths.values():
+        assert np.abs(test.pull).max() < 3.0  # twelve junctions: one sound rig in thirty
+
+
+def independent(pull: list[float]) -> DepthTest:
+    deeper = {c: Estimate.normal(0.0, 1e-4) for c in CHANNELS}
+    return DepthTest("fast", np.array(pull), np.eye(6), deeper, 1e-4)
+
+
+@pytest.mark.parametrize(("channel", "deeper_mm"), [("a", 0.3), ("c", -0.3), ("e", 0.3), ("d", 0.3), ("b", -0.3)])
+def test_a_junction_off_by_a_third_of_a_millimetre_is_placed_there(b3: EhlTest, channel: str, deeper_mm: float) -> None:
+    found = check_sensors(stated_elsewhere(b3, "fast", channel, deeper_mm * 1e-3)).depths["fast"]
+    placed = found.deeper_m[channel]
+    assert abs(placed.value * 1e3 - deeper_mm) < 3 * placed.u * 1e3
+    assert placed.u < 0.1e-3  # better than it was stated
+    # three standard uncertainties of the stated depth, less what the test itself leaves open
+    assert found.pull[CHANNELS.index(channel)] == pytest.approx(
+        np.sign(deeper_mm) * 3 / np.hypot(1, placed.u / 0.1e-3), abs=1.0
+    )
+
+
+def test_the_chance_of_the_largest_pull_is_that_of_so_many_normal_deviates() -> None:
+    tests = [independent([0.0] * 6)] * 2
+    largest = largest_pulls(tests)
+    for pull in (2.0, 2.5, 3.0):
+        exact = 1 - (1 - 2 * stats.norm.sf(pull)) ** 12
+        assert chance_of(pull, largest, 12) == pytest.approx(exact, abs=4 * np.sqrt(exact / len(largest)))
+    assert chance_of(6.0, largest, 12) == pytest.approx(24 * stats.norm.sf(6.0))  # beyond every draw
+
+
+def test_pulls_that_go_together_count_for_fewer() -> None:
+    alike = replace(independent([0.0] * 6), correlation=np.full((6, 6), 0.99) + 0.01 * np.eye(6))
+    assert chance_of(2.5, largest_pulls([alike]), 6) < 0.5 * chance_of(2.5, largest_pulls([independent([0.0] * 6)]), 6)
+
+
+def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -> None:
+    draws = {n: np.random.default_rng(k).normal(0.66, 0.01, 5000) for k, n in enumerate(("speed law", "joint fast"))}
+    values = {"speed law": 0.66, "joint fast": 0.665}
+    steady = Estimate.normal(0.66, 0.01)
+    remark = cross_check(values, draws, steady, [Tension("depth e", 2.4, 0.2, DEPTH_ALARM)])
+    assert remark.agree
+    assert remark.strained is not None
+    assert "depth e: 2.4 standard deviations, no contradiction (one sound test in 5 shows as much)" in remark.sentence
+    alarm = cross_check(values, draws, steady, [Tension("depth e", 3.4, 0.008, DEPTH_ALARM)])
+    assert not alarm.agree
+    assert "suspect depth e" in alarm.sentence
+    quiet = cross_check(values, draws, steady, [Tension("depth e", 1.4, 0.9, DEPTH_ALARM)])
+    assert quiet.strained is None
+
+
+def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> None:
+    """Depths by the sensor map where there is one, by the joint fit otherwise; never by both."""
+    from tcdyn.partition.analyse import analyse
+
+    u = campaign.rig.common.uncertainty
+    with_map = analyse(b3, u)
+    assert with_map.sensors is not None
+    mapped = tensions(b3, with_map.joint, with_map.both, u, with_map.sensors)
+    bare = tensions(b3, with_map.joint, with_map.both, u)
+    assert sum("depth" in t.what for t in mapped) == sum("depth" in t.what for t in bare) == 12
+    assert len(mapped) == len(bare)
+    assert {t.alarm for t in mapped if "depth" in t.what} == {DEPTH_ALARM}
+    assert {t.alarm for t in bare} == {OTHER_ALARM}
+    # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
+    (steep,) = [
+        t for t in tensions(replace(b3, speed_exponent=1.0), with_map.joint, with_map.both, u) if "exponent" in t.what
+    ]
+    assert steep.contradicts
+    assert not any(t.contradicts for t in mapped)
+    # the added friction's own uncertainty widens the budget's row of friction as the two combine
+    less = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
+    added = replace(b3, added=FrictionAdded(0.0, 0.03 * b3.friction_N))
+    more = {r.source: r.u_beta_steady for r in analyse(added, u, sensor_check=False).budget.rows}["friction"]
+    assert more / less == pytest.approx(np.hypot(1, 0.03 / u.friction_rel), rel=0.05)  # the sampling of 4000 draws

@@ -1,0 +1,251 @@
+"""Profiles of the joint fits: the parabola where all is normal, skewed or open where not, and their coverage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration.disk import DISKS
+from calibration.estimate import Z95, Estimate
+from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
+from tcdyn.partition.joint_solve import Point, _cost, _stacked, nuisance_columns
+from tcdyn.partition.pinned import JointSurface, joint_surface, minimum, table_of
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.profile import Pin, joint_profiles, profile, theta_of
+from tcdyn.partition.profile_interval import LEVEL, crossing, interval_table, intervals, profiles_file
+from tcdyn.partition.refine import joint_start, steady_lines
+from tcdyn.partition.window import stretch_of
+from tests.partition.study_rigs import StudyRig, study_rig
+
+Array = NDArray[np.float64]
+Fitted = tuple[EhlTest, dict[str, DiskFit], BothFit]
+
+
+def fitted(made: StudyRig, window_s: float = 10.0, test: EhlTest | None = None) -> Fitted:
+    """Joint fits of a study rig from the speed law's point."""
+    u = made.rig.common.uncertainty
+    _, speed = steady_lines(made.test, stretch_of(made.test, window_s), u)
+    test = made.test if test is None else test
+    return test, *joint_fits(test, joint_start(speed), u, window_s)
+
+
+def without_lag_prior(test: EhlTest) -> EhlTest:
+    """The test with records that know the common lag to 2 s only, three times itself."""
+    disks = {k: replace(d, lag_covariance_s2=d.lag_covariance_s2 + 4.0) for k, d in test.disks.items()}
+    return replace(test, disks=disks)
+
+
+@pytest.fixture(scope="module")
+def rig() -> StudyRig:
+    return study_rig(5, "B3")
+
+
+@pytest.fixture(scope="module")
+def sound(rig: StudyRig) -> Fitted:
+    return fitted(rig)
+
+
+@pytest.fixture(scope="module")
+def table(sound: Fitted) -> pd.DataFrame:
+    return joint_profiles(*sound)
+
+
+@dataclass(frozen=True)
+class Straight:
+    """Residuals that are linear in theta, with white noise, and rows of theta that never move."""
+
+    matrix: Array
+    target: Array
+    always: Array
+    edge: float = np.inf
+
+    def rows(self, theta: Array) -> tuple[Array, Array] | None:
+        if abs(theta).max() > self.edge:
+            return None
+        return self.matrix @ theta - self.target, self.matrix
+
+    def noise_part(self, theta: Array, toward: Array) -> float:
+        return float(toward @ np.linalg.solve(self.matrix.T @ self.matrix, toward))  # all rows are data
+
+
+@pytest.mark.parametrize("inflation", [1.0, 2.5])
+def test_profile_of_a_linear_model_is_the_parabola_of_its_covariance(inflation: float) -> None:
+    """Noise of ``inflation`` widens it as it widens the covariance. Exact but for rounding: 1e-8 of three sigma."""
+    rng = np.random.default_rng(3)
+    matrix, target = rng.normal(size=(30, 4)), rng.normal(size=30)
+    surface = Straight(matrix, target, np.zeros((0, 4)))
+    toward = np.array([1.0, -2.0, 0.5, 0.0])
+    covariance = np.linalg.inv(matrix.T @ matrix) * inflation
+    best = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    u = float(np.sqrt(toward @ covariance @ toward))
+    pin = Pin(toward, float, float, 1.0, -np.inf, np.inf)
+    value, deviance = profile(surface, best, pin, Estimate.normal(float(toward @ best), u), inflation)
+    assert len(value) == 21
+    np.testing.assert_allclose(deviance, ((value - toward @ best) / u) ** 2, atol=1e-7)
+    assert crossing(value, deviance) == pytest.approx(float(toward @ best) + Z95 * u, rel=1e-8)
+
+
+def test_crossing_is_open_when_the_deviance_stays_low() -> None:
+    value = np.linspace(0.0, 5.0, 11)
+    assert crossing(value, 0.99 * LEVEL * (value / 5.0) ** 2) is None
+    assert crossing(value, LEVEL * (value / 4.2) ** 2) == pytest.approx(4.2)
+
+
+def surface_of(test: EhlTest, fit: DiskFit) -> tuple[JointSurface, Point]:
+    """The posterior of one disk on its table, and the fit's point."""
+    first, second = np.log(fit.chain.taus_s)
+    at = Point(fit.share, float(np.log(fit.h_W_m2K)), (float(first), float(second)))
+    e = fit.estimates
+    return joint_surface([fit.side], [table_of(test, fit.side, [at], e["h"].u, e["lag_s"].u)]), at
+
+
+def test_table_stands_for_the_rim_model(sound: Fitted) -> None:
+    """Sum of squares of table and of rim model, nuisances at their best, at points up to two sigma off: to 0.01.
+
+    A hundredth of the 3.84 that bounds an interval would move its end by 0.13 % of itself.
+    """
+    test, joint, _ = sound
+    rng = np.random.default_rng(1)
+    for fit in joint.values():
+        surface, at = surface_of(test, fit)
+        e, columns = fit.estimates, nuisance_columns([fit.side])
+        for _ in range(4):
+            p = at.moved(rng.uniform(-2, 2, 4) * [e["beta"].u, e["h"].u / fit.h_W_m2K, 0.02, 0.3])
+            done = surface.rows(theta_of(p))
+            assert done is not None
+            wanted = _cost(*_stacked(test, [fit.side], [p], columns, False), 4)
+            assert done[0] @ done[0] == pytest.approx(wanted, abs=0.01)
+
+
+def test_slopes_of_the_surface_are_its_differences(sound: Fitted) -> None:
+    """Central differences of 1e-5: their own error is 1e-10 by curvature and 1e-8 by rounding of thousands of sigma."""
+    test, joint, _ = sound
+    surface, at = surface_of(test, joint["slow"])
+    theta = theta_of(at)
+    here = surface.rows(theta)
+    assert here is not None
+    for k, e in enumerate(1e-5 * np.eye(4)):
+        up, down = surface.rows(theta + e), surface.rows(theta - e)
+        assert up is not None
+        assert down is not None
+        np.testing.assert_allclose((up[0] - down[0]) / 2e-5, here[1][:, k], atol=1e-7 * np.abs(here[1][:, k]).max())
+
+
+def test_minimum_beyond_the_edge_of_a_table_is_none_and_not_its_edge() -> None:
+    """A deviance on the edge would be too high, and close an interval that the data leave open."""
+    pin = np.array([[1.0, -1.0, 0.0]])
+    inside = Straight(np.eye(3), np.array([0.0, 0.0, 2.0]), np.zeros((0, 3)), edge=2.5)
+    found = minimum(inside, np.zeros(3), pin, np.array([1.0]))
+    assert found is not None
+    np.testing.assert_allclose(found[0], [0.5, -0.5, 2.0], atol=1e-9)
+    assert minimum(replace(inside, edge=1.5), np.zeros(3), pin, np.array([1.0])) is None
+
+
+def test_nothing_is_found_outside_the_table(sound: Fitted) -> None:
+    test, joint, _ = sound
+    surface, at = surface_of(test, joint["fast"])
+    assert minimum(surface, theta_of(at), np.eye(4)[1:2], np.array([at.log_h + np.log(100.0)])) is None
+
+
+def test_profiles_begin_at_the_joint_fit_and_rise_from_it(sound: Fitted, table: pd.DataFrame) -> None:
+    """The minimum is the joint fit to 0.05 u: the joint fit stops where slopes by differences of 2 % vanish."""
+    _, joint, both = sound
+    known = {"fast": joint["fast"].estimates, "slow": joint["slow"].estimates, "both": both.estimates}
+    assert {(f, p) for f, p in zip(table["fit"], table["parameter"])} == {(f, p) for f in known for p in known[f]}
+    assert (table["deviance"] >= 0).all()
+    for (fit, parameter), own in table.groupby(["fit", "parameter"]):
+        e = known[fit][parameter]
+        deviance = own["deviance"].to_numpy()
+        k = int(np.argmin(deviance))
+        assert abs(own["value"].to_numpy()[k] - e.value) < 0.05 * e.u
+        assert (np.diff(deviance[k:]) > 0).all()  # one valley
+        assert (np.diff(deviance[: k + 1]) < 0).all()
+
+
+def test_widths_of_a_sound_test_are_those_of_the_covariance(table: pd.DataFrame) -> None:
+    """Half-widths within 6 %: all they differ by is the model's curvature over two sigma, 8 to 16 % of h.
+
+    For an end it is a tenth, but for the exponent, whose quotient of two h leans to the right by u(h)/h of the slow
+    disk, 8 %, times two sigma.
+    """
+    for i in intervals(table):
+        e = i.estimate
+        assert i.low95 is not None
+        assert i.high95 is not None
+        assert 0.5 * (i.high95 - i.low95) == pytest.approx(Z95 * e.u, rel=0.06)
+        allowed = 0.2 if i.parameter == "exponent" else 0.1
+        assert max(abs(i.low95 - e.low95), abs(i.high95 - e.high95)) < allowed * Z95 * e.u
+        assert i.sentence == ""
+
+
+def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
+    """Waves of 0.1 K and 3 s on a, c, e: the profile is then told of its inflation and stays the covariance's.
+
+    Half-widths within 6 %, as without waves; left out, the inflation would be missed by the root of it in whatever
+    noise rules, here the lag.
+    """
+    disks = {}
+    for name, d in rig.test.disks.items():
+        t = rig.test.time_s[:, None]
+        wave = 0.1 * np.sin(2 * np.pi * t / 3.0 + np.arange(6)) * np.isin(np.arange(6), [0, 2, 4])
+        disks[name] = replace(d, readings_degC=d.readings_degC + wave)
+    test, joint, both = fitted(rig, test=replace(rig.test, disks=disks))
+    assert joint["slow"].inflation > 2.0
+    for i in intervals(joint_profiles(test, joint, both)):
+        assert i.low95 is not None
+        assert i.high95 is not None
+        if i.parameter != "exponent":
+            assert 0.5 * (i.high95 - i.low95) == pytest.approx(Z95 * i.estimate.u, rel=0.06)
+
+
+def test_lag_that_the_data_hardly_tell_has_a_skewed_profile_and_a_sentence(rig: StudyRig) -> None:
+    """0.3 s of cooling, lags of 0.7 s, no prior: a longer lag hides in what is not seen, a shorter one would show."""
+    test, joint, both = fitted(rig, 0.3, without_lag_prior(rig.test))
+    found = {(i.fit, i.parameter): i for i in intervals(joint_profiles(test, joint, both))}
+    lag = found["slow", "lag_s"]
+    assert lag.low95 is not None
+    assert lag.high95 is not None
+    above, below = lag.high95 - lag.estimate.value, lag.estimate.value - lag.low95
+    assert above > 2 * below
+    assert "the lag" in lag.sentence
+    assert "by its profile" in lag.sentence
+    truth = rig.truth.disk("slow").common_lag_s
+    assert lag.low95 < truth < lag.high95
+
+
+def test_lag_that_the_data_do_not_tell_is_called_unbounded(rig: StudyRig) -> None:
+    """Four samples of cooling and no prior: any lag fits, and the sentence and the null in the file say so."""
+    test, joint, both = fitted(rig, 0.05, without_lag_prior(rig.test))
+    profiles = joint_profiles(test, joint, both)
+    lag = next(i for i in intervals(profiles) if (i.fit, i.parameter) == ("slow", "lag_s"))
+    assert lag.low95 is None
+    assert "the data do not bound the lag from below" in lag.sentence
+    assert profiles_file(profiles)["slow"]["lag_s"]["low95"] is None
+    words = interval_table(profiles).set_index(["joint fit", "number"])
+    assert words.loc[("slow disk", "lag [s]"), "95 %, profile"].startswith("open")
+
+
+@pytest.mark.slow
+def test_profiles_hold_the_truth_as_often_as_they_say() -> None:
+    """Ten numbers on each of 24 drawn rigs: each is held at least as often as the 0.1 % point of the law for 93 %."""
+    count = 24
+    least = stats.binom.ppf(0.001, count, 0.93)
+    held: dict[tuple[str, str], int] = {}
+    for seed in range(2000, 2000 + count):
+        made = study_rig(seed, "B3")
+        told = made.told
+        truth = {("both", "beta"): told["beta"], ("both", "exponent"): made.truth.speed_exponent}
+        for d in DISKS:
+            truth |= {(d, "beta"): told["beta"], (d, "h"): told[f"h_{d}"], ("both", f"h_{d}"): told[f"h_{d}"]}
+            truth[d, "lag_s"] = made.truth.disk(d).common_lag_s
+        for i in intervals(joint_profiles(*fitted(made))):
+            low = -np.inf if i.low95 is None else i.low95
+            high = np.inf if i.high95 is None else i.high95
+            key = (i.fit, i.parameter)
+            held[key] = held.get(key, 0) + int(low <= truth[key] <= high)
+    assert min(held.values()) >= least, held
