@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from calibration.errors import InputError
     from calibration.logs import read_log, write_log
     from calibration.record import read_record, write_record
     from calibration.rigfile import load_rig
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "InputError": "calibration.errors",
     "load_rig": "calibration.rigfile",
     "read_log": "calibration.logs",
     "write_log": "calibration.logs",
@@ -45,6 +47,7 @@ _HOMES = {
 __all__ = [
     "Chain",
     "IOData",
+    "InputError",
     "__version__",
     "calibrate_disk",
     "compare",

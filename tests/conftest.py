@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -13,6 +13,9 @@ from calibration.record import DiskRecord, read_record, write_record
 from calibration.rigfile import Rig, load_rig
 from tcdyn.rig.campaign import CampaignFiles, simulate_campaign
 from tcdyn.rig.script import EhlOptions
+
+if TYPE_CHECKING:
+    from tcdyn.pipeline import CalibrationRun
 
 SEED = 3
 
@@ -25,6 +28,7 @@ class Campaign:
     rig: Rig
     records: dict[str, DiskRecord]
     record_paths: dict[str, Path]
+    calibrations: dict[str, CalibrationRun]
     truth: dict[str, Any]
 
 
@@ -37,9 +41,9 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
     files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
     rig = load_rig(files.rig)
-    records, paths = {}, {}
+    records, paths, runs = {}, {}, {}
     for disk in ("fast", "slow"):
-        run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"])
-        paths[disk] = write_record(run.record, folder / f"{disk}.disk.json")
+        runs[disk] = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"])
+        paths[disk] = write_record(runs[disk].record, folder / f"{disk}.disk.json")
         records[disk] = read_record(paths[disk])
-    return Campaign(files, rig, records, paths, json.loads(files.truth.read_text(encoding="utf-8")))
+    return Campaign(files, rig, records, paths, runs, json.loads(files.truth.read_text(encoding="utf-8")))

@@ -1,15 +1,72 @@
-"""What ``import tcdyn`` offers, and that it is quick to offer it."""
+"""What ``import tcdyn`` offers, that it is quick to offer it, and that every public name says what it is."""
 
+import ast
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import tcdyn
+
+ROOT = Path(__file__).parent.parent
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+# an argument by one of these names is a physical quantity whose name does not say its unit
+QUANTITIES = {
+    "alpha", "conductivity", "density", "depth", "diameter", "dt", "duration", "frequency", "h", "lag", "length",
+    "load", "power", "pressure", "radius", "specific_heat", "speed", "t", "temperature", "thickness", "time",
+    "viscosity", "width",
+}  # fmt: skip
+NUMBER = re.compile(r"float|Array|ndarray")
+UNIT = re.compile(
+    r"\[[^\]]*\]|\b(seconds?|metres?|kelvin|K|degC|Pa|SI|N|W|Hz|s|m|mm|samples|dimensionless|unit|rpm)\b|m/s|m2/s|/K"
+)
+
+
+def public_definitions() -> Iterator[tuple[str, ast.AST, str]]:
+    """(place, node, docstring) of every public module, class, function and method of the three packages."""
+    for package in ("calibration", "immersion", "tcdyn"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            where = str(path.relative_to(ROOT))
+            yield where, tree, ast.get_docstring(tree) or ""
+            todo: list[tuple[str, ast.AST]] = [(where, tree)]
+            while todo:
+                place, parent = todo.pop()
+                for node in ast.iter_child_nodes(parent):
+                    if not isinstance(node, ast.ClassDef | Function) or node.name.startswith("_"):
+                        continue
+                    name = f"{place}:{node.name}"
+                    yield name, node, ast.get_docstring(node) or ""
+                    if isinstance(node, ast.ClassDef):
+                        todo.append((name, node))
 
 
 def test_every_public_name_is_there_with_a_docstring() -> None:
     for name in tcdyn.__all__:
         thing = getattr(tcdyn, name)
         assert name == "__version__" or thing.__doc__
+    silent = [name for name, node, text in public_definitions() if not text and not overload(node)]
+    assert silent == []
+
+
+def overload(node: ast.AST) -> bool:
+    """Whether this is one of several typed faces of a function, whose last one carries the words."""
+    return isinstance(node, Function) and any("overload" in ast.dump(d) for d in node.decorator_list)
+
+
+def test_quantities_are_given_with_their_unit_by_name_or_in_the_docstring() -> None:
+    """An argument called ``time_s`` says its unit; one called ``time`` has it in the docstring."""
+    found = []
+    for name, node, text in public_definitions():
+        if isinstance(node, Function):
+            arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            numbers = [a.arg for a in arguments if a.annotation and NUMBER.search(ast.unparse(a.annotation))]
+            bare = [a for a in numbers if a in QUANTITIES]
+            if bare and not UNIT.search(text):
+                found.append(f"{name}({', '.join(bare)})")
+    assert found == []
 
 
 def test_import_brings_no_heavy_library() -> None:

@@ -33,6 +33,15 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
 }
 
 
+EPILOG = (
+    "A first run: tcdyn demo\n\n"
+    "Exit codes: 0 done; 1 done, and something asks to be looked at (a log that failed, a record with doubts, a "
+    "published number that differs); 2 bad input, said in one sentence; 130 stopped with Ctrl-C.\n\n"
+    "Words go to standard output, progress and warnings to standard error; --json prints the result for scripts. "
+    "Colour only on terminals; NO_COLOR=1 takes it away."
+)
+
+
 def load_command(name: str) -> Any:
     """Import the command's module and give its click command."""
     module, attribute, _ = COMMANDS[name]
@@ -41,26 +50,39 @@ def load_command(name: str) -> Any:
         single = typer.Typer(add_completion=False)
         single.command(name=name)(found)
         found = single
-    found._add_completion = False  # completion is installed for the whole of tcdyn, not command by command
     command = typer.main.get_command(found)
     command.name = name
     return command
+
+
+USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # typer brings its own click, without a public name
 
 
 class LazyCommand(TyperCommand):
     """Stands for a command in lists; the real one is loaded when a context for it is made."""
 
     def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
-        return load_command(str(self.name)).make_context(info_name, args, parent=parent, **extra)
+        """The context of the real command."""
+        command = load_command(str(self.name))
+        try:
+            return command.make_context(info_name, args, parent=parent, **extra)
+        except USAGE_ERROR as problem:
+            many = [p.opts[0] for p in command.params if getattr(p, "multiple", False)]
+            if many and "unexpected extra argument" in str(getattr(problem, "message", "")):
+                each = " or ".join(f"{option} A {option} B" for option in many)
+                problem.message += f"\nSeveral values of one option: {each}"  # type: ignore[attr-defined]
+            raise
 
 
 class LazyCommands(TyperGroup):
     """Commands are imported when they are called, so that ``tcdyn --help`` answers at once."""
 
     def list_commands(self, ctx: Any) -> list[str]:
+        """Names in the order of the work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The stand-in of a command, or None."""
         return LazyCommand(name=cmd_name, help=COMMANDS[cmd_name][2]) if cmd_name in COMMANDS else None
 
 
@@ -68,7 +90,7 @@ app = typer.Typer(
     cls=LazyCommands,
     no_args_is_help=True,
     help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
-    epilog="A first run: tcdyn demo",
+    epilog=EPILOG,
 )
 
 

@@ -9,7 +9,7 @@ import typer
 
 from calibration.rigfile import load_rig
 from calibration.write import write_text
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, dump, say, stages, warn
+from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, dump, say, stages, warn
 
 
 def beta(
@@ -18,6 +18,10 @@ def beta(
     rig: RigFile = None,
     out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
+    bearing: Annotated[
+        Path | None,
+        typer.Option(help="CSV of a pure-rolling test: load_N, friction_N, speed_slow_rpm; half is added to friction"),
+    ] = None,
     window_s: Annotated[float, typer.Option("--window-s", help="cooling used by the h-only fit")] = 5.0,
     sensor_check: Annotated[
         bool, typer.Option(help="stop at dead or swapped channels, warn of misplaced junctions")
@@ -25,6 +29,7 @@ def beta(
     seed: Annotated[int, typer.Option(help="seed of the budget's Monte Carlo")] = 0,
     json_: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Heat partition by the speed law, the cooling fits and the joint fits, cross-checked, with an uncertainty budget.
 
@@ -32,13 +37,15 @@ def beta(
     --report beta.html
     """
     from tcdyn.pipeline import estimate_beta
+    from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.records import records_by_disk
 
-    records = records_by_disk(record)
-    with stages(quiet or json_) as progress:
+    records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
+    with stages(quiet or json_, verbose) as progress:
         run = estimate_beta(
-            log, load_rig(rig), records, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
-        )
+            log, load_rig(rig), records, window_s=window_s, seed=seed, sensor_check=sensor_check, bearing=rolling,
+            progress=progress,
+        )  # fmt: skip
         text = dump(run.to_dict())
         if out is not None:
             write_text(out, text)

@@ -9,7 +9,7 @@ import typer
 
 from calibration.record import write_record
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, say, stages, warn
+from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, say, stages, warn
 
 
 def calibrate(
@@ -22,13 +22,17 @@ def calibrate(
         list[str] | None,
         typer.Option(help="mobil-jet-ii, water or a table.csv; once for all plunges or once for each"),
     ] = None,
-    structure: Annotated[str, typer.Option(help="chain structure: P1 (one lag) or P2 (two lags)")] = "P2",
+    structure: Annotated[
+        str,
+        typer.Option(help="P1 (one lag), P2 (two lags) or P1D (one lag and a dead time); the others are tried, too"),
+    ] = "P2",
     correlation: Annotated[
         str, typer.Option(help="natural convection: mcadams, similarity or churchill-chu-laminar")
     ] = "churchill-chu-laminar",
     report: Annotated[Path | None, typer.Option(help="HTML certificate to write")] = None,
     json_: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Calibrate a disk: static lines from its oven log, measurement chain from its plunges.
 
@@ -37,7 +41,7 @@ def calibrate(
     """
     from tcdyn.pipeline import calibrate_disk
 
-    with stages(quiet or json_) as progress:
+    with stages(quiet or json_, verbose) as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluid or ["mobil-jet-ii"], structure=structure,
             correlation=correlation, progress=progress,

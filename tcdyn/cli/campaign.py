@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, dump, say, warn
+from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, counted, dump, say, warn
 
 
 def campaign(
@@ -52,7 +48,7 @@ def campaign(
         load_rig(rig), records_by_disk(record), window_s, seed, read_bearing(bearing) if bearing else None
     )
     count = workers or min(2, os.cpu_count() or 1)
-    with _bar(len(logs), quiet or json_) as progress:
+    with counted(len(logs), quiet or json_) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)
     from tcdyn.report.campaign import write_campaign_report
 
@@ -60,7 +56,7 @@ def campaign(
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)
     if json_:
-        print(dump(run.table.astype(object).where(run.table.notna(), None).to_dict("records")), end="")
+        print(dump(run.table), end="")
     else:
         warn(run.warnings, quiet)
         say(run.summary(), quiet)
@@ -68,16 +64,3 @@ def campaign(
         say(f"report: {report}", quiet)
     if run.failed:
         raise typer.Exit(2 if len(run.failed) == len(run.outcomes) else 1)
-
-
-@contextmanager
-def _bar(total: int, quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """A bar with the time left on a terminal, a line for each log elsewhere."""
-    console = Console(stderr=True, quiet=quiet)
-    if quiet or not console.is_terminal:
-        yield (lambda *_: None) if quiet else (lambda log, n, m: print(f"... {n} of {m}: {log}", file=sys.stderr))
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task("campaign", total=total)
-        yield lambda log, n, m: bar.update(task, completed=n, description=log)

@@ -7,22 +7,45 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from calibration.grade import is_note
+from calibration.result import jsonable
 
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="each stage on a line of its own, with the time gone by")
+]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
 RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
 
 
 @contextmanager
-def stages(quiet: bool) -> Iterator[Callable[[str], None]]:
-    """A function to call with each stage's name; on a terminal it shows as a spinner with the time gone by."""
+def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
+    """A function to call with each stage's name; on a terminal it shows as a spinner with the time gone by.
+
+    With ``verbose`` every stage stays on a line of its own, and the last one says how long all took.
+    """
     console = Console(stderr=True, quiet=quiet)
+    if verbose and not quiet:
+        begin = monotonic()
+        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {what}", file=sys.stderr)
+        print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
+        return
     if quiet or not console.is_terminal:
         yield (lambda what: None) if quiet else (lambda what: print(f"... {what}", file=sys.stderr))
         return
@@ -33,6 +56,19 @@ def stages(quiet: bool) -> Iterator[Callable[[str], None]]:
         yield lambda what: bar.update(task, description=what)
 
 
+@contextmanager
+def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
+    """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
+    console = Console(stderr=True, quiet=quiet)
+    if quiet or not console.is_terminal:
+        yield (lambda *_: None) if quiet else (lambda name, n, m: print(f"... {n} of {m}: {name}", file=sys.stderr))
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=total)
+        yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
+
+
 def say(text: str, quiet: bool = False) -> None:
     """Print plain words unless quiet."""
     if not quiet:
@@ -40,12 +76,12 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 def warn(warnings: Any, quiet: bool = False) -> None:
-    """Print each warning on standard error."""
+    """Print each warning on standard error; what was mended on the way is a note."""
     if not quiet:
-        for warning in warnings:
-            print(f"warning: {warning}", file=sys.stderr)
+        for said in warnings:
+            print(f"{'note' if is_note(said) else 'warning'}: {said}", file=sys.stderr)
 
 
 def dump(data: Any) -> str:
-    """JSON as all files and ``--json`` write it."""
-    return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+    """JSON as all files and ``--json`` write it: what is not a number is null."""
+    return json.dumps(jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"

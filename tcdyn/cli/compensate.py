@@ -14,7 +14,7 @@ import typer
 from calibration.errors import InputError
 from calibration.logs import write_log
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Quiet, RecordFiles, RigFile, say, stages, warn
+from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, counted, dump, say, stages, warn
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -72,7 +72,16 @@ def compensate(
     state: Annotated[
         Path | None, typer.Option(help=f"{WITH_FOLLOW}JSON file to go on from if it exists, and to leave the state in")
     ] = None,
+    noise_only: Annotated[
+        bool,
+        typer.Option(
+            "--noise-only",
+            help="only smooth curves through each stretch between events (thesis, section 4.2); the lag stays in",
+        ),
+    ] = False,
+    json_: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Undo static errors and lag of every logged thermocouple; a standard deviation stands beside each sample.
 
@@ -89,6 +98,10 @@ def compensate(
     given = [name for name, value in only_following.items() if value is not None]
     if given and not follow:
         raise InputError(f"{', '.join(given)} without --follow", remedy="add --follow, or leave it out")
+    if noise_only and (follow or report is not None):
+        raise InputError("--noise-only with --follow or --report", remedy="give one of them")
+    if json_ and follow:
+        raise InputError("--json with --follow", remedy="the state is in --state FILE, the numbers in --out FILE")
     records = records_by_disk(record)
     rig_table = load_rig(rig) if rig else None
     target = out or log.with_name(f"{log.stem}.compensated.csv")
@@ -99,7 +112,10 @@ def compensate(
         }  # fmt: skip
         _follow(log, records, target, rig_table, named, state, 30.0 if idle_s is None else idle_s, report, quiet)
         return
-    with stages(quiet) as progress:
+    if noise_only:
+        _noise_only(log, records, target, rig_table, json_, quiet)
+        return
+    with stages(quiet or json_, verbose) as progress:
         done = compensate_log(log, records, rig_table, refine=refine, progress=progress)
         progress("writing")
         written = write_log(done.frame, target, done.metadata)
@@ -108,12 +124,29 @@ def compensate(
 
             progress("report")
             write_compensation_report(report, done, records)
+    if json_:
+        print(dump({**done.to_dict(), "out": written, "report": report}), end="")
+        return
     warn(done.warnings, quiet)
     for disk in done.disks:
         say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
     say(f"compensated: {written}", quiet)
     if report is not None:
         say(f"report: {report}", quiet)
+
+
+def _noise_only(log: Path, records: Any, out: Path, rig: Any, json_: bool, quiet: bool) -> None:
+    from tcdyn.pipeline.denoise import denoise_log
+
+    with counted(None, quiet or json_) as progress:
+        done = denoise_log(log, records, rig, progress=progress)
+    written = write_log(done.frame, out, done.metadata)
+    if json_:
+        print(dump({**done.to_dict(), "out": written}), end="")
+        return
+    warn(done.warnings, quiet)
+    say("\n".join(line for line in done.summary().splitlines() if not line.startswith("warning: ")), quiet)
+    say(f"without noise, lag left in: {written}", quiet)
 
 
 def _follow(

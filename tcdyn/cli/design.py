@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, dump, say
+
+if TYPE_CHECKING:
+    from tcdyn.design.compare import Design
 
 
 def design(
@@ -48,35 +52,34 @@ def design(
     setup = load_rig(rig).disk_setup(disk)
     step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=noise_K)
     result = compare_tests(setup, plans, step=step, lag_s=lag_s)
-    table = result.table()
     if out is not None:
-        _write(result, out)
+        k = setup.conductivity_W_mK
+        _write(
+            result,
+            out,
+            [
+                f"disk {disk}: conductivity {k:g} W/mK, lag {lag_s:g} s with the conditioning, as given",
+                f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
+                f"noise of {noise_K:g} K a sample, entry known to +- {entry_u_s:g} s",
+                f"before the unloading {power_W:g} W enter this disk",
+            ],
+        )
     if json_:
-        rows = [{k: v for k, v in row.items() if v == v} for row in table.to_dict("records")]
-        print(dump({"tests": rows, "sentences": list(result.sentences())}), end="")
+        print(dump(result.to_dict()), end="")
         return
-    columns = ["test", "u_common_s", "u_differential_s"]
-    say(table[columns].to_string(index=False, float_format=lambda x: f"{x:.3f}"), quiet)
-    say("", quiet)
-    say("\n".join(result.sentences()), quiet)
+    say(result.summary(), quiet)
+    if out is not None:
+        say(f"\nwrote {out}", quiet)
 
 
-def _write(result: object, out: Path) -> None:
+def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
     from calibration.write import write_text
-    from tcdyn.design.compare import Design
 
-    assert isinstance(result, Design)
     if out.suffix.lower() == ".csv":
         write_text(out, result.table().to_csv(index=False))
         return
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv or .html")
-    from tcdyn.plots.immersion import draw_design
-    from tcdyn.plots.style import figure
-    from tcdyn.report.page import Section, write_page
+    from tcdyn.report.design import write_design_report
 
-    fig, (ax,) = figure(height_in=3.8)
-    draw_design(result, ax)
-    text = "\n\n".join(result.sentences())
-    caption = "Expected standard uncertainties; bars run from the 10 to the 90 % point over bursts nobody can plan."
-    write_page(out, "Test design", [Section("What each test will tell", text, result.table(), fig, caption)])
+    write_design_report(out, result, assumptions)

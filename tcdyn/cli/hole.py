@@ -9,6 +9,7 @@ import typer
 
 from calibration.logs import read_log
 from calibration.rigfile import load_rig
+from calibration.write import write_text
 from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, warn
 
 
@@ -21,6 +22,7 @@ def hole(
     limit_s: Annotated[float, typer.Option("--limit-s", help="extra lag from which a hole is too slow")] = 0.20,
     depth_mm: Annotated[float, typer.Option("--depth-mm", help="depth of all junctions")] = 3.0,
     depth_u_mm: Annotated[float, typer.Option("--depth-u-mm", help="its standard uncertainty")] = 0.05,
+    out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     json_: Json = False,
     quiet: Quiet = False,
@@ -40,7 +42,10 @@ def hole(
         depth_u_m=depth_u_mm * 1e-3,
         where=log.name,
     )
-    warnings = [*table.warnings, *found.warnings]
+    told = any("bounced" in w for w in found.warnings)  # with what was done about it
+    warnings = [*(w for w in table.warnings if not (told and "the switch bounces" in w)), *found.warnings]
+    if out is not None:
+        write_text(out, dump({**found.to_dict(), "warnings": warnings}))
     if report is not None:
         from tcdyn.plots.immersion import draw_holes
         from tcdyn.plots.style import figure
@@ -51,9 +56,11 @@ def hole(
         sections = [Section("Extra lag of each hole", table=found.table()), Section("The record", figure=picture)]
         write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), warnings=warnings)
     if json_:
-        print(dump({"holes": found.table().to_dict("records"), "limit_s": limit_s, "warnings": warnings}), end="")
+        print(dump({**found.to_dict(), "warnings": warnings}), end="")
         return
     warn(warnings, quiet)
     say(found.summary(), quiet)
+    if out is not None:
+        say(f"numbers: {out}", quiet)
     if report is not None:
         say(f"report: {report}", quiet)

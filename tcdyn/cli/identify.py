@@ -8,16 +8,20 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
+from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.estimate import rounded, with_u
 from calibration.write import write_text
+from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, say
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
+from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
 from tcdyn.identify.fit import Fit
 from tcdyn.report.page import Section, write_page
 
 
 def identify(
-    data: Annotated[Path, typer.Argument(help="CSV table: one row a sample.")],
+    data: Annotated[Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")],
     input: Annotated[str, typer.Option("--input", "-u", help="Column of the input.")],
     output: Annotated[str, typer.Option("--output", "-y", help="Column of the output.")],
     run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
@@ -33,6 +37,14 @@ def identify(
     hold: Annotated[str, typer.Option(help="Input between samples: foh (straight line) or zoh (held).")] = "foh",
     models: Annotated[str, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2).")] = ",".join(CANDIDATES),
     gain: Annotated[float | None, typer.Option(help="Hold the static gain Kp at this value (process models).")] = None,
+    cutoff_hz: Annotated[
+        float | None,
+        typer.Option("--cutoff-Hz", help="A known low-pass filter behind the sensor [Hz]: it is no part of the lags."),
+    ] = None,
+    poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
+    shape: Annotated[
+        str, typer.Option(help="Shape of that filter: cascade (of single lags) or butterworth.")
+    ] = "cascade",
     no_offset: Annotated[bool, typer.Option("--no-offset", help="The output has no offset.")] = False,
     initial: Annotated[str, typer.Option(help="Start of each run: equilibrium, zero or estimated.")] = "equilibrium",
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
@@ -45,15 +57,21 @@ def identify(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say."""
+    """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say.
+
+    Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
+    """
     check_choice("--hold", hold, ("foh", "zoh"))
+    check_choice("--shape", shape, ("cascade", "butterworth"))
     check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
     record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
     fixed = {} if gain is None else {"Kp": gain}
-    structures = [structure(name, fixed, no_offset) for name in split_models(models)]
+    filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
+    structures = [structure(name, fixed, no_offset, filter_) for name in split_models(models)]
     comparison = compare(record, structures, held_out=held_out, initial=initial, loss="huber" if robust else "linear")
     if not (quiet or json_):
-        typer.echo(comparison_text(comparison))
+        typer.echo(comparison.summary())
+        say(as_chain(comparison.best.identified, filter_))
     if narx:
         from tcdyn.identify.narx import temperature_dependence
 
@@ -62,7 +80,7 @@ def identify(
     html_path = report or json_path.with_suffix(".html")
     write_text(json_path, comparison.best.identified.to_json() + "\n")
     read_identified(json_path)
-    write_report(html_path, record, comparison)
+    write_report(html_path, record, comparison, filter_)
     if json_:
         print(comparison.best.identified.to_json())
         return
@@ -88,28 +106,16 @@ def split_models(text: str) -> list[str]:
     return [n.strip() for n in [*names, current] if n.strip()]
 
 
-def structure(name: str, fixed: dict[str, float], no_offset: bool) -> Any:
+def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Conditioning) -> Any:
     """The named model with the command's constraints."""
     from dataclasses import replace
 
-    from tcdyn.identify.models import as_model
+    from tcdyn.identify.models import Known, as_model
 
     model = as_model(name)
     kept = {k: v for k, v in fixed.items() if k in model.names}
-    return replace(model, fixed=kept, offset="none" if no_offset else model.offset)
-
-
-def comparison_text(comparison: Comparison) -> str:
-    """The order table, the recommendation and the recommended model as people read them."""
-    table = comparison.table.drop(columns=["remark"])
-    best = comparison.best
-    lines = [table.to_string(index=False, float_format=lambda v: f"{v:.4g}"), "", f"Recommended: {comparison.why}", ""]
-    lines.append(best.summary())
-    model = best.identified
-    if not model.model.integrators:
-        times = ", ".join(f"{k} = {v} s" for k, v in percent_times(model).items())
-        lines.append(f"  lag (first moment) {model.lag_s} s; step response {times}")
-    return "\n".join(lines)
+    offset = "none" if no_offset else model.offset
+    return replace(model.with_fixed(**kept), offset=offset, known=Known.conditioning(filter_))
 
 
 def parameter_table(fit: Fit) -> pd.DataFrame:
@@ -118,47 +124,60 @@ def parameter_table(fit: Fit) -> pd.DataFrame:
     rows = [(n, e, model.model.unit(n)) for n, e in fit.estimates.items()]
     if not model.model.integrators:
         rows += [("lag", model.lag_s, "s"), *((n, e, "s") for n, e in percent_times(model).items())]
+    ends = [(rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0]) for _, e, _ in rows]
     return pd.DataFrame(
         [
-            {"quantity": n, "value": e.value, "u": e.u, "low 95 %": e.low95, "high 95 %": e.high95, "unit": unit}
-            for n, e, unit in rows
+            {"quantity": n, "value": with_u(e.value, e.u), "95 % interval": f"{low} to {high}", "unit": unit}
+            for (n, e, unit), (low, high) in zip(rows, ends)
         ]
     )
 
 
-def write_report(path: Path, record: IOData, comparison: Comparison) -> None:
+def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning) -> None:
     """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests."""
     from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 
     best = comparison.best
     model = best.identified
     sections = [
-        Section("Which model", f"Recommended: {comparison.why}", comparison.table.drop(columns=["remark"])),
+        Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
         Section(
-            "Fit",
+            f"{model.model.name}: parameters",
+            f"Where the quadratic intervals are poor these are of the profile likelihood. {as_chain(model, filter_)}",
+            parameter_table(best),
+        ),
+        Section(
+            f"{model.model.name}: fit",
             f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
             None,
             fit_figure(best),
         ),
         Section(
-            "Parameters", "95 % intervals; profile likelihood where the quadratic ones are poor.", parameter_table(best)
-        ),
-        Section(
-            "Dynamics",
-            "Step response and Bode diagram of the identified model with 95 % bands.",
+            f"{model.model.name}: dynamics",
+            "",
             None,
             dynamics_figure(model),
+            "Step response and Bode diagram of the identified model with 95 % bands.",
         ),
-        Section("Residuals", model.sentence, None, residual_figure(best)),
+        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
     ]
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
+    alarms = list(model.warnings)
+    if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
+        alarms.insert(0, model.sentence)
     write_page(
         path,
-        f"{model.model.name}: {model.input_name} to {model.output_name}",
+        f"{model.input_name} to {model.output_name}: {model.model.name}",
         sections,
-        verdict=model.sentence,
-        warnings=model.warnings,
+        verdict=comparison.advice,
+        warnings=alarms,
+        assumptions=[
+            f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
+            "is known without error, and the system is linear and does not change in time",
+            *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
+            *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
+        ],
         footer=f"identified from {record.name}",
     )

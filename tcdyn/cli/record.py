@@ -9,20 +9,28 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, with_u
 from calibration.record import DiskRecord, read_record
 from calibration.recorddiff import RecordDiff, check_record, diff_records
 from calibration.static import static_u
-from tcdyn.cli.common import Json
+from tcdyn.cli.common import Json, Quiet, dump, say
 
-app = typer.Typer(name="record", help="Show, compare and check the records of calibrated disks.", no_args_is_help=True)
+app = typer.Typer(
+    name="record",
+    help="Show, compare and check the records of calibrated disks.",
+    no_args_is_help=True,
+    add_completion=False,
+)
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
 
 @app.command()
 def show(record: RecordPath, json_: Json = False) -> None:
-    """The record in one page: static lines, lags, what it was made from."""
+    """The record in one page: static lines, lags, what it was made from.
+
+    Example: tcdyn record show fast.disk.json
+    """
     console = Console()
     found = read_record(record)
     if json_:
@@ -43,10 +51,17 @@ def diff(
     old: RecordPath,
     new: RecordPath,
     every: Annotated[bool, typer.Option("--all", help="list what did not drift, too")] = False,
+    json_: Json = False,
 ) -> None:
-    """What drifted between two calibrations of one disk, and whether it is significant (5 %, Holm)."""
+    """What drifted between two calibrations of one disk, and whether it is significant (5 %, Holm).
+
+    Example: tcdyn record diff fast.2026.disk.json fast.disk.json
+    """
     console = Console()
     found = diff_records(read_record(old), read_record(new))
+    if json_:
+        print(dump(found.to_dict()), end="")
+        return
     rows = found.table if every else found.significant
     if len(rows):
         console.print(diff_table(found, every))
@@ -56,15 +71,19 @@ def diff(
 
 
 @app.command()
-def check(record: RecordPath) -> None:
-    """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything)."""
-    console = Console()
+def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None:
+    """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything).
+
+    Example: tcdyn record check fast.disk.json
+    """
     doubts = check_record(read_record(record))
-    for doubt in doubts:
-        console.print(f"- {doubt}", markup=False, highlight=False)
-    console.print(
-        "The record is sound." if not doubts else f"The record is readable; {len(doubts)} point(s) to look at."
-    )
+    if json_:
+        print(dump({"sound": not doubts, "doubts": doubts}), end="")
+    else:
+        for doubt in doubts:
+            say(f"- {doubt}", quiet)
+        verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
+        say(verdict, quiet)
     if doubts:
         raise typer.Exit(1)
 
@@ -72,14 +91,14 @@ def check(record: RecordPath) -> None:
 def static_table(record: DiskRecord) -> Table:
     """The static lines, one row a channel."""
     table = Table(
-        "channel", "gain", "offset degC", "range degC", "u at mid-range K", "residual sd K", title="Static lines"
+        "ch", "gain", "offset degC", "range degC", "u mid K", "sd K", title="Static lines (u at mid-range, sd of rest)"
     )
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         table.add_row(
             name,
-            _pm(line.gain_estimate, 5),
-            _pm(line.offset_estimate, 3),
+            str(line.gain_estimate),
+            str(line.offset_estimate),
             f"{low:.0f} to {high:.0f}",
             f"{float(static_u(line, 0.5 * (low + high))):.3f}",
             f"{line.residual_sd_degC:.3f}",
@@ -94,10 +113,13 @@ def chain_table(record: DiskRecord) -> Table:
     for name, channel in sorted(record.chain.channels.items()):
         lag = channel.lag_s
         table.add_row(
-            name, _pm(lag, 3), f"{lag.low95:.3f} to {lag.high95:.3f}", _pm(record.chain.differential_lag_s[name], 4)
+            name,
+            _pm(lag),
+            f"{lag.low95:.3f} to {lag.high95:.3f}",
+            _pm(record.chain.differential_lag_s[name]),
         )
     common = record.chain.common_lag_s
-    table.add_row("common", _pm(common, 3), f"{common.low95:.3f} to {common.high95:.3f}", "")
+    table.add_row("common", _pm(common), f"{common.low95:.3f} to {common.high95:.3f}", "")
     return table
 
 
@@ -118,5 +140,5 @@ def diff_table(found: RecordDiff, every: bool) -> Table:
     return table
 
 
-def _pm(estimate: Estimate, decimals: int) -> str:
-    return f"{estimate.value:.{decimals}f} +- {estimate.u:.{decimals}f}"
+def _pm(estimate: Estimate) -> str:
+    return with_u(estimate.value, estimate.u)

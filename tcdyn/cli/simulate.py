@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import pandas as pd
 import typer
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
-from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, CampaignFiles, Plunge, simulate_campaign
+from tcdyn.cli.common import Json, Quiet, counted, dump, say
+from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
 from tcdyn.rig.convection import FLUIDS, FluidName
 from tcdyn.rig.ehl import simulate_ehl
 from tcdyn.rig.files import write_json, write_log, write_traces
@@ -22,14 +22,17 @@ from tcdyn.rig.script import EhlOptions
 from tcdyn.rig.truth import CLEAN, RigTruth, draw_truth
 
 app = typer.Typer(
-    name="simulate", help="Write logs of the synthetic rig, their truth beside them.", no_args_is_help=True
+    name="simulate",
+    help="Write logs of the synthetic rig, their truth beside them.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 
 Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
 Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig and the same file")]
 Disk = Annotated[str, typer.Option(help="fast or slow")]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
-Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... from rig.toml's [uncertainty]")]
+Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml")]
 Clean = Annotated[bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")]
 
 
@@ -41,10 +44,15 @@ def oven(
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Oven calibration of one disk, 20 to 160 degC, three repeats."""
+    """Oven calibration of one disk, 20 to 160 degC, three repeats.
+
+    Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
+    """
     truth = _truth(seed, rig, uncertain, clean)
-    _write(out, *simulate_oven(_disk(disk), seed, truth))
+    _write(out, json_, quiet, *simulate_oven(_disk(disk), seed, truth))
 
 
 @app.command()
@@ -59,17 +67,25 @@ def immersion(
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """A plunge of one disk into a hot bath."""
+    """A plunge of one disk into a hot bath.
+
+    Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
+    """
     truth = _truth(seed, rig, uncertain, clean)
     options = PlungeOptions(after_s=duration_s)
-    _write(out, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
+    _write(out, json_, quiet, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
 
 
 @app.command()
-def hole(out: Out, seed: Seed = 0, clean: Clean = False) -> None:
-    """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water."""
-    _write(out, *simulate_hole(seed, _truth(seed, None, False, clean)))
+def hole(out: Out, seed: Seed = 0, clean: Clean = False, json_: Json = False, quiet: Quiet = False) -> None:
+    """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water.
+
+    Example: tcdyn simulate hole --out hole.csv
+    """
+    _write(out, json_, quiet, *simulate_hole(seed, _truth(seed, None, False, clean)))
 
 
 @app.command()
@@ -81,10 +97,15 @@ def ehl(
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """One EHL test of both disks: warm running, loading, unloading, cooling."""
+    """One EHL test of both disks: warm running, loading, unloading, cooling.
+
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65
+    """
     truth = _truth(seed, rig, uncertain, clean)
-    _write(out, *simulate_ehl(test, seed, truth, EhlOptions(beta=beta)))
+    _write(out, json_, quiet, *simulate_ehl(test, seed, truth, EhlOptions(beta=beta)))
 
 
 @app.command()
@@ -93,38 +114,43 @@ def campaign(
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
     bath_degC: Annotated[list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")] = None,
     seed: Seed = 0,
-    workers: Annotated[int, typer.Option(min=1)] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/."""
+    """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/.
+
+    Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
+    """
     tests = tuple(test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
+    if (out / "rig.toml").exists() and not (out / "truth").is_dir():
+        raise InputError(
+            "holds a rig.toml that no simulation wrote, and it would be overwritten",
+            where=str(out),
+            expected="a folder of its own for simulated logs",
+            remedy="give another --out",
+        )
     plunges = tuple(Plunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
-    files = campaign_with_bar(
-        out,
-        seed,
-        tests,
-        plunges,
-        rig=load_rig(rig),
-        truth=_truth(seed, rig, uncertain, clean),
-        n_jobs=workers,
-    )
-    typer.echo(f"wrote {len(files.ehl)} EHL tests, ovens and plunges to {files.folder}; truth in {files.truth}")
-
-
-def campaign_with_bar(*arguments: Any, **options: Any) -> CampaignFiles:
-    """``simulate_campaign`` with a progress bar."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, transient=True) as bar:
-        task = bar.add_task("simulating")
-
-        def advance(name: str, done: int, total: int) -> None:
-            bar.update(task, description=f"simulating: {name}", completed=done, total=total)
-
-        return simulate_campaign(*arguments, **options, progress=advance)
+    with counted(None, quiet or json_) as progress:
+        files = simulate_campaign(
+            out,
+            seed,
+            tests,
+            plunges,
+            rig=load_rig(rig),
+            truth=_truth(seed, rig, uncertain, clean),
+            n_jobs=workers,
+            progress=progress,
+        )
+    if json_:
+        print(dump(files), end="")
+        return
+    say(files.summary(), quiet)
 
 
 def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
@@ -132,7 +158,7 @@ def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTrut
     return truth.with_imperfections(CLEAN) if clean else truth
 
 
-def _write(out: Path, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
     if not out.parent.is_dir():
         raise InputError("no such folder", where=str(out.parent), remedy="make it first")
     if out.suffix.lower() != ".csv":
@@ -141,7 +167,10 @@ def _write(out: Path, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
     write_log(frame, out)
-    typer.echo(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
+    if json_:
+        print(dump({"log": out, "rows": len(frame), "truth": truth_json, "traces": traces}), end="")
+        return
+    say(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}", quiet)
 
 
 def _disk(name: str) -> str:

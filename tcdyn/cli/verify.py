@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Annotated
 
 import pandas as pd
 import typer
 from rich.console import Console
-from rich.table import Table
 
+from tcdyn.cli.common import Json, Quiet, dump
 from tcdyn.verify import VerifyRow, verify_rows
 
 COLOURS = {"agrees": "green", "same trend": "cyan", "differs": "bold red", "not checkable": "yellow"}
@@ -20,10 +21,18 @@ def verify(
     report: Annotated[Path | None, typer.Option("--report", help="HTML page with the table and its pictures")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="the table as CSV")] = None,
     why: Annotated[bool, typer.Option("--why", help="print the reason of every row")] = False,
+    json_: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """Compute every published number that can be checked; exit code 1 when one differs."""
+    """Compute every published number that can be checked; exit code 1 when one differs.
+
+    Example: tcdyn verify --why --report verify.html
+    """
     rows = verify_rows()
-    _print(rows, why)
+    if json_:
+        print(dump({"sentence": sentence(rows), "rows": rows}), end="")
+    elif not quiet:
+        _print(rows, why)
     if csv is not None:
         from calibration.write import write_text
 
@@ -44,17 +53,30 @@ def sentence(rows: Sequence[VerifyRow]) -> str:
 
 
 def _print(rows: Sequence[VerifyRow], why: bool) -> None:
+    """The verdict, then the rows under their verdicts, what needs reading first; legible on 80 columns."""
     console = Console()
-    columns = ["quantity", "source", "published", "ours", "verdict", *(["why"] if why else [])]
-    table = Table(*columns, show_lines=why)
-    for row in rows:
-        cells = [row.quantity, row.source, row.published, row.ours, f"[{COLOURS[row.verdict]}]{row.verdict}[/]"]
-        table.add_row(*cells, *([row.why] if why else []))
-    console.print(table)
-    for row in rows:
-        if row.verdict != "agrees" and not why:
-            console.print(f"{row.source}, {row.quantity}: {row.why}", markup=False)
-    console.print(sentence(rows), markup=False)
+    console.print(sentence(rows), markup=False, highlight=False)
+    for verdict in ("differs", "not checkable", "same trend", "agrees"):
+        own = [row for row in rows if row.verdict == verdict]
+        if own:
+            console.print(f"\n[{COLOURS[verdict]}]{verdict}[/] (ours | published)")
+        told: list[str] = []
+        for row in own:
+            reason = row.why if (why or verdict != "agrees") and row.why not in told else ""
+            told.append(row.why)
+            for line in listed(row, reason, console.width):
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
+    """A row as lines of at most ``width`` columns: source and quantity, both numbers, the reason where there is one.
+
+    >>> listed(VerifyRow("beta of the worked example", "(4.7)", "0.73", "0.732", "agrees", ""), "because", 60)
+    ['  (4.7): beta of the worked example: 0.732 | 0.73', '      because']
+    """
+    text = f"{row.source}: {row.quantity}: {row.ours} | {row.published}"
+    lines = wrap(text, max(width, 40), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return [*lines, *wrap(reason, max(width, 40), initial_indent="      ", subsequent_indent="      ")]
 
 
 def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
@@ -65,7 +87,8 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 
-    sections = [Section("Published and ours", text=sentence(rows), table=_frame(rows))]
+    head = "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can."
+    sections = [Section("Published and ours", text=head, table=_frame(rows))]
     sections += [Section(caption[0].upper() + caption[1:], figure=f) for caption, f in verify_figures().items()]
     differing = [f"{row.source}: {row.quantity}: {row.ours} for {row.published}" for row in rows if row.failed]
-    write_page(path, "tcdyn verify", sections, warnings=differing)
+    write_page(path, "Published numbers and ours", sections, verdict=sentence(rows), warnings=differing)

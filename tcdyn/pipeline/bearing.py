@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pandas as pd
 from calibration.bearing import BearingFriction, fit_bearing_friction
 from calibration.errors import InputError
 from calibration.write import sha256
+from tcdyn.partition.friction import FrictionAdded
 
 COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
@@ -24,20 +24,23 @@ class BearingFile:
     file: str
     sha256: str
 
-    def correction(self) -> Callable[[float, float], float]:
-        """Function of (load [N], slow shaft [rpm]) for ``prepare``: half of both shafts' bearing friction [N]."""
-        return lambda load_N, speed_rpm: float(self.friction.correction_N(load_N, speed_rpm)[0])
+    def added(self, load_N: float, speed_rpm: float) -> FrictionAdded:
+        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm], for ``prepare``.
 
-    def warnings(self, load_N: float, speed_rpm: float) -> list[str]:
-        """Says so when load or speed lies outside what was measured."""
+        Says so when load or speed lies outside what was measured.
+        """
+        value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
+        return FrictionAdded(value, u, self._extrapolated(load_N, speed_rpm))
+
+    def _extrapolated(self, load_N: float, speed_rpm: float) -> tuple[str, ...]:
         if not bool(self.friction.outside(load_N, speed_rpm)):
-            return []
+            return ()
         low, high = self.friction.load_range_N
         slow, fast = min(self.friction.speeds_rpm), max(self.friction.speeds_rpm)
-        return [
+        return (
             f"bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {self.file} covers "
-            f"{low:.0f} to {high:.0f} N and {slow:.0f} to {fast:.0f} rpm"
-        ]
+            f"{low:.0f} to {high:.0f} N and {slow:.0f} to {fast:.0f} rpm",
+        )
 
 
 def read_bearing(path: str | Path) -> BearingFile:

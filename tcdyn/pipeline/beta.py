@@ -7,22 +7,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from calibration.errors import InputError
 from calibration.logs import Log, read_log
 from calibration.record import DiskRecord
+from calibration.result import Result
 from calibration.rigfile import Rig
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.output import beta_file
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.tables import ways_table
+from tcdyn.pipeline.bearing import BearingFile
 
 
 @dataclass(frozen=True)
-class BetaRun:
+class BetaRun(Result):
     """One analysed test: the numbers, and the log they came from."""
 
     log: Log
     partition: Partition
+
+    def __repr__(self) -> str:
+        return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8)."""
@@ -32,10 +39,9 @@ class BetaRun:
         """The answer in a few lines."""
         return summary_of(self.partition)
 
-    def _repr_html_(self) -> str:
-        """The ways to beta as a table, for notebooks."""
-        verdict = f"<p>{self.partition.crosscheck.sentence}</p>"
-        return verdict + str(ways_table(self.partition).to_html(index=False))
+    def card(self) -> pd.DataFrame:
+        """The ways to beta."""
+        return ways_table(self.partition)
 
 
 def estimate_beta(
@@ -46,13 +52,17 @@ def estimate_beta(
     window_s: float = WINDOW_S,
     seed: int = 0,
     sensor_check: bool = True,
-    friction_correction_N: Callable[[float, float], float] | None = None,
+    bearing: BearingFile | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
-    """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits."""
+    """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
+
+    ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
+    (section 2.10). Raises InputError for a log, rig or record that does not fit, naming the log.
+    """
     progress("reading the log")
     table = read_log(log, "ehl", rig)
-    test = prepare(table, rig, records, friction_correction_N)
+    test = prepare(table, rig, records, bearing.added if bearing else None)
     u = rig.common.uncertainty
     try:
         found = analyse(test, u, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)

@@ -6,28 +6,35 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from calibration.disk import CHANNELS
+from calibration.errors import InputError
 from calibration.logs import read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
+from calibration.result import Result
 from calibration.rigfile import Rig
 from calibration.static import PRT_U_DEGC, OvenFit, fit_static_lines
 from immersion.fluids import fluid
 from tcdyn.identify.plunge import PlungeFit, identify_plunges
+from tcdyn.identify.plunge_doubt import with_structure_doubt
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun, run_from_log
 
 
 @dataclass(frozen=True)
-class CalibrationRun:
+class CalibrationRun(Result):
     """Everything that a calibration found: the record to keep, and the fits behind it for the report."""
 
     record: DiskRecord
     oven: OvenFit
     plunges: tuple[PlungeRun, ...]
     fit: PlungeFit
+
+    def __repr__(self) -> str:
+        return f"<CalibrationRun of the {self.record.disk} disk; summary() says it in words>"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -36,16 +43,15 @@ class CalibrationRun:
 
     def summary(self) -> str:
         """Static errors, lags and what the plunges cannot tell, in a few lines."""
-        return self.fit.summary()
+        return "\n".join(self.fit.lines())
 
-    def fit_table(self) -> pd.DataFrame:
-        """Where the lags' uncertainty comes from [s]."""
-        return pd.DataFrame(
-            [
-                {"source": s.source, "u(common lag) [s]": s.u_common_s, "u(differential) [s]": s.u_differential_s}
-                for s in self.fit.budget
-            ]
-        )
+    def to_dict(self) -> dict[str, Any]:
+        """The content of the disk record."""
+        return self.record.to_dict()
+
+    def card(self) -> pd.DataFrame:
+        """Static line and lag of each channel."""
+        return self.record.card()
 
 
 def calibrate_disk(
@@ -76,14 +82,31 @@ def calibrate_disk(
     for k, path in enumerate(immersion):
         progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
         log = read_log(path, "immersion", rig, disk)
+        twin = next((i.file for i in inputs if i.sha256 == log.sha256), None)
+        if twin is not None:  # counted twice it would make the lags look better known than they are
+            raise InputError(
+                f"holds the same samples as {twin}",
+                where=log.path.name,
+                expected="each plunge once",
+                remedy="give another plunge, or leave it out",
+            )
         substance = fluid(fluids[min(k, len(fluids) - 1)])
         run = run_from_log(log.filled(), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        warnings += [*log.warnings, *run.entry.warnings]
+        bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
+        warnings += [w for w in log.warnings if not (bounce_told and "the switch bounces" in w)]
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
+    progress("other chain structures on the same plunges")
+    fit = with_structure_doubt(fit)
+    strained = sum("left over by the static line" in w for w in fit.warnings)
+    if strained > len(CHANNELS) // 2:
+        warnings.append(
+            f"{strained} static lines do not fit the plunges: is the oven log of the disk that was plunged ({disk}), "
+            "and the wiring the same?"
+        )
     warnings += list(fit.warnings)
     record = DiskRecord(
         disk=disk,
@@ -125,5 +148,6 @@ def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
         "sentence": fit.sentence,
         "converged": fit.converged,
         "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
+        "structures": fit.structures.to_dict() if fit.structures is not None else None,
         "lag_budget": [asdict(share) for share in fit.budget],
     }

@@ -17,6 +17,7 @@ import tcdyn
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.record import DiskRecord
+from calibration.result import Result, jsonable
 from calibration.rigfile import Rig
 from calibration.write import sha256, write_text
 from tcdyn.partition.analyse import WINDOW_S
@@ -63,7 +64,7 @@ class LogOutcome:
 
 
 @dataclass(frozen=True)
-class CampaignRun:
+class CampaignRun(Result):
     """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run."""
 
     folder: Path
@@ -72,10 +73,12 @@ class CampaignRun:
 
     @property
     def failed(self) -> tuple[LogOutcome, ...]:
+        """The logs that could not be analysed."""
         return tuple(o for o in self.outcomes if o.data is None)
 
     @property
     def kept(self) -> int:
+        """How many answers are those of an earlier run."""
         return sum(o.kept for o in self.outcomes)
 
     @property
@@ -93,6 +96,14 @@ class CampaignRun:
             said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
             said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
         return said
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table, one row a log."""
+        return {"folder": str(self.folder), "logs": jsonable(self.table)}
+
+    def card(self) -> pd.DataFrame:
+        """The table, one row a log."""
+        return self.table
 
 
 Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)
@@ -150,23 +161,18 @@ def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
 
 
 def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
-    bearing = settings.bearing
     run = estimate_beta(
         path, settings.rig, settings.records, window_s=settings.window_s, seed=settings.seed,
-        friction_correction_N=bearing.correction() if bearing else None,
+        bearing=settings.bearing,
     )  # fmt: skip
     test = run.partition.test
     data = run.to_dict()
-    if bearing:
-        radius = settings.rig.disk_setup("slow").outer_radius_m
-        rpm = test.speeds_m_s[1] / radius * 60 / (2 * np.pi)
-        data["warnings"] += bearing.warnings(test.load_N, rpm)
     data["warnings"] = [w.replace(str(path), path.name) for w in data["warnings"]]
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),
         "friction_coefficient": test.friction_N / test.load_N,
-        "bearing_N": float(bearing.correction()(test.load_N, rpm)) if bearing else None,
+        "bearing_N": test.added.value_N if settings.bearing else None,
         "bulk_degC": {d: float(np.mean(list(steady[d].values()))) for d in DISKS},
         "steady_degC": steady,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -101,16 +101,50 @@ def done_rows(table: pd.DataFrame) -> pd.DataFrame:
     return good
 
 
-def trend(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float, float] | None:
-    """Least-squares line (intercept, slope, rms of the rest); None with fewer than two different x.
+def different(x: NDArray[np.float64]) -> int:
+    """How many values stand apart by more than 1 % of the largest: set points, not their wandering.
 
-    >>> [round(v, 6) for v in trend(np.array([0.0, 1.0, 2.0]), np.array([1.0, 3.0, 5.0]))]
-    [1.0, 2.0, 0.0]
+    >>> different(np.array([850.2, 1459.0, 849.7, 1461.0]))
+    2
     """
-    if len(x) < 2 or np.ptp(x) <= 1e-3 * np.abs(x).max():
+    kept: list[float] = []
+    for value in np.sort(x):
+        if not kept or value - kept[-1] > 0.01 * np.abs(x).max():
+            kept.append(float(value))
+    return len(kept)
+
+
+class Trend(NamedTuple):
+    """A least-squares line: intercept, slope with its standard uncertainty and 95 % interval, rms of the rest."""
+
+    intercept: float
+    slope: float
+    rms: float
+    u_slope: float
+    low95_slope: float
+    high95_slope: float
+
+
+def trend(x: NDArray[np.float64], y: NDArray[np.float64]) -> Trend | None:
+    """Least-squares line through points; None with fewer than three different x: two points always make a line.
+
+    The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2 degrees.
+
+    >>> line = trend(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 3.0, 5.0, 7.4]))
+    >>> round(line.intercept, 2), round(line.slope, 2), round(line.u_slope, 3), round(line.high95_slope, 2)
+    (0.92, 2.12, 0.069, 2.42)
+    >>> trend(np.array([1.0, 2.0]), np.array([1.0, 3.0])) is None
+    True
+    """
+    if different(x) < 3:
         return None
-    slope, intercept = np.polyfit(x, y, 1)
-    return float(intercept), float(slope), float(np.sqrt(np.mean((y - intercept - slope * x) ** 2)))
+    from scipy.special import stdtrit
+
+    slope, intercept = (float(v) for v in np.polyfit(x, y, 1))
+    rest = y - intercept - slope * x
+    u = float(np.sqrt(rest @ rest / (len(x) - 2) / np.sum((x - x.mean()) ** 2)))
+    reach = float(stdtrit(len(x) - 2, 0.975)) * u
+    return Trend(intercept, slope, float(np.sqrt(np.mean(rest**2))), u, slope - reach, slope + reach)
 
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -121,7 +155,7 @@ def trend_table(table: pd.DataFrame) -> pd.DataFrame:
         for _, part in good.groupby("group"):
             rows.append(_trend_row(column, "load_N", part, f"{part['sliding_speed_m_s'].mean():.1f} m/s"))
     rows.append(_trend_row("beta", "delta_T_us_K_m_s", good, "all"))
-    names = ["quantity", "over", "tests", "intercept", "slope", "rms"]
+    names = ["quantity", "over", "tests", "number", *Trend._fields]
     return pd.DataFrame([r for r in rows if r is not None], columns=names)
 
 
@@ -129,6 +163,4 @@ def _trend_row(column: str, over: str, part: pd.DataFrame, name: str) -> dict[st
     line = trend(part[over].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
     if line is None:
         return None
-    return {
-        "quantity": column, "over": over, "tests": name, "intercept": line[0], "slope": line[1], "rms": line[2],
-    }  # fmt: skip
+    return {"quantity": column, "over": over, "tests": name, "number": len(part), **line._asdict()}

@@ -88,6 +88,7 @@ class CausalState:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> CausalState:
+        """The state that :meth:`to_json` gave."""
         kind = LiveState if "lagged" in data["kernel"] else InverseState
         plain = ("last_time_s", "spikes", "backward")
         arrays: dict[str, Any] = {k: np.array(v, dtype=float) for k, v in data.items() if k not in (*plain, "kernel")}

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 
 from calibration.columns import KNOWN, recognise
-from calibration.disk import CHANNELS
+from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
+from calibration.estimate import with_u
 from calibration.logs import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
+from calibration.result import Result
 from calibration.rigfile import Rig, load_rig
 from calibration.static import apply_static, static_u
 from calibration.table import open_table, shown
@@ -23,14 +25,22 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.prepare import despiked, gathered, prepare, record_chains, white_noise
+from tcdyn.partition.prepare import (
+    coarse_sentence,
+    coarse_step_K,
+    despiked,
+    gathered,
+    prepare,
+    record_chains,
+    white_noise,
+)
 from tcdyn.partition.refine import refine_lags, refined_chains
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 
 
 @dataclass(frozen=True)
-class CompensatedLog:
+class CompensatedLog(Result):
     """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes."""
 
     frame: pd.DataFrame
@@ -38,6 +48,31 @@ class CompensatedLog:
     warnings: tuple[str, ...]
     disks: Mapping[str, Compensated]
     raw: Log
+
+    def __repr__(self) -> str:
+        return f"<CompensatedLog of {self.raw.path.name}, {len(self.frame)} rows; summary() says it in words>"
+
+    def summary(self) -> str:
+        """The lag removed and what is left uncertain, a few lines a disk."""
+        lines = []
+        for disk, done in self.disks.items():
+            lines.append(f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}")
+            lines += done.summary(CHANNELS).splitlines()
+        return "\n".join(dict.fromkeys([*lines, *(f"warning: {w}" for w in self.warnings)]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""
+        disks = {disk: done.to_dict() for disk, done in self.disks.items()}
+        return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
+
+    def as_log(self) -> Log:
+        """The compensated log as :func:`calibration.logs.read_log` would give it, standard deviations left out."""
+        frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
+        return replace(self.raw, frame=frame, metadata=dict(self.metadata), warnings=self.warnings)
+
+    def card(self) -> pd.DataFrame:
+        """Noise and standard deviation of every channel."""
+        return pd.concat([d.card().assign(disk=disk) for disk, d in self.disks.items()], ignore_index=True)
 
 
 def compensate_log(
@@ -69,7 +104,13 @@ def compensate_log(
     known: tuple[float, ...] = ()
     if kind == "ehl":
         events = find_events(frame, table.path.name)
-        known = (events.load_on_s, events.unload_s)
+        known = (events.load_on_s, *events.kinks_s)
+        for disk in (d for d in DISKS if d not in records):
+            other = next(iter(records))
+            warnings.append(
+                f"no record of the {disk} disk was given: its columns are as logged, and the lag common to the {other} "
+                f"disk is the record's, which an unloading would tell better; add --record {disk}.disk.json"
+            )
     fits: Mapping[str, DiskFit] = {}
     if refine and kind == "ehl" and {"fast", "slow"} <= set(records):
         progress("common lags from the unloading")
@@ -89,10 +130,10 @@ def compensate_log(
             m = len(covariance)
             centre = np.eye(m) - 1.0 / m
             covariance = centre @ covariance @ centre.T + lag.u**2
-            notes[f"{disk}_common_lag_s"] = f"{lag.value:.4f} +- {lag.u:.4f}, from the unloading, record as prior"
+            notes[f"{disk}_common_lag_s"] = f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
         else:
             common = record.chain.common_lag_s
-            notes[f"{disk}_common_lag_s"] = f"{common.value:.4f} +- {common.u:.4f}, from the record"
+            notes[f"{disk}_common_lag_s"] = f"{with_u(common.value, common.u)} s, from the record"
         prefix = f"{disk}_" if kind == "ehl" else ""
         done[disk] = _one_disk(frame, prefix, record, chains, covariance, dt, known, time)
         for i, ch in enumerate(CHANNELS):
@@ -109,7 +150,7 @@ def log_kind(
 
     Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
     """
-    mapped = rig.tables(next(iter(records))).columns.values()
+    mapped = rig.columns(next(iter(records))).values()
     return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
 
 
@@ -118,7 +159,7 @@ def kind_of_columns(
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
     """``log_kind`` for names that are read already."""
     disk = next(iter(records))
-    mapped = {canonical for canonical, name in rig.tables(disk).columns.items() if name in names}
+    mapped = {canonical for canonical, name in rig.columns(disk).items() if name in names}
     if recognise({*names, *mapped}) != "immersion":
         return "ehl", None
     if len(records) > 1:
@@ -140,14 +181,17 @@ def _one_disk(
     events: tuple[float, ...],
     time: np.ndarray,
 ) -> Compensated:
-    readings, uncertain = [], []
+    readings, uncertain, coarse = [], [], []
     for ch in CHANNELS:
-        y = np.asarray(apply_static(frame[f"{prefix}{ch}_degC"].to_numpy(dtype=float), record.static[ch]))
-        clean, _ = despiked(y)
+        raw = frame[f"{prefix}{ch}_degC"].to_numpy(dtype=float)
+        clean, _ = despiked(np.asarray(apply_static(raw, record.static[ch])))
+        step = coarse_step_K(raw)
+        if step > 0:
+            coarse.append((step, ch))
         readings.append(clean)
-        uncertain.append(np.asarray(static_u(record.static[ch], clean)))
+        uncertain.append(np.hypot(static_u(record.static[ch], clean), step / 12**0.5))
     y = np.column_stack(readings)
-    return smooth(
+    done = smooth(
         y,
         dt,
         chains,
@@ -156,6 +200,9 @@ def _one_disk(
         lag_covariance=covariance,
         static_u=np.column_stack(uncertain),
     )
+    if not coarse:
+        return done
+    return replace(done, warnings=(*done.warnings, coarse_sentence(coarse)))
 
 
 def _refined(table: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[Mapping[str, DiskFit], list[str]]:

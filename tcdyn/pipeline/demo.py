@@ -12,8 +12,10 @@ import numpy as np
 import pandas as pd
 
 from calibration.disk import DISKS
+from calibration.estimate import rounded
 from calibration.logs import write_log
 from calibration.record import read_record, write_record
+from calibration.result import Result, jsonable
 from calibration.rigfile import load_rig
 from calibration.write import write_text
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
@@ -26,7 +28,7 @@ FLUID = "mobil-jet-ii"
 
 
 @dataclass(frozen=True)
-class DemoRun:
+class DemoRun(Result):
     """What the demo made: files, fits by disk and test, and the truth of the simulation beside the answers."""
 
     files: CampaignFiles
@@ -34,6 +36,26 @@ class DemoRun:
     tests: Mapping[str, BetaRun]
     compensated: Mapping[str, CompensatedLog]
     comparison: pd.DataFrame
+
+    def summary(self) -> str:
+        """The answers with the truth of the simulation beside them, and the verdict of every test."""
+        said = [f"{name}: {run.partition.crosscheck.sentence}" for name, run in self.tests.items()]
+        return "\n".join([self.card().to_string(index=False), *said])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison with the truth, and the content of every test's beta.json."""
+        tests = {name: run.to_dict() for name, run in self.tests.items()}
+        return {"comparison": jsonable(self.comparison), "tests": tests}
+
+    def card(self) -> pd.DataFrame:
+        """Estimate, standard uncertainty and truth of every quantity."""
+        rows = []
+        for row in self.comparison.to_dict("records"):
+            known = row["u"] is not None and np.isfinite(row["u"])
+            estimate, u = rounded(row["estimate"], row["u"]) if known else (f"{row['estimate']:.3g}", "")
+            told = {"quantity": row["quantity"], "estimate": estimate, "u": u, "truth": f"{row['truth']:.4g}"}
+            rows.append({**told, "unit": row["unit"]})
+        return pd.DataFrame(rows)
 
 
 def run_demo(

@@ -303,7 +303,7 @@ def open_growing(path: Path, rig: Rig, records: Mapping[str, DiskRecord]) -> Gro
         return None
     where = shown(path)
     disk = next(iter(records))
-    table = open_table(path, (*KNOWN, *rig.tables(disk).columns.values()))
+    table = open_table(path, (*KNOWN, *rig.columns(disk).values()))
     if not isinstance(table, CsvTable) or table.body is not None:
         raise InputError("does not grow line by line", where=where, expected="a CSV log to follow (UTF-8)")
     if table.metadata.get("tcdyn") == COMPENSATED:
@@ -319,7 +319,7 @@ def open_growing(path: Path, rig: Rig, records: Mapping[str, DiskRecord]) -> Gro
     if not all(line.endswith(b"\n") for line in below):
         return None
     kind, own = kind_of_columns(table.names, rig, records, where)
-    chosen = match_columns(table.names, kind, where, dict(rig.tables(own or "").columns))
+    chosen = match_columns(table.names, kind, where, rig.columns(own))
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
         raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")

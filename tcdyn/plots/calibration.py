@@ -1,10 +1,12 @@
-"""Pictures of a calibration: error histograms, residuals against temperature, transducer sessions, lags."""
+"""Pictures of a calibration: errors, residuals against temperature, transducer sessions, lags and their budget."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
 from calibration.bearing import BearingFriction
@@ -12,36 +14,67 @@ from calibration.oven import error_histogram
 from calibration.record import ChainRecord
 from calibration.static import OvenFit, static_u
 from calibration.transducers import TransducerLine
+from tcdyn.identify.plunge_result import LagShare
+from tcdyn.plots.style import GREY, SLOW, TRUTH, figure, finish
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+MARKERS = "os^vDx"
 
-def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float = 0.1) -> Axes:
-    """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``."""
-    counts, edges = error_histogram(errors_K, width_K)
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", edgecolor="white", label=label or None)
-    ax.axvline(0.0, color="0.3", linewidth=0.8)
+
+def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
+    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``least`` bins or more.
+
+    >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
+    (0.01, 0.2)
+    """
+    e = np.asarray(errors_K, dtype=float)
+    span = float(np.nanmax(e) - np.nanmin(e)) if e.size else 0.0
+    if not span > 0.0:
+        return 0.1
+    power = 10.0 ** np.floor(np.log10(span / least))
+    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / least * (1 + 1e-9)), 12))
+
+
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None) -> Axes:
+    """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
+
+    The dashed lines hold 95 % of the errors between them.
+    """
+    e = np.asarray(errors_K, dtype=float)
+    width = bin_width(e) if width_K is None else width_K
+    counts, edges = error_histogram(e, width)
+    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white", label=label or None)
+    ax.axvline(0.0, color=TRUTH, linewidth=0.8)
+    for end in np.nanquantile(e, [0.025, 0.975]):
+        ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")
     ax.set_xlabel("thermocouple minus PRT [K]")
-    ax.set_ylabel("count")
-    return ax
+    ax.set_ylabel(f"errors per {width:g} K")
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
+    return finish(ax)
 
 
 def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
-    """Residuals of every channel against the PRT, with the 95 % band of the line for the first channel."""
+    """Residuals of every channel against the PRT, channels side by side, with the 95 % band of one line."""
     table = oven.residuals
-    for channel in oven.lines:
-        ax.plot(table["prt_degC"], table[f"{channel}_degC"], "o", markersize=3, label=channel)
+    prt = table["prt_degC"].to_numpy(dtype=float)
+    apart = 0.006 * (prt.max() - prt.min())
+    middle = (len(oven.lines) - 1) / 2
+    for k, channel in enumerate(oven.lines):
+        tone = str(0.6 * k / max(len(oven.lines) - 1, 1))
+        where = prt + apart * (k - middle)
+        ax.plot(where, table[f"{channel}_degC"], MARKERS[k % 6], markersize=4, color=tone, mfc="none", label=channel)
     line = next(iter(oven.lines.values()))
     t = np.linspace(*line.range_degC, 100)
     band = 1.96 * static_u(line, t)
     ax.fill_between(t, -band, band, color="0.85", zorder=0, label="95 % of a line")
-    ax.axhline(0.0, color="0.3", linewidth=0.8)
+    ax.axhline(0.0, color=TRUTH, linewidth=0.8)
     ax.set_xlabel("PRT [degC]")
     ax.set_ylabel("PRT minus line [K]")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
-    return ax
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
+    return finish(ax)
 
 
 def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes) -> Axes:
@@ -54,8 +87,8 @@ def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, 
         ax.plot(ends, line.slope_N_V.value * ends + intercept.value, color=dots.get_color(), linewidth=1)
     ax.set_xlabel("transducer [V]")
     ax.set_ylabel("force [N]")
-    ax.legend(title="session", fontsize="small")
-    return ax
+    ax.legend(title="session", fontsize="small", frameon=False)
+    return finish(ax)
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
@@ -66,42 +99,77 @@ def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
         ax.plot(ends, line.slope * ends + line.intercept, color=dots.get_color(), linewidth=1)
     ax.set_xlabel("load [N]")
     ax.set_ylabel("bearing friction, both shafts [N]")
-    ax.legend(title="slow shaft", fontsize="small")
-    return ax
+    ax.legend(title="slow shaft", fontsize="small", frameon=False)
+    return finish(ax)
 
 
 def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
     """Each channel's lag with its 95 % interval (thin) and with that of its difference from the common lag (thick)."""
     names = sorted(chain.channels)
+    common = chain.common_lag_s
+    ax.axhspan(common.low95, common.high95, color="0.93", zorder=0, label="common lag, 95 %")
+    ax.axhline(common.value, color=TRUTH, linewidth=0.8)
     for i, name in enumerate(names):
         lag, apart = chain.channels[name].lag_s, chain.differential_lag_s[name]
-        common = chain.common_lag_s.value
-        ax.plot([i, i], [lag.low95, lag.high95], color="0.6", linewidth=1)
-        ax.plot([i, i], [common + apart.low95, common + apart.high95], color="C0", linewidth=4)
-        ax.plot(i, lag.value, "o", color="C3", markersize=4)
-    ax.axhline(chain.common_lag_s.value, color="0.3", linewidth=0.8)
+        ax.plot([i, i], [lag.low95, lag.high95], color=GREY, linewidth=1.2, label="lag, 95 %" if i == 0 else None)
+        told = "its difference from the common lag, 95 %" if i == 0 else None
+        ends = [common.value + apart.low95, common.value + apart.high95]
+        ax.plot([i, i], ends, color=SLOW, linewidth=5, solid_capstyle="butt", label=told)
+        ax.plot(i, lag.value, "o", color="white", markeredgecolor=TRUTH, markersize=5)
     ax.set_xticks(range(len(names)), names)
+    ax.set_xlim(-0.6, len(names) - 0.4)
     ax.set_xlabel("channel")
     ax.set_ylabel("lag [s]")
+    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
+    return finish(ax)
+
+
+def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
+    """What each source adds to the uncertainty of the common lag and of the differences, the largest on top [s]."""
+    ordered = sorted(shares, key=lambda s: s.u_common_s)
+    y = np.arange(len(ordered))
+    common, rest = [s.u_common_s for s in ordered], [s.u_differential_s for s in ordered]
+    ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
+    ax.barh(y - 0.19, rest, 0.36, color="white", edgecolor=TRUTH, hatch="////", label="differences of channels")
+    right = max([*common, *rest, 1e-6])
+    for k, pair in enumerate(zip(common, rest)):
+        for value, up in zip(pair, (0.19, -0.19)):
+            ax.text(value + 0.01 * right, k + up, f"{value:.3f}", va="center", fontsize=7)
+    ax.set_yticks(y, [s.source for s in ordered])
+    ax.set_xlim(0, 1.1 * right)
+    ax.set_xlabel("standard uncertainty [s]")
+    ax.legend(loc="lower right", fontsize="small", frameon=False)
+    finish(ax).grid(False, axis="y")
     return ax
 
 
-def oven_figure(oven: OvenFit) -> Figure:
-    """Raw and calibrated histograms above, residuals below."""
-    from matplotlib.figure import Figure
+def error_figure(oven: OvenFit) -> Figure:
+    """Errors of all channels, raw and with the static lines."""
+    picture, axes = figure(1, 2, height_in=3.0)
+    for ax, errors, when in zip(
+        axes, (oven.raw_errors_K, oven.calibrated_errors_K), ("as logged", "with the static lines")
+    ):
+        largest = float(np.nanmax(np.abs(errors)))
+        draw_error_histogram(errors, ax).set_title(f"{when}: at most {largest:.2g} K", fontsize="medium")
+    return picture
 
-    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
-    grid = figure.subplot_mosaic([["raw", "after"], ["rest", "rest"]])
-    draw_error_histogram(oven.raw_errors_K, grid["raw"]).set_title("raw")
-    draw_error_histogram(oven.calibrated_errors_K, grid["after"], width_K=0.05).set_title("with the static lines")
-    draw_residuals(oven, grid["rest"])
-    return figure
+
+def residual_figure(oven: OvenFit) -> Figure:
+    """What the static lines leave, against temperature."""
+    picture, (ax,) = figure(height_in=3.2)
+    draw_residuals(oven, ax)
+    return picture
 
 
 def lag_figure(chain: ChainRecord) -> Figure:
     """The lags of one disk."""
-    from matplotlib.figure import Figure
+    picture, (ax,) = figure(height_in=3.4)
+    draw_lags(chain, ax)
+    return picture
 
-    figure = Figure(figsize=(6.0, 3.5), layout="constrained")
-    draw_lags(chain, figure.subplots())
-    return figure
+
+def budget_figure(shares: Sequence[LagShare]) -> Figure:
+    """Where the lags' uncertainty comes from."""
+    picture, (ax,) = figure(height_in=4.2)
+    draw_lag_budget(shares, ax)
+    return picture

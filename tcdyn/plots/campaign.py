@@ -2,74 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from calibration.disk import DISKS
-from tcdyn.pipeline.campaign_table import done_rows, trend
-from tcdyn.plots.style import DISK_COLOUR, figure
+from calibration.estimate import Z95
+from tcdyn.pipeline.campaign_table import done_rows, speed_groups, trend
+from tcdyn.plots.style import GREY, figure
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-DISK_MARKER = {"fast": "o", "slow": "s"}
-SHADES = ("#000000", "#4d4d4d", "#7a7a7a", "#a0a0a0")
+LINES = ("-", "--", "-.", ":")
+SHADES = ("#000000", "#d1662a", "#1f4e79", "#8a8a8a")
+SPEED = "sliding speed"
 
 
 def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure:
-    """Both disks' ``<disk>_<quantity>`` over load, one panel for each sliding speed (figures 6.17 and 7.20)."""
-    good = done_rows(table)
-    parts = [part for _, part in good.groupby("group")]
-    columns = 2 if len(parts) > 1 else 1
-    rows = -(-len(parts) // columns)
-    fig, axes = figure(rows, columns, height_in=3.2 * rows)
-    for ax, part in zip(axes, parts):
-        draw_temperature(part, quantity, label, ax)
-    for ax in axes[len(parts) :]:
-        ax.set_visible(False)
+    """``<disk>_<quantity>`` over load, a panel for each disk on one scale (figures 6.17 and 7.20)."""
+    fig, axes = figure(1, 2, height_in=3.8)
+    axes[1].sharey(axes[0])
+    for disk, ax in zip(DISKS, axes):
+        draw_temperature(table, disk, quantity, label, ax)
     return fig
 
 
-def draw_temperature(part: pd.DataFrame, quantity: str, label: str, ax: Axes) -> Axes:
-    """``<disk>_<quantity>`` [degC] of tests of one sliding speed over load, with least-squares lines."""
-    load = part["load_N"].to_numpy(dtype=float)
-    for disk in DISKS:
-        y = part[f"{disk}_{quantity}"].to_numpy(dtype=float)
-        ax.plot(load, y, DISK_MARKER[disk], color=DISK_COLOUR[disk], label=f"{disk} disk")
-        _trend(ax, load, y, DISK_COLOUR[disk])
-    ax.set_xlabel("load [N]")
+def draw_temperature(table: pd.DataFrame, disk: str, quantity: str, label: str, ax: Axes) -> Axes:
+    """``<disk>_<quantity>`` [degC] over load, a marker and a least-squares line for each sliding speed."""
+    _by_speed(table, f"{disk}_{quantity}", ax)
     ax.set_ylabel(f"{label} [°C]")
-    ax.set_title(f"sliding at {part['sliding_speed_m_s'].mean():.1f} m/s", loc="left", fontsize=9)
-    ax.legend(frameon=False, fontsize=8)
+    ax.set_title(f"{disk} disk", loc="left", fontsize=10)
     return ax
 
 
 def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Traction force over load, a marker and a line for each sliding speed (figure 6.33)."""
-    for k, (_, part) in enumerate(done_rows(table).groupby("group")):
-        load, y = part["load_N"].to_numpy(dtype=float), part["friction_N"].to_numpy(dtype=float)
-        colour = SHADES[k % len(SHADES)]
-        label = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
-        ax.plot(load, y, MARKERS[k % len(MARKERS)], color=colour, label=label)
-        _trend(ax, load, y, colour)
-    ax.set_xlabel("load [N]")
+    """Traction force over load, a marker and a least-squares line for each sliding speed (figure 6.33)."""
+    _by_speed(table, "friction_N", ax)
     ax.set_ylabel("traction force [N]")
-    ax.legend(frameon=False, fontsize=8, title="sliding speed")
     return ax
 
 
 def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Friction coefficient over sliding speed at the highest load of the campaign (figure 6.34)."""
+    """Friction coefficient over sliding speed, a marker and a least-squares line for each load (figure 6.34)."""
     good = done_rows(table)
-    top = good["load_N"].max()
-    part = good[good["load_N"] > 0.95 * top]
-    speed = part["sliding_speed_m_s"].to_numpy(dtype=float)
-    y = part["friction_coefficient"].to_numpy(dtype=float)
-    ax.plot(speed, y, "ko", label=f"load {top:.0f} N")
-    _trend(ax, speed, y, "black")
+    good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
+    for part, k in _parts(good):
+        _series(ax, part, "sliding_speed_m_s", "friction_coefficient", k, f"{part['load_N'].mean():.0f} N")
     ax.set_xlabel("sliding speed [m/s]")
     ax.set_ylabel("coefficient of friction [1]")
-    ax.legend(frameon=False, fontsize=8)
+    ax.legend(frameon=False, fontsize=8, title="load", title_fontsize=8)
     return ax
 
 
@@ -77,25 +60,67 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     """beta by the speed law, and by both disks' joint fit, over dT u_s with 95 % bars and a line (figure 7.18)."""
     good = done_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
-    for column, marker, colour, label in (
-        ("beta", "o", "black", "speed law"),
-        ("beta_both", "^", "#7a7a7a", "joint fit, both disks"),
+    aside = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))  # so that the bars of one test stand apart
+    for column, marker, colour, fill, shift, label in (
+        ("beta", "o", "black", "black", 0.0, "speed law"),
+        ("beta_both", "^", GREY, "white", aside, "joint fit, both disks"),
     ):
         y, u = good[column].to_numpy(dtype=float), good[f"u_{column}"].to_numpy(dtype=float)
-        ax.errorbar(x, y, yerr=1.96 * u, fmt=marker, color=colour, capsize=2, linewidth=0.8, label=label)
-    _trend(ax, x, good["beta"].to_numpy(dtype=float), "black")
-    for at, name in zip(x, good["test"]):
-        ax.annotate(
-            str(name), (at, ax.get_ylim()[0]), fontsize=7, rotation=90, ha="center", va="bottom", color="#666666"
-        )
+        ax.errorbar(
+            x + shift, y, yerr=Z95 * u, fmt=marker, color=colour, markerfacecolor=fill, capsize=2, linewidth=0.9,
+            label=label,
+        )  # fmt: skip
+    line = trend(x, good["beta"].to_numpy(dtype=float))
+    if line is not None:
+        ends = np.array([x.min(), x.max()])
+        ax.plot(ends, line.intercept + line.slope * ends, ":", color="black", linewidth=1, label="line, least squares")
+    name_points(ax, x, [str(name) for name in good["test"]])
     ax.set_xlabel("temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]")
     ax.set_ylabel("heat partition β [1]")
     ax.legend(frameon=False, fontsize=8)
     return ax
 
 
-def _trend(ax: Axes, x: np.ndarray, y: np.ndarray, colour: str) -> None:
+def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str]) -> None:
+    """Names above the axes over their ``x``, in as many rows as keep them apart, with a hair line down to each."""
+    low, high = float(np.min(x)), float(np.max(x))
+    margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
+    ax.set_xlim(low - margin, high + margin)
+    share = 0.013 * max(len(n) for n in names) + 0.006  # of the axes' width: seven-point letters and a gap
+    rows: list[float] = []  # where the last name of each row ends
+    for at, name in sorted(zip(x, names)):
+        place = (at - low + margin) / (high - low + 2 * margin)
+        row = next((k for k, end in enumerate(rows) if place - share / 2 > end), len(rows))
+        rows[row : row + 1] = [place + share / 2]
+        ax.axvline(at, color="#cccccc", linewidth=0.6, zorder=0)
+        ax.annotate(
+            name, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3 + 10 * row), textcoords="offset points",
+            fontsize=7, ha="center", va="bottom", color="#444444",
+        )  # fmt: skip
+
+
+def _by_speed(table: pd.DataFrame, column: str, ax: Axes) -> None:
+    for part, k in _parts(done_rows(table)):
+        _series(ax, part, "load_N", column, k, f"{part['sliding_speed_m_s'].mean():.1f} m/s")
+    ax.set_xlabel("load [N]")
+    ax.legend(frameon=False, fontsize=8, title=SPEED, title_fontsize=8)
+
+
+def _parts(good: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
+    for k, (_, part) in enumerate(good.groupby("group")):
+        yield part, k
+
+
+def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:
+    """One group of tests: points, with 95 % bars where the table has u, and their line where three or more make one."""
+    x, y = (part[name].to_numpy(dtype=float) for name in (over, column))
+    colour, marker = SHADES[k % len(SHADES)], MARKERS[k % len(MARKERS)]
     line = trend(x, y)
+    style = LINES[k % len(LINES)] if line is not None else "none"
+    if f"u_{column}" in part:
+        ax.errorbar(x, y, yerr=Z95 * part[f"u_{column}"].to_numpy(dtype=float), fmt="none", ecolor=colour, capsize=2)
+    ax.plot(x, y, marker, color=colour, linestyle="none")
+    ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
     if line is not None:
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, line[0] + line[1] * ends, "-", color=colour, linewidth=1)
+        ax.plot(ends, line.intercept + line.slope * ends, style, color=colour, linewidth=1)

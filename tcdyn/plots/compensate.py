@@ -11,6 +11,7 @@ from calibration.estimate import Z95
 from tcdyn.compensate.before_use import BeforeUse
 from tcdyn.compensate.deconvolve import Tradeoff
 from tcdyn.compensate.result import Compensated
+from tcdyn.plots.style import BAND, FAST, SLOW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,29 +29,39 @@ def draw_compensated(
     t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
     y = np.asarray(logged, dtype=float)
     y = y[:, channel] if y.ndim == 2 else y
-    ax.plot(t, y[shown], ".", markersize=2, color="0.65", label="logged")
-    ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, alpha=0.3, linewidth=0, label="95 %")
-    ax.plot(t, x, linewidth=1.2, label="compensated")
+    ax.plot(t, y[shown], ".", markersize=2, color="0.65", label="as logged")
+    ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, color=SLOW, alpha=BAND, linewidth=0, label="95 %")
+    ax.plot(t, x, color=SLOW, linewidth=1.3, label="compensated")
     bad = inside[result.flags[inside, channel] > 0]
     if len(bad):
-        ax.plot(result.time_s[bad], y[bad], "x", markersize=4, label="flagged")
+        ax.plot(result.time_s[bad], y[bad], "x", color=FAST, markersize=4, label="flagged")
     for event, _ in result.events_s:
         if low <= event <= high:
             ax.axvline(event, linestyle="--", linewidth=0.8, color="0.4")
-    ax.set_xlabel("time, s")
-    ax.set_ylabel("temperature, °C")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("temperature [°C]")
     ax.legend(loc="best", fontsize="small")
     return ax
 
 
 def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
     """Step response of the chain alone and of chain times compensator, with the remaining shift and noise stated."""
-    ax.plot(report.step_time_s, report.raw_step, label=f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s")
-    ax.plot(report.step_time_s, report.step, label=f"compensated, {report.rise_s:.2g} s")
+    ax.plot(
+        report.step_time_s,
+        report.raw_step,
+        "--",
+        color=FAST,
+        label=f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s",
+    )
+    ax.plot(report.step_time_s, report.step, color=SLOW, label=f"compensated, {report.rise_s:.2g} s")
     ax.axhline(1.0, linewidth=0.6, color="0.6")
-    ax.set_xlabel("time after a step at the junction, s")
-    ax.set_ylabel("share of the step")
-    ax.set_title(f"shift {report.remaining_shift_s:.3g} s, noise x {report.noise_gain:.3g}", fontsize="medium")
+    ax.set_xlabel("time after a step at the junction [s]")
+    ax.set_ylabel("share of the step [1]")
+    ax.set_title(
+        f"remaining shift {report.remaining_shift_s:.3g} s, noise {report.noise_gain:.3g} times the trace's",
+        fontsize="medium",
+    )
+    ax.set_xlim(0.0, min(float(report.step_time_s[-1]), 8.0 * max(report.raw_rise_s, report.rise_s)))
     ax.legend(loc="lower right", fontsize="small")
     return ax
 
@@ -67,7 +78,7 @@ def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:
         "s",
         label=f"chosen by {tradeoff.criterion}",
     )
-    ax.set_xlabel("mean square residual, K²")
-    ax.set_ylabel("roughness, K²/s³")
+    ax.set_xlabel("mean square residual [K²]")
+    ax.set_ylabel("roughness [K²/s³]")
     ax.legend(fontsize="small")
     return ax

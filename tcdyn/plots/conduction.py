@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
+from tcdyn.plots.style import FAST, SLOW, finish
 from tcdyn.verify.checks import Comparison, Convergence
 from tcdyn.verify.mesh_study import IDEAL_TIMES_S, MeshErrors
 
@@ -40,10 +41,10 @@ def draw_profiles(
     """Figure 3.8: the three boundary profiles through readings (d, b, f) along r = R_i."""
     z = np.linspace(0.0, rim.width_m, mesh.nz)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
-    for kind in kinds:
+    for kind, style in zip(kinds, ("-", "--", ":")):
         basis = spectrum(rim, 0.0, rim.width_m / 4, kind, "uniform", mesh).profile
         line = np.asarray(readings_degC) @ basis[:3] + ambient_degC * basis[3:].sum(axis=0)
-        ax.plot(z * 1e3, line, label=kind)
+        ax.plot(z * 1e3, line, style, label=kind)
     ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="d, b, f")
     ax.set_xlabel("z [mm]")
     ax.set_ylabel("temperature at R_i [degC]")
@@ -53,23 +54,23 @@ def draw_profiles(
 
 def draw_comparison(check: Comparison, ax: Axes) -> Axes:
     """A closed form (line) and the scheme (dots), with the error in percent on the right."""
-    ax.plot(check.x, check.exact, label="closed form")
+    ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
-    ax.plot(check.x[::step], check.scheme[::step], "o", markersize=4, label="scheme")
+    ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
     ax.set_xlabel(check.x_label)
     ax.set_ylabel("temperature [degC]")
     ax.set_title(check.title)
     right = ax.twinx()
-    right.plot(check.x, check.error_percent, color="0.5", linewidth=0.8)
-    right.set_ylabel("error [%]", color="0.4")
+    right.plot(check.x, check.error_percent, ":", color="0.4", linewidth=1.0)
+    right.set_ylabel("error [%] (dotted)", color="0.4")
     ax.legend(loc="center right")
     return ax
 
 
 def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
     """Largest error against the number of nodes, log-log, with the fitted orders."""
-    for check in checks:
-        ax.loglog(check.nodes, check.error_K, "o-", label=f"{check.title}: order {check.order:.2f}")
+    for check, style in zip(checks, ("o-", "s--", "^:")):
+        ax.loglog(check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}")
     ax.set_xlabel("nodes in r")
     ax.set_ylabel("largest error [K]")
     ax.legend()
@@ -81,8 +82,9 @@ def draw_mesh_errors(
 ) -> Axes:
     """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
     for k, (name, errors) in enumerate(ours.items()):
-        ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), "o-", color=f"C{k}", label=f"mesh {name}")
-        ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=f"C{k}")
+        colour, marker, line = ("black", FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
+        ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), marker, color=colour, linestyle=line, label=f"mesh {name}")
+        ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
     ax.set_xlabel("time [s]")
     ax.set_ylabel(f"{part} error against mesh IV [%]")
     ax.legend(title="crosses: published")
@@ -108,7 +110,7 @@ def verify_figures() -> dict[str, Figure]:
 
     def one() -> tuple[Figure, Axes]:
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        return figure, figure.subplots()
+        return figure, finish(figure.subplots())
 
     out = {}
     for check in (checks.transient_check(), checks.steady_check()):

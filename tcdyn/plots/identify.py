@@ -10,7 +10,7 @@ from tcdyn.identify.bands import Band, bode_band, percent_times, step_band
 from tcdyn.identify.fit import Fit
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.validate import Correlation, Validation, validate
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import BAND, FAST, SLOW, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,11 +27,12 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     s, model = fit.problem.segments[segment], fit.identified
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
     ax.plot(t, s.y, ".", markersize=2.5, color="0.55", label=f"{model.output_name} measured")
-    ax.plot(t, fit.simulated()[segment], color="C3", linewidth=1.3, label=f"{model.model.name} simulated")
+    ax.plot(t, fit.simulated()[segment], color="black", linewidth=1.3, label=f"{model.model.name} simulated")
     style = "steps-post" if fit.problem.hold == "zoh" else "default"
     twin = ax.twinx()
-    twin.plot(t, s.u, color="C0", linewidth=0.8, drawstyle=style, alpha=0.6)
-    twin.set_ylabel(label(model.input_name, model.input_unit), color="C0")
+    twin.plot(t, s.u, color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
+    ax.plot([], [], color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), label=f"{model.input_name}, right axis")
+    twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label(model.output_name, model.output_unit))
     ax.set_title(f"fit {model.statistics['fit_percent']:.2f} %")
@@ -41,8 +42,8 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
 
 def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
     """A curve and its 95 % band."""
-    ax.plot(band.x, band.value, color="C3", linewidth=1.3, label=text or None)
-    ax.fill_between(band.x, band.low95, band.high95, color="C3", alpha=0.25, linewidth=0)
+    ax.plot(band.x, band.value, color=SLOW, linewidth=1.3, label=text or None)
+    ax.fill_between(band.x, band.low95, band.high95, color=SLOW, alpha=BAND, linewidth=0)
     return ax
 
 
@@ -51,8 +52,11 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
     draw_band(step_band(model), ax)
     if not model.model.integrators:
         for (name, time), share in zip(percent_times(model).items(), (0.5, 1 - np.exp(-1), 0.9)):
-            ax.plot([time.value], [share * model.gain], "o", color="C0", markersize=4)
-            ax.annotate(f" {name} = {time.value:.3g} s", (time.value, share * model.gain), fontsize=8, va="top")
+            ax.plot([time.value], [share * model.gain], "o", color=FAST, markersize=4)
+            ax.annotate(
+                f" {name} = {time.text('s')}", (time.value, share * model.gain), fontsize=8, va="top",
+                xytext=(4, -2), textcoords="offset points",
+            )  # fmt: skip
     ax.set_xlabel("time after a unit step [s]")
     ax.set_ylabel(label(model.output_name, model.output_unit))
     return ax
@@ -76,8 +80,8 @@ def draw_correlation(c: Correlation, ax: Axes, title: str) -> Axes:
     """Correlations as stems over the 95 % bound of each."""
     order = np.argsort(c.lags_s)
     ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color="0.85", label="95 % of each lag")
-    ax.vlines(c.lags_s, 0.0, c.value, color="C3")
-    ax.plot(c.lags_s, c.value, "o", color="C3", markersize=3)
+    ax.vlines(c.lags_s, 0.0, c.value, color=SLOW)
+    ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color="0.3", linewidth=0.8)
     ax.set_xlabel("lag [s]")
     ax.set_title(f"{title}: p = {c.p:.2g}", fontsize=10)
@@ -87,7 +91,7 @@ def draw_correlation(c: Correlation, ax: Axes, title: str) -> Axes:
 def draw_residuals(fit: Fit, ax: Axes) -> Axes:
     """Residuals in the order of the record."""
     ax.plot(fit.residual, ".", markersize=2.5, color="0.4")
-    ax.axhline(0.0, color="C3", linewidth=0.8)
+    ax.axhline(0.0, color=SLOW, linewidth=0.8)
     ax.set_xlabel("measured sample")
     ax.set_ylabel(label("residual", fit.identified.output_unit))
     return ax

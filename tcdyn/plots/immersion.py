@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from calibration.estimate import Z95
+from tcdyn.design.advice import COMMON, DIFFERENCES
 from tcdyn.design.compare import Design
 from tcdyn.identify.hole import HoleComparison
 from tcdyn.identify.plunge_compare import JunctionTraces
@@ -92,7 +94,7 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     """Each channel's lag against the disk's mean, with 95 % intervals."""
     x = np.arange(len(fit.channels))
     values = [fit.differential_lag_s[c] for c in fit.channels]
-    ax.errorbar(x, [v.value for v in values], [1.96 * v.u for v in values], fmt="o", color=FAST, capsize=3)
+    ax.errorbar(x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set_xticks(x, fit.channels)
     return _axes(ax, "Channel", "Lag minus common lag [s]")
@@ -109,8 +111,15 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ax.errorbar(common, y + 0.12, xerr=spread, fmt="o", color=FAST, capsize=3, label="common lag")
     ax.plot(rest, y - 0.12, "s", color=SLOW, label="differences between channels")
     ax.set_xscale("log")
-    ax.axvline(0.05 * design.lag_s, color=GREY, lw=0.8, ls="--", label="5 % of the lag")
-    ax.set_yticks(y, [p.name for p in design.predictions], fontsize="small")
+    for share, line, what in ((COMMON[0], "--", "common lag"), (DIFFERENCES[0], ":", "differences")):
+        text = f"{100 * share:.0f} % of the lag: {what} told well"
+        ax.axvline(share * design.lag_s, color=GREY, lw=1.0, ls=line, label=text)
+    shown = [
+        t for t in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if min(rest) / 2 < t < 2 * max(high)
+    ]
+    ax.set_xticks(shown, [f"{t:g}" for t in shown])
+    ax.minorticks_off()
+    ax.set_yticks(y, [p.name.replace("degC", "°C") for p in design.predictions], fontsize="small")
     ax.legend(fontsize="small")
     return _axes(ax, "Expected standard uncertainty [s]", "")
 

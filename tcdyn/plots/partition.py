@@ -6,9 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calibration.disk import CHANNELS, DISKS
+from calibration.estimate import Z95
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
-from tcdyn.plots.style import CHANNEL_STYLE, DISK_COLOUR, GREY
+from tcdyn.plots.style import BAND, CHANNEL_STYLE, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY
 
 SHOWN = ("e", "a", "b")
 
@@ -22,7 +23,7 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
         i = CHANNELS.index(ch)
         ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
         x, u = done.temperature[near, i], done.sd[near, i]
-        ax.fill_between(t[near], x - 1.96 * u, x + 1.96 * u, color=DISK_COLOUR[disk], alpha=0.25, linewidth=0)
+        ax.fill_between(t[near], x - Z95 * u, x + Z95 * u, color=DISK_COLOUR[disk], alpha=BAND, linewidth=0)
         depth = p.test.disks[disk].setup.junctions[ch].depth_m * 1e3
         ax.plot(
             t[near], x, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch], linewidth=1.6,
@@ -46,30 +47,28 @@ def draw_lines(p: Partition, ax: Axes) -> Axes:
         share = line.intercept + line.slope * h
         beta = share if disk == "fast" else 1 - share
         word = "β = A + B h" if disk == "fast" else "β = 1 - (C + D h)"
-        ax.plot(h, beta, color=colour, linestyle="-" if disk == "fast" else "--", label=f"{disk} steady line, {word}")
+        ax.plot(h, beta, color=colour, linestyle=DISK_LINE[disk], label=f"{disk} steady line, {word}")
         h_speed = p.speed.h_fast if disk == "fast" else p.speed.h_slow
-        _point(p, ax, f"h_{disk}", h_speed, "speed law", p.speed.beta, "o", colour, f"speed law, {disk}")
-        fit = p.cooling[disk]
-        _point(
-            p, ax, f"h cooling {disk}", fit.h_W_m2K, f"cooling {disk}", fit.beta, "s", colour, f"cooling fit, {disk}"
-        )
-        joint = p.joint[disk]
-        _point(p, ax, f"h joint {disk}", joint.h_W_m2K, f"joint {disk}", joint.beta, "^", colour, f"joint fit, {disk}")
+        fit, joint = p.cooling[disk], p.joint[disk]
+        _point(p, ax, f"h_{disk}", h_speed, "speed law", p.speed.beta, 0, colour, f"speed law, {disk}")
+        _point(p, ax, f"h cooling {disk}", fit.h_W_m2K, f"cooling {disk}", fit.beta, 1, colour, f"cooling fit, {disk}")
+        _point(p, ax, f"h joint {disk}", joint.h_W_m2K, f"joint {disk}", joint.beta, 2, colour, f"joint fit, {disk}")
     ax.set_xlim(0, top)
     ax.set_xlabel("heat transfer coefficient of the disk [W/m²K]")
     ax.set_ylabel("heat partition β (share of the fast disk) [1]")
-    ax.legend(frameon=False, fontsize=8, ncols=2)
+    ax.legend(frameon=False, fontsize=8, ncols=2, markerscale=0.7)
     return ax
 
 
 def _point(
-    p: Partition, ax: Axes, h_key: str, h: float, key: str, beta: float, marker: str, colour: str, label: str
+    p: Partition, ax: Axes, h_key: str, h: float, key: str, beta: float, way: int, colour: str, label: str
 ) -> None:
-    """A point with 95 % bars from the budget's draws."""
-    draws = p.budget.draws
+    """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
+    draws, (marker, size) = p.budget.draws, (("o", 14), ("s", 9), ("^", 5))[way]
     ax.errorbar(
-        h, beta, xerr=1.96 * float(np.std(draws[h_key])), yerr=1.96 * float(np.std(draws[key])), fmt=marker,
-        color=colour, markerfacecolor="white", markersize=7, capsize=2, linewidth=0.9, label=label,
+        h, beta, xerr=Z95 * float(np.std(draws[h_key])), yerr=Z95 * float(np.std(draws[key])), fmt=marker,
+        color=colour, markerfacecolor=colour if way == 2 else "white", markersize=size, capsize=3 + 2 * (2 - way),
+        linewidth=0.9, zorder=3 + way, label=label,
     )  # fmt: skip
 
 
@@ -79,9 +78,11 @@ def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     both = p.both.estimates["beta"]
     rows.append(("joint, both disks", both.value, both.u))
     for k, (name, value, u) in enumerate(reversed(rows)):
-        colour = DISK_COLOUR.get(name.split()[-1], "black")
-        ax.errorbar(value, k, xerr=1.96 * u, fmt="o", color=colour, capsize=3)
-    ax.set_yticks(range(len(rows)), [name for name, _, _ in reversed(rows)])
+        disk = name.split()[-1]
+        ax.errorbar(
+            value, k, xerr=Z95 * u, fmt=DISK_MARKER.get(disk, "D"), color=DISK_COLOUR.get(disk, "black"), capsize=3
+        )
+    ax.set_yticks(range(len(rows)), [_way_words(name) for name, _, _ in reversed(rows)])
     if truth is not None:
         ax.axvline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
         ax.legend(frameon=False, fontsize=8)
@@ -90,18 +91,26 @@ def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     return ax
 
 
+def _way_words(name: str) -> str:
+    """A way's name as the tables write it."""
+    kind, _, disk = name.partition(" ")
+    return f"{kind} fit, {disk} disk" if disk in DISKS else name.replace("joint,", "joint fit,")
+
+
 def draw_budget(p: Partition, ax: Axes) -> Axes:
-    """Standard uncertainty of beta by source: steady and transient, largest on top."""
-    rows = list(reversed(p.budget.rows))
-    y = np.arange(len(rows))
-    ax.barh(y + 0.2, [r.u_beta_steady for r in rows], height=0.38, color="#444444", label="speed law")
+    """Standard uncertainty of beta by source, steady and transient, largest on top; all together at the foot."""
+    rows = [("all together", *p.budget.together)]
+    rows += [(r.source, r.u_beta_steady, r.u_beta_transient) for r in reversed(p.budget.rows)]
+    y = np.arange(len(rows)) + np.where(np.arange(len(rows)) > 0, 0.5, 0.0)
+    ax.barh(y + 0.2, [r[1] for r in rows], height=0.38, color="#444444", label="speed law")
     ax.barh(
-        y - 0.2, [r.u_beta_transient for r in rows], height=0.38, color="#bbbbbb", edgecolor="#444444",
+        y - 0.2, [r[2] for r in rows], height=0.38, color="#dddddd", edgecolor="#444444", hatch="////", linewidth=0.6,
         label="cooling fit (the worse disk)",
     )  # fmt: skip
-    ax.set_yticks(y, [r.source for r in rows])
+    ax.axhline(0.75, color="black", linewidth=0.8)
+    ax.set_yticks(y, [r[0] for r in rows])
     ax.set_xlabel("standard uncertainty of β [1]")
-    ax.legend(frameon=False, fontsize=8, loc="lower right")
+    ax.legend(frameon=False, fontsize=8, loc="center right")
     return ax
 
 
@@ -131,7 +140,7 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
     ax.plot(n, beta, color="black", label="speed law")
     implied = p.both.estimates["exponent"]
     ax.errorbar(
-        implied.value, p.both.beta, xerr=1.96 * implied.u, yerr=1.96 * p.both.estimates["beta"].u, fmt="^",
+        implied.value, p.both.beta, xerr=Z95 * implied.u, yerr=Z95 * p.both.estimates["beta"].u, fmt="^",
         color="black", markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
     )  # fmt: skip
     ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
@@ -149,8 +158,9 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
         for ch in SHOWN:
             y = p.test.disks[disk].readings_degC[::step, CHANNELS.index(ch)]
             ax.plot(
-                t[::step], y, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch], linewidth=1, label=f"{disk} {ch}"
-            )
+                t[::step], y, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch],
+                linewidth=1.8 if disk == "fast" else 1, label=f"{disk} {ch}",
+            )  # fmt: skip
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(at, color="black", linewidth=0.7)
     ax.set_xlabel("time [s]")

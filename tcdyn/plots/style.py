@@ -1,13 +1,16 @@
-"""One look for all pictures: legible in greyscale, units on every axis."""
+"""One look for all pictures: tone, line and marker tell, colour only helps; units on every axis."""
 
 from __future__ import annotations
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-FAST, SLOW, TRUTH, GREY = "#b5451b", "#1f4e79", "#000000", "#8a8a8a"
+FAST, SLOW, TRUTH, GREY = "#d1662a", "#1f4e79", "#000000", "#8a8a8a"  # fast prints light grey, slow dark
 DISK_COLOUR = {"fast": FAST, "slow": SLOW}
+DISK_MARKER = {"fast": "o", "slow": "s"}
+DISK_LINE = {"fast": "-", "slow": "--"}
 CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
+BAND = 0.25  # opacity of a 95 % band under its line
 
 
 def figure(rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2) -> tuple[Figure, list[Axes]]:

@@ -6,9 +6,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from calibration.disk import DISKS
-from tcdyn.plots.style import DISK_COLOUR
-
-MARKER = {"fast": "o", "slow": "s"}
+from calibration.estimate import Z95
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER
 
 
 def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None) -> Axes:
@@ -20,14 +19,14 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
         own = table[(table["disk"] == disk) & table[quantity].notna()]
         x = own["window_s"] * (1.0 + 0.03 * k)  # side by side
         ax.errorbar(
-            x, own[quantity], yerr=1.96 * own[f"u_{quantity}"], fmt="none", ecolor=DISK_COLOUR[disk], capsize=2,
+            x, own[quantity], yerr=Z95 * own[f"u_{quantity}"], fmt="none", ecolor=DISK_COLOUR[disk], capsize=2,
             linewidth=0.8,
         )  # fmt: skip
         for early in (True, False):
             part = (own["within_lag"] == early).to_numpy()
             if part.any():
                 ax.plot(
-                    x[part], own[quantity][part], MARKER[disk], color=DISK_COLOUR[disk],
+                    x[part], own[quantity][part], DISK_MARKER[disk], color=DISK_COLOUR[disk],
                     markerfacecolor="white" if early else DISK_COLOUR[disk],
                     label=f"{disk} disk" + (", window shorter than the lag" if early else ""),
                 )  # fmt: skip
@@ -49,11 +48,11 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     y = list(range(len(names)))[::-1]
     ax.axvspan(-2, 2, color="#eeeeee", zorder=0)
     for at, (_, r) in zip(y, table.iterrows()):
-        ax.plot(r["z"], at, MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
+        ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
     ax.axvline(0, color="black", linewidth=0.8)
     ax.set_yticks(y, names)
     reach = max(3.0, 1.2 * float(table["z"].abs().max()))
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("compensated less commuted, in standard uncertainties of the difference [1]")
+    ax.set_xlabel("compensated less commuted,\nin standard uncertainties of the difference [1]")
     return ax

@@ -6,10 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.disk import DISKS
+from calibration.estimate import rounded
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.tables import budget_table, test_table, ways_table
+from tcdyn.partition.profile_interval import interval_table
+from tcdyn.partition.tables import budget_table, junctions_table, test_table, ways_table
 from tcdyn.partition.windows import cooling_by_window, referee_table
 from tcdyn.plots import partition as draw
+from tcdyn.plots.junctions import draw_junctions
+from tcdyn.plots.profile import draw_profiles
 from tcdyn.plots.style import figure
 from tcdyn.plots.windows import draw_referee, draw_window_study
 from tcdyn.report.page import Section, write_page
@@ -18,60 +22,94 @@ ASSUMED = (
     "conductivity, density and specific heat of the steel, bore radius and washer thickness are assumptions of "
     "rig.toml with the uncertainties of its [uncertainty] table",
     "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
-    "the speed law h ~ u^n with n of rig.toml, uncertain between 0.571 and 0.8",
+    "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
 
 
 def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[Section]:
     """Sections for one test, most wanted first."""
+    return [
+        *answer_sections(p, name, truth),
+        *uncertainty_sections(p, name),
+        *transient_sections(p, name),
+        profile_section(p, name),
+        *test_sections(p, name),
+    ]
+
+
+def answer_sections(p: Partition, name: str, truth: float | None) -> list[Section]:
+    """Every way to beta, the traces at the unloading, and the steady lines with the points on them."""
+    ways, (ax,) = figure(height_in=3.2)
+    draw.draw_ways(p, ax, truth)
     unloading, axes = figure(1, 2, height_in=4.6)
     for disk, ax in zip(DISKS, axes):
         draw.draw_unloading(p, disk, ax)
-    lines, (ax,) = figure(height_in=5.0)
+    lines, (ax,) = figure(height_in=4.8)
     draw.draw_lines(p, ax)
     if truth is not None:
-        ax.axhline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
+        ax.axhline(truth, color="black", linestyle=":", linewidth=1.2, label="truth of the simulation")
         ax.legend(frameon=False, fontsize=8, ncols=2)
-    ways, (ax,) = figure(height_in=3.2)
-    draw.draw_ways(p, ax, truth)
-    budget, (ax,) = figure(height_in=4.0)
+    lag = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
+    return [
+        Section(
+            f"{name}: every way to β",
+            "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk from its "
+            "compensated traces after the parting. Joint fit: β, h and lag together from the traces as logged.",
+            table=ways_table(p),
+            figure=ways,
+            caption="Bars are 95 % intervals.",
+        ),
+        Section(
+            f"{name}: the unloading, as logged and compensated",
+            f"Common lag of each disk from the unloading, the record as prior: {lag}.",
+            figure=unloading,
+            caption="Noisy grey: readings after the static line. Smooth: junction temperature with its 95 % band.",
+        ),
+        Section(
+            f"{name}: steady lines and the points on them",
+            figure=lines,
+            caption="Steady running leaves a line for each disk; each way picks a point on it. Bars are 95 %. Markers "
+            "of different size, so that equal answers stay visible.",
+        ),
+    ]
+
+
+def uncertainty_sections(p: Partition, name: str) -> list[Section]:
+    """Budget, influence of the exponent, and the error maps that the steady lines come from."""
+    budget, (ax,) = figure(height_in=4.4)
     draw.draw_budget(p, ax)
     exponent, (ax,) = figure(height_in=3.4)
     draw.draw_exponent(p, ax)
     maps, axes = figure(1, 2, height_in=4.0)
     for disk, ax in zip(DISKS, axes):
         draw.draw_map(p, disk, ax)
-    whole, (ax,) = figure(height_in=3.8)
-    draw.draw_temperatures(p, ax)
-    lag = ", ".join(f"{d} {p.joint[d].estimates['lag_s']} s" for d in DISKS)
+    steady = max(p.budget.rows, key=lambda r: r.u_beta_steady).source
+    transient = max(p.budget.rows, key=lambda r: r.u_beta_transient).source
     return [
         Section(
-            f"{name}: the unloading, as logged and compensated",
-            f"Common lag of each disk from the unloading, the record as prior: {lag}.",
-            figure=unloading,
-            caption="Grey: readings after the static line. Coloured: junction temperature with its 95 % band.",
-        ),
-        Section(
-            f"{name}: steady lines and the points on them",
-            figure=lines,
-            caption="Where the speed law, the cooling fits (h only) and the joint fits put each disk; bars are 95 %.",
-        ),
-        Section(f"{name}: every way to beta", table=ways_table(p), figure=ways),
-        Section(
             f"{name}: where the uncertainty comes from",
-            f"Monte Carlo of {len(next(iter(p.budget.draws.values())))} draws, one source at a time.",
+            f"Largest source: {steady} for the speed law, {transient} for the cooling fit. Each row is one source "
+            f"alone, by Monte Carlo of {len(next(iter(p.budget.draws.values())))} draws; the last row is all sources "
+            "drawn together.",
             table=budget_table(p),
             figure=budget,
         ),
         Section(
             f"{name}: how much the exponent matters",
             figure=exponent,
-            caption="The joint fit of both disks assumes no speed law and so estimates the exponent.",
+            caption="The joint fit of both disks assumes no speed law and so estimates the exponent. Bars are 95 %.",
         ),
         Section(f"{name}: error maps of the steady stretch", figure=maps, caption="The valley is the steady line."),
-        *transient_sections(p, name),
+    ]
+
+
+def test_sections(p: Partition, name: str) -> list[Section]:
+    """The sensors' readings against each other, the conditions, and the whole record."""
+    whole, (ax,) = figure(height_in=3.8)
+    draw.draw_temperatures(p, ax)
+    return [
         *sensor_sections(p, name),
-        Section(f"{name}: the test", table=test_table(p), figure=whole),
+        Section(f"{name}: the test", table=test_table(p), figure=whole, caption="Upright lines: load on, unloading."),
     ]
 
 
@@ -91,6 +129,22 @@ def transient_sections(p: Partition, name: str) -> list[Section]:
     ]
 
 
+def profile_section(p: Partition, name: str) -> Section:
+    """Whether the standard uncertainties of the joint fits tell their 95 % intervals: profiles, intervals, remarks."""
+    picture, axes = figure(3, 4, width_in=10.0, height_in=7.0)
+    draw_profiles(p.profiles, axes)
+    table = interval_table(p.profiles)
+    remarks = [r for r in table.pop("remark") if r]
+    return Section(
+        f"{name}: are the joint fits' intervals symmetric?",
+        " ".join(remarks)
+        or "Yes: profiles and standard uncertainties give the same 95 % intervals, to a fifth of their half-width.",
+        table=table,
+        figure=picture,
+        caption="How much worse the fit becomes as one number is held elsewhere and everything else follows.",
+    )
+
+
 def sensor_sections(p: Partition, name: str) -> list[Section]:
     """The pairs of junctions of each disk as tables 6.2 to 6.5 of the thesis judge them."""
     if p.sensors is None:
@@ -98,9 +152,43 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
     out = []
     for disk in DISKS:
         matrix = p.sensors.matrix(disk).rename_axis("junction").reset_index()
-        words = f"{p.sensors.verdicts[disk]} Bulk temperature {p.sensors.bulk_degC[disk]:.1f} degC."
+        matrix = matrix.iloc[:-1].drop(columns=matrix.columns[1])  # each pair stands once
+        words = (
+            f"{p.sensors.verdicts[disk]} Bulk temperature {p.sensors.bulk_degC[disk]:.1f} degC.\n\nOf each pair: "
+            "logical where the two differ as their places say they must, weak within two standard uncertainties, "
+            "illogical where they differ the other way, N.A. where their places do not tell which is hotter."
+        )
         out.append(Section(f"{name}: sensor map of the {disk} disk, steady running", words, table=matrix))
+    if p.sensors.depths:
+        whole, (ax,) = figure(height_in=3.4)
+        draw_junctions(p.sensors.depths, ax)
+        words = (
+            "The steady pattern and the first seconds after loading and unloading place each junction by themselves. "
+            "A bar outside the grey band is a junction to measure again; what counts as a contradiction is judged over "
+            "all junctions together, in the verdict above."
+        )
+        table = junctions_table(p.sensors.depths)
+        out.append(Section(f"{name}: are the junctions where they are stated to be?", words, table=table, figure=whole))
     return out
+
+
+def verdict(p: Partition) -> str:
+    """The answer first, then whether the ways to it agree."""
+    beta = p.estimate("speed law", p.speed.beta)
+    low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
+    return f"β = {beta} by the speed law (95 %: {low} to {high}). {p.crosscheck.sentence}"
+
+
+def assumed(p: Partition) -> list[str]:
+    """What nobody measured, with the values in use."""
+    s = p.test.disks["fast"].setup
+    return [
+        f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
+        f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as are the bore "
+        "radius and the washer",
+        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
+        f"the speed law h ~ u^n with n = {p.test.speed_exponent:g} of rig.toml, whose range is part of the uncertainty",
+    ]
 
 
 def write_beta_report(
@@ -112,8 +200,7 @@ def write_beta_report(
     for name, p in tests.items():
         sections += beta_sections(p, name, (truths or {}).get(name))
         warnings += [w if len(tests) == 1 else f"{name}: {w}" for w in p.warnings]
-    verdict = " ".join(
-        p.crosscheck.sentence if len(tests) == 1 else f"{name}: {p.crosscheck.sentence}" for name, p in tests.items()
-    )
+    said = "\n\n".join(verdict(p) if len(tests) == 1 else f"{name}: {verdict(p)}" for name, p in tests.items())
     title = "Heat partition: " + ", ".join(tests)
-    return write_page(path, title, [*extra, *sections], verdict=verdict, warnings=warnings, assumptions=ASSUMED)
+    told = list(dict.fromkeys(line for p in tests.values() for line in assumed(p)))
+    return write_page(path, title, [*extra, *sections], verdict=said, warnings=warnings, assumptions=told)

@@ -8,94 +8,132 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from calibration.estimate import with_u
 from calibration.record import DiskRecord
 from calibration.recorddiff import check_record
 from calibration.static import OvenFit, static_u
-from tcdyn.identify.plunge_result import PlungeFit
+from tcdyn.identify.plunge_result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.pipeline.calibrate import CalibrationRun
-from tcdyn.plots.calibration import lag_figure, oven_figure
-from tcdyn.plots.plunges import plunge_figure
+from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
+from tcdyn.plots.plunges import plunge_figure, standardised
+from tcdyn.plots.plunges import residual_figure as left_over_figure
 from tcdyn.report.page import Section, write_page
+
+FIT = "fit to use"
+NO_BREAK = "\u00a0"
 
 
 def write_certificate(path: str | Path, run: CalibrationRun) -> Path:
-    """One page: verdict on each thermocouple, static lines, lags with intervals, what was assumed."""
+    """One page: verdict, warnings and assumptions, each thermocouple, then what the lags and the lines rest on."""
     record = run.record
-    told = Section("What the plunges can tell", run.fit.sentence, table=run.fit_table())
     return write_page(
         path,
         f"Calibration of the {record.disk} disk",
-        certificate_sections(record, run.oven, [*plunge_sections(run.fit), told]),
+        certificate_sections(record, run.oven, fit_sections(run.fit)),
         verdict=certificate_verdict(record),
         warnings=record.warnings,
         assumptions=certificate_assumptions(record),
+        footer=made(record),
     )
+
+
+def made(record: DiskRecord) -> str:
+    """When the record was made and by whom."""
+    return f"Made {record.created}" + (f" by {record.created_by}" if record.created_by else "") + "."
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     """One sentence on each thermocouple: fit to use, or what is wrong with it."""
     doubts = check_record(record)
     verdicts: dict[str, str] = {}
-    for name, line in sorted(record.static.items()):
+    for name in sorted(record.static):
         said = [d for d in doubts if f"channel {name}:" in d or f"static.{name}" in d or f"chain.{name}" in d]
-        u = float(static_u(line, 0.5 * sum(line.range_degC)))
-        verdicts[name] = "; ".join(said) if said else f"fit to use, {u:.2f} degC standard uncertainty at rest"
+        verdicts[name] = "; ".join(said) if said else FIT
     return verdicts
 
 
 def summary_table(record: DiskRecord) -> pd.DataFrame:
-    """One row a channel: line, uncertainty at both ends of the range, lag with interval, verdict."""
+    """One row a channel: line, uncertainty at rest, lag with interval, difference from the common lag, verdict."""
     verdicts = channel_verdicts(record)
     rows = []
     for name, line in sorted(record.static.items()):
-        u = static_u(line, np.array(line.range_degC))
+        low, high = line.range_degC
+        u = static_u(line, np.linspace(low, high, 50))
+        gain, offset = line.gain_estimate, line.offset_estimate
         row = {
             "channel": name,
-            "gain": f"{line.gain:.5f}",
-            "offset [degC]": f"{line.offset:+.3f}",
-            "u [K] at range ends": f"{u[0]:.3f} / {u[1]:.3f}",
+            "verdict": verdicts[name].replace(" ", NO_BREAK) if verdicts[name] == FIT else verdicts[name],
+            "gain": with_u(gain.value, gain.u),
+            "offset [degC]": with_u(offset.value, offset.u),
+            "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
         }
         if record.chain is not None and name in record.chain.channels:
             lag, apart = record.chain.channels[name].lag_s, record.chain.differential_lag_s[name]
-            row["lag [s] (95 %)"] = f"{lag.value:.3f} ({lag.low95:.3f} to {lag.high95:.3f})"
-            row["minus common [s]"] = f"{apart.value:+.4f} +- {apart.u:.4f}"
-        rows.append({**row, "verdict": verdicts[name]})
+            row["lag [s]"] = with_u(lag.value, lag.u)
+            row["95 % [s]"] = interval(lag)
+            row["minus common lag [s]"] = with_u(apart.value, apart.u)
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def certificate_verdict(record: DiskRecord) -> str:
     """The whole disk in one sentence."""
-    good = sum(v.startswith("fit to use") for v in channel_verdicts(record).values())
+    good = sum(v == FIT for v in channel_verdicts(record).values())
     text = f"Disk {record.disk}: {good} of {len(record.static)} thermocouples fit to use"
     if record.chain is not None:
         common = record.chain.common_lag_s
-        text += f"; common lag {common.value:.3f} s (95 %: {common.low95:.3f} to {common.high95:.3f})"
+        apart = max(d.u for d in record.chain.differential_lag_s.values())
+        text += f"; common lag {with_u(common.value, common.u, 's')} (95 %: {interval(common)} s)"
+        text += f", each channel's difference from it to {apart:.2g} s"
+        found = record.fit.get("structures") or {}
+        if found.get("contradicted"):
+            text += f"; the plunges contradict its chain structure {record.chain.structure}"
     return text + "."
 
 
 def certificate_sections(
     record: DiskRecord, oven: OvenFit | None = None, traces: Sequence[Section] = ()
 ) -> list[Section]:
-    """The sections of the certificate; ``traces`` (plunges, their residuals) come before the inputs."""
-    made = f"Made {record.created}" + (f" by {record.created_by}" if record.created_by else "") + "."
-    sections = [Section("Summary", text=f"{certificate_verdict(record)}\n\n{made}", table=summary_table(record))]
-    if oven is not None:
-        table = oven.statistics.rename_axis("error against the PRT [K]").reset_index()
-        sections.append(
-            Section(
-                "Oven",
-                table=table,
-                figure=oven_figure(oven),
-                caption="Errors before and after the static lines, and what the lines leave.",
-            )
-        )
+    """The sections of the certificate; ``traces`` (structures, plunges, their residuals) follow the lags."""
+    low, high = next(iter(record.static.values())).range_degC
+    rest = f"At rest, from {low:.0f} to {high:.0f} degC: temperature = gain x logged + offset, uncertain by u."
+    sections = [Section("Thermocouples", text=rest, table=summary_table(record))]
     if record.chain is not None:
-        caption = "Dots: lags; thin: their 95 % intervals; thick: those of the differences from the common lag."
-        sections.append(Section("Lags", figure=lag_figure(record.chain), caption=caption))
+        ratio = record.chain.common_lag_s.u / float(
+            np.median([d.u for d in record.chain.differential_lag_s.values()]) or 1.0
+        )
+        title = "Lags" if ratio < 1.5 else f"Lags: their differences are known {ratio:.0f} times better than their mean"
+        caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
+        note = INTERVAL_NOTE.strip("()")
+        sections.append(
+            Section(title, f"{note[:1].upper()}{note[1:]}.", figure=lag_figure(record.chain), caption=caption)
+        )
     sections += list(traces)
+    if oven is not None:
+        sections += oven_sections(oven)
     inputs = pd.DataFrame([{"file": i.file, "sha256": i.sha256} for i in record.inputs])
     sections.append(Section("Made from", table=inputs if len(inputs) else None))
     return sections
+
+
+def oven_sections(oven: OvenFit) -> list[Section]:
+    """Errors before and after the static lines, and what the lines leave."""
+    table = oven.statistics.map(lambda v: f"{v:.2g}").rename_axis("error against the PRT [K]").reset_index()
+    left = float(np.nanstd(oven.calibrated_errors_K))
+    return [
+        Section(
+            f"Oven: the static lines leave {left:.2g} K",
+            table=table,
+            figure=error_figure(oven),
+            caption="Errors of all channels, one for each hold; between the dashed lines lie 95 % of them.",
+        ),
+        Section(
+            "Oven: what the lines leave, against temperature",
+            figure=residual_figure(oven),
+            caption="A column of markers that moves as one is an error of the PRT in that hold; a curve that repeats "
+            "would be one of the lines.",
+        ),
+    ]
 
 
 def certificate_assumptions(record: DiskRecord) -> list[str]:
@@ -109,22 +147,70 @@ def certificate_assumptions(record: DiskRecord) -> list[str]:
         "Junction depths: "
         + ", ".join(f"{c} {j.depth_mm:g} mm" for c, j in sorted(record.setup.thermocouples.items()))
         + f", each to {record.setup.uncertainty.depth_mm:g} mm.",
+        *plunge_assumptions(record),
     ]
 
 
+def plunge_assumptions(record: DiskRecord) -> list[str]:
+    """What the plunge fit took for granted; empty for a record without one."""
+    correlation = record.fit.get("correlation")
+    if not correlation:
+        return []
+    law = f"natural convection by {correlation}, its scale fitted"
+    return [f"Plunges: heat enters by the running surface only; {law}; an entry burst of h that fades."]
+
+
+def fit_sections(fit: PlungeFit) -> list[Section]:
+    """Structures, plunges, and what limits the lags."""
+    told = Section(
+        "What limits the lags",
+        fit.sentence,
+        figure=budget_figure(fit.budget),
+        caption="Variance that goes when a source is known, as a standard uncertainty. Sources stand in for each "
+        "other, so they do not add up to all of the fit.",
+    )
+    priors = Section(
+        "What the plunge fit takes as known beforehand",
+        "Each quantity is fitted within its prior (sd: standard deviation); a run is one plunge.",
+        table=pd.DataFrame(fit.priors.describe(), columns=["quantity", "prior"]),
+    )
+    return [*structure_sections(fit), told, *plunge_sections(fit), priors]
+
+
+def structure_sections(fit: PlungeFit) -> list[Section]:
+    """Every chain structure on the same plunges; empty where others were not tried."""
+    if fit.structures is None:
+        return []
+    words = fit.structures.sentence
+    how = (
+        "Probability: by the evidence of each structure, all equally likely beforehand; one lag, a special case of the "
+        "others, gets no credit for being simple. Chi-square: misfit and priors together. Held out: -2 log of the "
+        "probability of each plunge as the others foresee it. Of both, less is better."
+    )
+    text = how if fit.structures.warnings else f"{words[:1].upper()}{words[1:]}.\n\n{how}"
+    return [Section("Which chain structure", text, table=fit.structures.table())]
+
+
 def plunge_sections(fit: PlungeFit) -> list[Section]:
-    """The certificate's section on the plunges: traces, residuals, and their size for each channel."""
+    """The certificate's sections on the plunges: the first seconds, and what is left in each channel."""
     rows = []
-    for run, model, predicted in zip(fit.runs, fit.optimum.problem.models, fit.optimum.predictions_degC):
-        rest = model.blocks.readings_degC - predicted
-        sizes = np.sqrt(np.nanmean(rest**2, axis=0))
-        rows.append({"plunge": run.name, **{f"{c} [K]": f"{s:.3f}" for c, s in zip(fit.channels, sizes)}})
+    for k, run in enumerate(fit.runs):
+        sizes = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
+        noise = fit.optimum.problem.noise_sd_K[k]
+        rows.append({"plunge": run.name, **{f"{c} [K]": f"{n * s:.2f}" for c, n, s in zip(fit.channels, noise, sizes)}})
     return [
         Section(
-            "Plunges",
-            text="Residuals (rms over blocks) of each channel:",
-            table=pd.DataFrame(rows),
+            "Plunges: the first seconds",
             figure=plunge_figure(fit),
-            caption="Dots: block means of the readings; lines: immersion model and chain. Below: what is left.",
-        )
+            caption="Dots: means of the readings over blocks; lines: immersion model and chain. The channel nearest "
+            "to the surface and the farthest one; the others lie between.",
+        ),
+        Section(
+            "Plunges: what the model leaves",
+            "Left over in a single sample of each channel (root mean square):",
+            table=pd.DataFrame(rows),
+            figure=left_over_figure(fit),
+            caption="Readings minus model over their expected noise. Were it all noise, 95 % would lie between the "
+            "dashed lines and the mean would wander about zero.",
+        ),
     ]

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.disk import CHANNELS
+from calibration.estimate import Z95
 from calibration.record import DiskRecord
 from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
 from tcdyn.compensate.inverse import proper_inverse
@@ -17,7 +18,7 @@ from tcdyn.partition.prepare import record_chains
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import BAND, SLOW, figure
 from tcdyn.report.page import Section, write_page
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
@@ -29,11 +30,40 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
     sections: list[Section] = []
     for disk, result in done.disks.items():
         sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
-    lags = "; ".join(f"{d}: common lag {done.metadata[f'{d}_common_lag_s']} s" for d in done.disks)
     notes = pd.DataFrame([{"key": k, "value": v} for k, v in done.metadata.items()])
     sections.append(Section("The output's own notes", table=notes))
-    title = f"Compensated traces: {done.raw.path.name}"
-    return write_page(path, title, sections, verdict=lags, warnings=done.warnings)
+    return write_page(
+        path,
+        f"Compensated traces: {done.raw.path.name}",
+        sections,
+        verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
+        warnings=done.warnings,
+        assumptions=assumed(records),
+    )
+
+
+def assumed(records: Mapping[str, DiskRecord]) -> list[str]:
+    """What the compensation takes for granted."""
+    filters = {
+        f"signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet"
+        for b in (r.conditioning for r in records.values())
+    }
+    return [
+        "the chain of each channel is that of the record: linear, and the same in this log as when it was calibrated",
+        *sorted(filters),
+        "between events the slope of each temperature wanders smoothly; at an event it may jump",
+    ]
+
+
+def _verdict(done: CompensatedLog, disk: str, result: Compensated) -> str:
+    """What was removed, and how well the result is known."""
+    channel = CHANNELS.index("e")
+    lag = done.metadata[f"{disk}_common_lag_s"]
+    sd = result.sd[:, channel]
+    return (
+        f"{disk} disk: a common lag of {lag}, was removed; channel e is then known to +- {float(np.median(sd)):.2g} K "
+        f"(typical sample), +- {float(sd.max()):.2g} K at worst."
+    )
 
 
 def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, warnings: tuple[str, ...] = ()) -> Path:
@@ -78,7 +108,7 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
         rows.append(
             {
                 "channel": CHANNELS[i],
-                "lag [s]": f"{chain.lag_s:.3f}",
+                "lag, record [s]": f"{chain.lag_s:.3f}",
                 "noise [K]": f"{noise:.3f}",
                 "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
                 "smoother hands over at [Hz]": f"{smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i]):.2f}",
@@ -95,7 +125,9 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
     return Section(
         f"{disk} disk: before use",
         f"The smoother used here looks both ways and leaves no shift. The causal inverse is stated for comparison, at "
-        f"the widest bandwidth at which its noise is at most {GAIN:g} times the trace's.\n\n{result.method}.",
+        f"the widest bandwidth at which its noise is at most {GAIN:g} times the trace's.\n\n"
+        f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample. "
+        "Hands over: above this frequency the smoother no longer follows, except at events.",
         table=pd.DataFrame(rows),
         figure=picture,
         caption="Channel e: a step at the junction through the chain alone, and through chain and causal inverse.",
@@ -111,10 +143,12 @@ def _followed(plan: Causal, log: Path, out: Path) -> Section:
     raw = _logged(plan, log, name)
     if raw is not None:
         ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color="0.7", label="logged")
-    ax.fill_between(time[shown], (x - 1.96 * u)[shown], (x + 1.96 * u)[shown], alpha=0.3, linewidth=0, label="95 %")
-    ax.plot(time[shown], x[shown], linewidth=1.0, label="compensated")
-    ax.set_xlabel("time, s")
-    ax.set_ylabel("temperature, °C")
+    ax.fill_between(
+        time[shown], (x - Z95 * u)[shown], (x + Z95 * u)[shown], color=SLOW, alpha=BAND, linewidth=0, label="95 %"
+    )
+    ax.plot(time[shown], x[shown], color=SLOW, linewidth=1.0, label="compensated")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("temperature [°C]")
     ax.legend(loc="best", fontsize="small")
     return Section(f"{name}, as it was followed", figure=picture, caption=f"{len(time)} rows.")
 

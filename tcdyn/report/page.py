@@ -1,9 +1,8 @@
-"""One self-contained HTML page: sections of words, tables and pictures, warnings first."""
+"""One self-contained HTML page: verdict, warnings, notes and assumptions first, then words, tables and pictures."""
 
 from __future__ import annotations
 
 import base64
-import html
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,10 +12,14 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from calibration.grade import graded
 from calibration.write import write_text
+from tcdyn.report.tables import table_html, typeset
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+__all__ = ["Section", "figure_data_uri", "render_page", "table_html", "write_page"]
 
 
 @dataclass(frozen=True)
@@ -47,32 +50,6 @@ class Section:
         return "" if self.figure is None else figure_data_uri(self.figure)
 
 
-def table_html(table: pd.DataFrame) -> str:
-    """The table as HTML: numbers right and unbroken, words left, long sentences in a column wide enough to read."""
-    columns = [[_cell(v) for v in table.iloc[:, k]] for k in range(table.shape[1])]
-    kinds = [_kind(cells) for cells in columns]
-    head = "".join(f'<th class="{k}">{html.escape(str(name))}</th>' for name, k in zip(table.columns, kinds))
-    rows = (
-        "<tr>" + "".join(f'<td class="{k}">{html.escape(c)}</td>' for c, k in zip(row, kinds)) + "</tr>"
-        for row in zip(*columns)
-    )
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-
-
-def _cell(value: object) -> str:
-    if value is None or value != value:
-        return ""
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-def _kind(cells: list[str]) -> str:
-    """ "prose" for long text, "words" for short text, "number" for all else."""
-    if any(len(c) > 28 and " " in c for c in cells):
-        return "prose"
-    filled = [c for c in cells if c]
-    return "words" if filled and not any(c[0] in "0123456789+-.<" for c in filled) else "number"
-
-
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     """The figure as a ``data:`` address, so that the page needs no other file."""
     buffer = io.BytesIO()
@@ -89,18 +66,22 @@ def render_page(
     assumptions: Sequence[str] = (),
     footer: str = "",
 ) -> str:
-    """The page as HTML text."""
+    """The page as HTML text; of ``warnings`` those that tell of something mended stand apart, as notes."""
     import jinja2
 
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
-    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(source)
-    return template.render(
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    environment.filters["typeset"] = typeset
+    alarms, notes = graded(warnings)
+    return environment.from_string(source).render(
         title=title,
         sections=sections,
-        verdict=verdict,
-        warnings=list(warnings),
+        verdict=[part.strip() for part in verdict.split("\n\n") if part.strip()],
+        warnings=alarms,
+        notes=notes,
         assumptions=list(assumptions),
         footer=footer,
+        plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
     )
 
 

@@ -97,6 +97,13 @@ def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
         assert ours < before / 4  # the lag of the record is known to 6 %: at best a sixteenth
 
 
+def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) -> None:
+    done = compensate_log(campaign.files.ehl["B3"], {"slow": campaign.records["slow"]}, campaign.rig)
+    assert any(w.startswith("no record of the fast disk") and "--record fast.disk.json" in w for w in done.warnings)
+    assert done.frame["fast_e_degC"].equals(done.raw.frame["fast_e_degC"])
+    assert " s, from the record" in done.metadata["slow_common_lag_s"]
+
+
 def test_the_page_holds_numbers_and_pictures(campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame) -> None:
     log, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "page.html"
     assert tcdyn("compensate", log, *fast(campaign), "--report", page, "-q") == 0

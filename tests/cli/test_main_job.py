@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -76,7 +77,8 @@ def test_command_and_function_give_the_same_numbers(beta_json: Path, campaign: C
 def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:
     html = beta_json.with_suffix(".html").read_text(encoding="utf-8")
     assert html.count("data:image/png;base64,") >= 6
-    assert "http" not in html.replace("http-equiv", "")
+    words = re.sub(r"base64,[^\"']+", "", html)  # a picture's letters may spell anything
+    assert "http" not in words.replace("http-equiv", "")
     assert "The ways to beta agree" in html
 
 

@@ -57,3 +57,14 @@ def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
     html = page.read_text()
     assert html.count("data:image/png") == 4
     assert "not checkable" in html
+
+
+def test_the_list_fits_eighty_columns_and_gives_a_shared_reason_once(monkeypatch):
+    long = [VerifyRow(f"error of mesh {k} at 2, 4, 8, 15 s, %", "table 3.2", "1, 2", "3, 4", "same trend", "word " * 40)
+            for k in range(4)]  # fmt: skip
+    monkeypatch.setattr(command, "verify_rows", lambda: [*few("agrees"), *long])
+    result = CliRunner().invoke(app, [], env={"COLUMNS": "80"})
+    assert max(len(line) for line in result.output.splitlines()) <= 80
+    assert result.output.count("word") == 40
+    assert result.output.index("same trend (") < result.output.index("agrees (")  # what needs reading comes first
+    assert "because" not in result.output

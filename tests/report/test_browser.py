@@ -1,34 +1,130 @@
-"""The report opened by a real browser: it draws, and the page's scripts and styles complain of nothing."""
+"""Every kind of page opened by a real browser: it draws, needs no network, and its console complains of nothing."""
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.partition.analyse import Partition
+from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.report.beta import write_beta_report
+from tcdyn.report.campaign import write_campaign_report
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
+from tests.report.test_campaign_page import sixteen
 
 BROWSER = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
 )
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
-def test_report_opens_in_a_browser_without_console_errors(campaign: Campaign, tmp_path: Path) -> None:
-    page, picture = tmp_path / "beta.html", tmp_path / "beta.png"
-    words = [w for path in campaign.record_paths.values() for w in ("--record", path)]
-    assert tcdyn("beta", campaign.files.ehl["B3"], *words, "--report", page, "-q") == 0
+def records(campaign: Campaign) -> list[object]:
+    return [w for path in campaign.record_paths.values() for w in ("--record", path)]
+
+
+def beta(_: Campaign, partition: Partition, page: Path) -> int:
+    write_beta_report(page, {"B3": partition})
+    return 0
+
+
+def demo(campaign: Campaign, partition: Partition, page: Path) -> int:
+    """The page of ``tcdyn demo``: that of a test with the simulation's truth in it."""
+    write_beta_report(page, {"B3": partition}, {"B3": campaign.truth["tests"]["B3"]["beta"]})
+    return 0
+
+
+def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
+    """The page of sixteen tests; the command that analyses logs first has tests of its own."""
+    write_campaign_report(page, CampaignRun(page.parent, (), sixteen()))
+    return 0
+
+
+def certificate(campaign: Campaign, _: Partition, page: Path) -> int:
+    plunges = [w for plunge in campaign.files.plunges["fast"] for w in ("--immersion", plunge)]
+    return tcdyn("calibrate", "--rig", campaign.files.rig, "--disk", "fast", "--oven", campaign.files.ovens["fast"],
+                 *plunges, "--fluid", "mobil-jet-ii", "--out", page.with_suffix(".json"), "--report", page,
+                 "-q")  # fmt: skip
+
+
+def compensate(campaign: Campaign, _: Partition, page: Path) -> int:
+    out = page.with_suffix(".csv")
+    return tcdyn("compensate", campaign.files.ehl["B3"], *records(campaign), "--out", out, "--report", page, "-q")
+
+
+def design(_: Campaign, __: Partition, page: Path) -> int:
+    return tcdyn("design", "--bath-degC", "110", "--duration-s", "40", "--out", page, "-q")
+
+
+def identify(_: Campaign, __: Partition, page: Path) -> int:
+    u = np.repeat([0.0, 1.0, 0.2, 0.8, 0.0], 40)
+    y = np.ravel(Chain((0.8,), conditioning=NO_CONDITIONING).response(u, 0.1, hold="zoh"))
+    table = pd.DataFrame(
+        {"time_s": 0.1 * np.arange(200), "u": u, "y": y + np.random.default_rng(2).normal(0, 0.01, 200)}
+    )
+    table.to_csv(page.with_suffix(".csv"), index=False)
+    data, wanted = page.with_suffix(".csv"), ("--hold", "zoh", "--models", "P1")
+    return tcdyn("identify", data, "--input", "u", "--output", "y", *wanted, "--report", page, "-q")
+
+
+def verify(_: Campaign, __: Partition, page: Path) -> int:
+    return tcdyn("verify", "--report", page, "-q")
+
+
+PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, verify)
+
+
+def chromium(*words: object) -> str:
+    """What the browser says on its standard error."""
+    flags = [
+        "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--enable-logging=stderr",
+    ]  # fmt: skip
     done = subprocess.run(
-        [
-            str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update", "--disable-sync",
-            "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1100,3000",
-            f"--screenshot={picture}", page.as_uri(),
-        ],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert "CONSOLE" not in done.stderr
-    assert picture.stat().st_size > 100_000  # a page of pictures; an empty one is some kilobytes
+        [str(BROWSER), *flags, *(str(w) for w in words)], capture_output=True, text=True, timeout=120, check=True
+    )
+    return done.stderr
+
+
+@pytest.fixture(scope="module", params=PAGES, ids=lambda make: make.__name__)
+def page(
+    request: pytest.FixtureRequest,
+    campaign: Campaign,
+    partition: Partition,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Path:
+    make: Callable[[Campaign, Partition, Path], int] = request.param
+    path = tmp_path_factory.mktemp(make.__name__) / "page.html"
+    assert make(campaign, partition, path) == 0
+    return path
+
+
+@needs_browser
+def test_a_page_opens_in_a_browser_without_console_errors(page: Path, tmp_path: Path) -> None:
+    picture = tmp_path / "page.png"
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
+    said = chromium(profile, "--window-size=1100,3000", f"--screenshot={picture}", page.as_uri())
+    assert "CONSOLE" not in said
+    assert picture.stat().st_size > 60_000  # a page of pictures; an empty one is some kilobytes
+
+
+def test_a_page_is_one_file_that_tells_its_answer_and_its_assumptions_first(page: Path) -> None:
+    html = page.read_text(encoding="utf-8")
+    assert "<script" not in html
+    assert not re.search(r'(src|href)="(?!data:)', html)
+    assert "url(" not in html
+    first = html.index("<h2>")
+    assert html.index('class="verdict"') < first
+    if "Published numbers" not in html:  # computed from the thesis's own figures: each row says what it assumes
+        assert html.index('class="assumptions"') < first
+    body = html[html.index("<body>") :]
+    assert "+-" not in body
+    assert not re.search(r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body)  # raw column names

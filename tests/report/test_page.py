@@ -1,10 +1,12 @@
-"""Tables of a report: numbers on the right and unbroken, words on the left, sentences wide enough to read."""
+"""A page for people: cells rounded to their uncertainty, warnings apart from notes, words with their signs."""
 
 from __future__ import annotations
 
 import pandas as pd
 
-from tcdyn.report.page import table_html
+from calibration.estimate import Estimate
+from tcdyn.report.page import Section, render_page
+from tcdyn.report.tables import pm, table_html
 
 
 def test_cells_are_set_by_what_they_hold() -> None:
@@ -12,12 +14,35 @@ def test_cells_are_set_by_what_they_hold() -> None:
         pd.DataFrame(
             {
                 "way": ["speed law", "joint fit"],
-                "β [1]": ["0.710 ± 0.009", ""],
+                "β [1]": ["0.710 +- 0.009", ""],
                 "h": [745.88532, float("nan")],
                 "why": ["the log is truncated: copy the file again", "a < b & c"],
+                "sha": ["0123456789abcdef0123456789abcdef", ""],
             }
         )
     )
-    assert '<td class="words">speed law</td><td class="number">0.710 ± 0.009</td><td class="number">745.89</td>' in html
+    assert '<td class="words">speed law</td><td class="number">0.710 ± 0.009</td><td class="number">745.9</td>' in html
     assert '<td class="number"></td><td class="prose">a &lt; b &amp; c</td>' in html
     assert '<th class="prose">why</th>' in html
+    assert '<th class="number">β <span class="unit">[1]</span></th>' in html
+    assert '<td class="long">0123456789abcdef0123456789abcdef</td>' in html
+
+
+def test_a_value_is_rounded_to_its_uncertainty() -> None:
+    assert pm([0.681487, 747.3], [0.00934, 60.2]) == ["0.6815 ± 0.0093", "747 ± 60"]
+    html = table_html(pd.DataFrame({"lag": [Estimate.normal(0.74512, 0.0163)]}))
+    assert ">0.745 ± 0.016<" in html
+
+
+def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
+    mended = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
+    alarm = "fast_c: 140.1 degC lies outside the calibrated 20 to 130 degC (extrapolated)"
+    page = render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], warnings=[mended, alarm], assumptions=["n = 2/3"])
+    warned, noted = (page.split(f'<div class="{kind}">')[1].split("</div>")[0] for kind in ("warnings", "notes"))
+    assert mended in noted
+    assert mended not in warned
+    assert "140.1 °C lies outside" in warned
+    assert "0.66 ± 0.01 W/m²K" in page
+    assert page.index("n = 2/3") < page.index("<h2>")  # assumptions stand on top
+    only_mended = render_page("B3", [], warnings=[mended])
+    assert '<div class="warnings">' not in only_mended

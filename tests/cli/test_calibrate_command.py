@@ -1,0 +1,153 @@
+"""`tcdyn calibrate` as people meet it: said once, digits that match, structures compared, a page one reads."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import re
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from tests.cli.test_main_job import tcdyn
+from tests.conftest import Campaign
+from tests.report.test_browser import BROWSER
+
+
+@dataclass(frozen=True)
+class Said:
+    """One run of the command on a plunge whose switch bounces."""
+
+    out: str
+    err: str
+    record: dict
+    page: str
+
+
+@pytest.fixture(scope="module")
+def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
+    folder = tmp_path_factory.mktemp("calibrate")
+    plunge = pd.read_csv(campaign.files.plunges["fast"][0], comment="#")
+    entry = int(plunge.index[plunge["switch"] > 0.5][0])
+    plunge.loc[[entry + 2, entry + 4, entry + 7], "switch"] = 0
+    plunge.to_csv(folder / "bouncing.csv", index=False)
+    out, page = folder / "fast.disk.json", folder / "fast.html"
+    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as warned:
+        code = tcdyn(
+            "calibrate", "--rig", campaign.files.rig, "--disk", "fast", "--oven", campaign.files.ovens["fast"],
+            "--immersion", folder / "bouncing.csv", "--structure", "P1", "--out", out, "--report", page,
+        )  # fmt: skip
+    assert code == 0
+    return Said(said.getvalue(), warned.getvalue(), json.loads(out.read_text("utf-8")), page.read_text("utf-8"))
+
+
+def test_a_bouncing_switch_is_told_once_and_in_one_wording(said: Said) -> None:
+    told = [w for w in said.record["warnings"] if "bounc" in w]
+    assert told == ["bouncing.csv: the entry switch bounced within a second; its first closing was taken"]
+    assert said.err.count("the entry switch bounced") == 1
+    assert (
+        "the entry switch bounced" not in said.out
+    )  # warnings go to standard error, and not a second time to the summary
+    assert said.page.count("the entry switch bounced") == 1
+
+
+def test_digits_around_plus_minus_match(said: Said) -> None:
+    pairs = re.findall(r"(-?[\d.]+) \+- ([\d.]+)", said.out)
+    assert len(pairs) >= 14  # the common lag twice, six channels with two each
+    for value, u in pairs:
+        assert len(value.partition(".")[2]) == len(u.partition(".")[2]), (value, u)
+        assert len(u.replace(".", "").lstrip("0")) == 2, (value, u)
+
+
+def test_intervals_of_lags_are_explained_where_they_stand(said: Said) -> None:
+    assert re.search(r"95 % [\d.]+ to [\d.]+ s\n +\(a lag's interval may reach further up than down", said.out)
+    assert "interval may reach further up than down" in said.page
+
+
+def test_structures_travel_with_record_summary_and_certificate(said: Said) -> None:
+    found = said.record["fit"]["structures"]
+    assert found["chosen"] == "P1"
+    assert {c["structure"] for c in found["candidates"]} == {"P1", "P2", "P1D"}
+    assert sum(c["probability"] for c in found["candidates"]) == pytest.approx(1.0)
+    assert said.out.count(found["sentence"]) + said.err.count(found["sentence"]) == 1
+    assert said.page.lower().replace("±", "+-").count(found["sentence"].lower()) == 1
+    assert found["u_common_lag_after_s"] == pytest.approx(said.record["chain"]["common_lag_s"]["u"], rel=1e-6)
+    assert "Which chain structure" in said.page
+    assert "one lag and a dead time" in said.page
+
+
+def test_the_certificate_gives_its_verdict_once_and_first(said: Said) -> None:
+    page = said.page
+    assert page.count("6 of 6 thermocouples fit to use") == 1
+    order = [
+        page.index(w) for w in ("thermocouples fit to use", "Assumed, not measured", "<h2>Thermocouples", "<h2>Lags")
+    ]
+    assert order == sorted(order)
+    assert page.count("data:image/png") == 6  # one message each: lags, budget, plunge, what is left, errors, residuals
+    assert not re.search(
+        r"<td[^>]*>-?\d+\.\d{5,}\s*</td>", page
+    )  # no number without its uncertainty runs to five digits
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+def test_the_certificate_opens_and_prints_without_console_errors(said: Said, tmp_path: Path) -> None:
+    page, printed = tmp_path / "fast.html", tmp_path / "fast.pdf"
+    page.write_text(said.page, encoding="utf-8")
+    done = subprocess.run(
+        [
+            str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+            "--disable-background-networking", "--disable-component-update", "--disable-sync",
+            "--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}", "--no-pdf-header-footer",
+            f"--print-to-pdf={printed}", page.as_uri(),
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    assert "CONSOLE" not in done.stderr
+    assert 2 <= printed.read_bytes().count(b"/Type /Page\n") <= 6  # some pages of A4, not one and not a book
+
+
+def test_an_unknown_structure_names_the_known_ones(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    f = campaign.files
+    code = tcdyn("calibrate", "--rig", f.rig, "--disk", "fast", "--oven", f.ovens["fast"], "--immersion",
+                 f.plunges["fast"][0], "--structure", "P9", "--quiet")  # fmt: skip
+    assert code == 2
+    assert "P1, P2, P1D" in capsys.readouterr().err
+
+
+def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Campaign) -> None:
+    from tcdyn.pipeline import calibrate_disk
+
+    f = campaign.files
+    plunges = [f.plunges["fast"][0], f.plunges["slow"][1]]
+    fluids = ["mobil-jet-ii", "water"]
+    told = calibrate_disk(campaign.rig, "fast", f.ovens["fast"], plunges, fluids).warnings
+    first, second = (p.name for p in plunges)
+    assert any(w.startswith(f"{second}: h comes out") and w.endswith("is the fluid the right one?") for w in told)
+    assert not any(w.startswith(f"{first}: h comes out") for w in told)
+    assert any("plunge of another disk" in w for w in told)
+
+
+def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(campaign: Campaign, tmp_path: Path) -> None:
+    from shutil import copy
+
+    from calibration.errors import InputError
+    from tcdyn.pipeline import calibrate_disk
+
+    f = campaign.files
+    again = copy(f.plunges["fast"][0], tmp_path / "another_name.csv")
+    with pytest.raises(InputError, match=f"same samples as {f.plunges['fast'][0].name}"):
+        calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [f.plunges["fast"][0], again], ["mobil-jet-ii"])
+
+
+def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> None:
+    from tcdyn.pipeline import calibrate_disk
+
+    f = campaign.files
+    told = calibrate_disk(campaign.rig, "fast", f.ovens["slow"], f.plunges["fast"], ["mobil-jet-ii"]).warnings
+    assert any("is the oven log of the disk that was plunged (fast)" in w for w in told)
+    own = calibrate_disk(campaign.rig, "fast", f.ovens["fast"], f.plunges["fast"], ["mobil-jet-ii"]).warnings
+    assert not any("is the oven log of the disk" in w for w in own)

@@ -1,0 +1,210 @@
+"""The commands are alike: the same options, a help that teaches, exit codes as told, colour on terminals only."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import typer
+
+from calibration.logs import read_log
+from tcdyn.cli.app import COMMANDS, load_command
+from tcdyn.pipeline import denoise
+from tests.cli.test_main_job import tcdyn
+from tests.conftest import Campaign
+
+PRINT_NUMBERS = {
+    "demo", "rig", "calibrate", "identify", "compensate", "beta", "campaign", "design", "hole", "verify",
+    "record show", "record diff", "record check", "simulate oven", "simulate immersion", "simulate hole",
+    "simulate ehl", "simulate campaign",
+}  # fmt: skip
+PAGE_LONG = {"record show", "record diff"}  # their output is the answer: nothing to be quiet about
+LONG = {"demo", "calibrate", "beta", "compensate"}  # several stages, each worth a line with --verbose
+
+
+def commands() -> dict[str, typer.core.TyperCommand]:
+    """Every command that can be called, by the words that call it."""
+    found = {}
+    for name in COMMANDS:
+        command = load_command(name)
+        inner = getattr(command, "commands", None)
+        found |= {f"{name} {k}": c for k, c in inner.items()} if inner else {name: command}
+    return found
+
+
+ALL = commands()
+
+
+def options(name: str) -> set[str]:
+    return {option for parameter in ALL[name].params for option in parameter.opts}
+
+
+def test_the_list_of_commands_is_complete() -> None:
+    assert set(ALL) == PRINT_NUMBERS
+
+
+@pytest.mark.parametrize("name", sorted(ALL))
+def test_options_are_the_same_everywhere(name: str) -> None:
+    assert "--json" in options(name)
+    assert ("--quiet" in options(name)) == (name not in PAGE_LONG)
+    assert ("--verbose" in options(name)) == (name in LONG)
+    assert all(p.help for p in ALL[name].params if p.opts[0].startswith("--")), "an option without a word"
+
+
+@pytest.mark.parametrize("name", sorted(ALL))
+def test_help_has_an_example_whose_options_exist(name: str) -> None:
+    text = ALL[name].help or ""
+    example = re.search(r"Example: (tcdyn .+)", text, re.S)
+    assert example
+    shown = set(re.findall(r"(?<=\s)--[\w-]+", example.group(1)))
+    known = options(name) | (options("simulate hole") if name == "hole" else set())
+    assert shown <= known
+
+
+def test_help_keeps_its_brackets() -> None:
+    """Rich takes [word] for markup and swallows it: units are capital or stand in words."""
+    for name, command in ALL.items():
+        for parameter in command.params:
+            assert not re.search(r"\[[a-z/@#]", getattr(parameter, "help", "") or ""), (name, parameter.name)
+
+
+def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
+    command = [sys.executable, "-m", "tcdyn.cli.app", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, env=env, check=False, timeout=120)
+
+
+def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign) -> None:
+    told = call("--help").stdout
+    for code in ("0 done", "1 done", "2 bad input", "130 stopped"):
+        assert code in " ".join(told.replace("│", " ").split())
+    assert tcdyn("rig", "--quiet") == 0
+    assert tcdyn("rig", "--rig", tmp_path / "absent.toml") == 2
+    assert tcdyn("no-such-command") == 2
+    assert tcdyn("record", "check", tmp_path / "absent.disk.json") == 2
+    doubtful = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
+    doubtful["created"] = "2999-01-01T00:00:00+00:00"
+    path = tmp_path / "future.disk.json"
+    path.write_text(json.dumps(doubtful), encoding="utf-8")
+    assert tcdyn("record", "check", path) == 1
+
+
+def test_no_colour_where_nobody_sees_it(campaign: Campaign) -> None:
+    for words in (("--help",), ("record", "show", campaign.record_paths["fast"])):
+        said = call(*words)
+        assert said.returncode == 0
+        assert "\x1b" not in said.stdout + said.stderr
+
+
+def test_an_error_is_one_line_on_standard_error() -> None:
+    said = call("rig", "--rig", "absent.toml")
+    assert (said.returncode, said.stdout) == (2, "")
+    assert said.stderr.count("\n") == 1
+    assert said.stderr.startswith("tcdyn: absent.toml: no such file")
+
+
+@pytest.mark.parametrize(("line", "offered"), [("tcdyn cal", "calibrate"), ("tcdyn calibrate --imm", "--immersion")])
+def test_the_shell_completes_commands_and_their_options(line: str, offered: str) -> None:
+    environment = {"_TCDYN_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    code = "from tcdyn.cli.app import app; app(prog_name='tcdyn')"
+    env = {**os.environ, **environment}
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
+    assert said.stdout.split() == [offered]
+
+
+def test_simulate_prints_json_and_one_line_without_blanks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert tcdyn("simulate", "oven", "--out", tmp_path / "oven.csv") == 0
+    assert capsys.readouterr().out.startswith("wrote ")
+    assert tcdyn("simulate", "oven", "--out", tmp_path / "oven.csv", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == len(pd.read_csv(tmp_path / "oven.csv"))
+
+
+def test_record_commands_print_json(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+    fast = campaign.record_paths["fast"]
+    assert tcdyn("record", "diff", fast, fast, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["sentence"].startswith("No significant drift")
+    code = tcdyn("record", "check", fast, "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["sound"] == (code == 0) == (not found["doubts"])
+
+
+@pytest.fixture(scope="module")
+def slow_plunge(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A plunge of the fast disk, every 30th sample of it, so that its curves are quickly found."""
+    frame = pd.read_csv(campaign.files.plunges["fast"][0])
+    path = tmp_path_factory.mktemp("plunge") / "P1.csv"
+    frame.iloc[::30].to_csv(path, index=False)
+    return path
+
+
+def test_compensate_prints_json(campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = slow_plunge.with_name("done.csv")
+    words = ("compensate", slow_plunge, "--record", campaign.record_paths["fast"], "--out", out)
+    assert tcdyn(*words, "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["out"] == str(out)
+    assert len(found["disks"]["fast"]["channels"]) == 6
+    assert tcdyn(*words, "--verbose") == 0
+    assert re.search(r"\d\.\d s  done", capsys.readouterr().err)
+
+
+def test_noise_only_takes_the_noise_and_leaves_the_lag(
+    campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against the log whose static lines alone are applied: the curves pass through its noise, unshifted."""
+    quick = partial(denoise.denoise_log, methods=["rational"])  # the choice among curves has a test of its own
+    monkeypatch.setattr(denoise, "denoise_log", quick)
+    out = slow_plunge.with_name("smooth.csv")
+    record = campaign.record_paths["fast"]
+    assert tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--json", "--out", out) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found["channels"]) == set("abcdef")
+    assert all(len(stretches) == 2 for stretches in found["channels"].values())  # before and after the entry
+    line = campaign.records["fast"].static["e"]
+    static = pd.read_csv(slow_plunge)["e_degC"].to_numpy() * line.gain + line.offset
+    smooth = read_log(out, "immersion", allow_compensated=True).frame
+    late = smooth["time_s"].to_numpy() > smooth["time_s"].iloc[-1] - 60.0  # away from the knee of the entry
+    apart = smooth["e_degC"].to_numpy()[late] - static[late]
+    rough = abs(pd.Series(static[late]).diff().diff()).mean()
+    assert abs(pd.Series(smooth["e_degC"].to_numpy()[late]).diff().diff()).mean() < 0.2 * rough
+    assert abs(apart.mean()) < 3 * apart.std() / len(apart) ** 0.5  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
+    assert tcdyn("compensate", out, "--record", record) == 2  # its static lines are applied already
+    assert tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--follow") == 2
+
+
+def test_a_wildcard_behind_a_repeatable_option_is_told_how_to_repeat_it() -> None:
+    words = ["calibrate", "--disk", "fast", "--oven", "o.csv", "--immersion", "P1.csv", "P2.csv"]
+    done = subprocess.run([sys.executable, "-m", "tcdyn.cli.app", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--immersion A --immersion B" in done.stderr
+
+
+def test_a_simulated_campaign_does_not_overwrite_a_rig_file_of_yours(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = tmp_path / "rig.toml"
+    own.write_text("[disk]\nwidth_mm = 9.6\n", encoding="utf-8")
+    assert tcdyn("simulate", "campaign", "--out", tmp_path) == 2
+    assert "another --out" in capsys.readouterr().err
+    assert own.read_text(encoding="utf-8") == "[disk]\nwidth_mm = 9.6\n"
+
+
+def test_files_of_another_kind_are_named_as_what_they_are(
+    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record, log = campaign.record_paths["fast"], campaign.files.ehl["B3"]
+    for words, said in (
+        (("beta", record, "--record", record), "a record or result by its ending; expected a log"),
+        (("beta", log, "--record", log), "give the *.disk.json that `tcdyn calibrate` wrote"),
+        (("beta", log, "--record", record, "--rig", record), "`tcdyn rig --show > rig.toml` writes one"),
+        (("campaign", log.parent, "--record", record, "--out", tmp_path / "r"), "name its files, such as"),
+    ):
+        assert tcdyn(*words) == 2
+        assert said in capsys.readouterr().err

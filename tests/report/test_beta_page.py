@@ -1,0 +1,63 @@
+"""The page of one test: the answer first, its parts add up, pictures that grey paper can carry."""
+
+from __future__ import annotations
+
+from math import hypot
+
+import pytest
+from matplotlib.colors import to_rgb
+
+from calibration.disk import DISKS
+from tcdyn.partition import tables
+from tcdyn.partition.analyse import Partition
+from tcdyn.plots import partition as draw
+from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
+from tcdyn.report.beta import assumed, verdict
+
+
+def decimals(text: str) -> int:
+    return len(text.partition(".")[2])
+
+
+def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
+    table = tables.budget_table(partition)
+    assert table["source"].iloc[-1] == "all together"
+    steady, cooling = partition.budget.together
+    assert float(table.iloc[-1, 1]) == pytest.approx(steady, abs=5e-5)
+    # independent sources in a nearly linear model: 4000 draws know each spread to 1.1 %, and none is above the sum
+    assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(steady, rel=0.06)
+    # the worse disk of each source: never below the worse disk of all
+    assert hypot(*(r.u_beta_transient for r in partition.budget.rows)) > 0.97 * cooling
+
+
+def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) -> None:
+    cells = [c for column in tables.ways_table(partition).to_numpy().T for c in column]
+    cells += list(tables.test_table(partition)["value"])
+    pairs = [c.split(" +- ") for c in cells if "+-" in c]
+    assert len(pairs) > 20
+    for value, u in pairs:
+        assert decimals(value) == decimals(u), (value, u)
+        assert len(u.replace(".", "").lstrip("0")) == 2 or decimals(u) == 0, u
+
+
+def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition) -> None:
+    said = verdict(partition)
+    assert said.startswith("β = 0.")
+    assert said.index("95 %") < said.index("ways to beta")
+    assert any(f"{partition.test.speed_exponent:g}" in line for line in assumed(partition))
+
+
+def test_disks_differ_in_tone_line_and_marker() -> None:
+    fast, slow = (sum(w * c for w, c in zip((0.299, 0.587, 0.114), to_rgb(DISK_COLOUR[d]))) for d in DISKS)
+    assert abs(fast - slow) > 0.2  # of white; a printer's grey wedge has ten steps
+    assert DISK_LINE["fast"] != DISK_LINE["slow"]
+    assert DISK_MARKER["fast"] != DISK_MARKER["slow"]
+
+
+def test_equal_answers_on_the_lines_stay_visible(partition: Partition) -> None:
+    _, (ax,) = figure()
+    draw.draw_lines(partition, ax)
+    points = [c.lines[0] for c in ax.containers if c.get_label().endswith("fast")]
+    assert len({p.get_marker() for p in points}) == 3
+    assert [p.get_markersize() for p in points] == sorted((p.get_markersize() for p in points), reverse=True)
+    assert [p.get_zorder() for p in points] == sorted(p.get_zorder() for p in points)
