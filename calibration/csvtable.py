@@ -18,6 +18,7 @@ from calibration.rowcheck import check_rows
 from calibration.table import Columns, FloatArray, RowNumbers
 from calibration.textcolumn import text_column
 
+BLOCK_BYTES = 1 << 21  # of text in one piece, at most
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
 
 
@@ -60,7 +61,7 @@ class CsvTable:
         return replace(columns, notes=columns.notes + found.notes)
 
     def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
-        """The wanted columns piece by piece, about ``rows`` rows each, in bounded memory."""
+        """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory."""
         with self.stream() as stream:
             found = check_rows(stream, self.dialect, self.where)
         line = max(len(self.dialect.first_row) * 4, sum(len(cell) + 1 for cell in self.dialect.first_row))
@@ -84,7 +85,8 @@ class CsvTable:
 
     def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int) -> Any:
         read, parse, convert = self._options(wanted, as_text=False)
-        read.block_size, read.use_threads = min(block_bytes, 1 << 23), False  # no queue of blocks read ahead
+        # small blocks, none read ahead: the allocators keep some twenty times a block for themselves
+        read.block_size, read.use_threads = min(block_bytes, BLOCK_BYTES), False
         return pacsv.open_csv(stream, read_options=read, parse_options=parse, convert_options=convert)
 
     def _options(self, wanted: Sequence[str], as_text: bool) -> tuple[Any, Any, Any]:

@@ -32,8 +32,9 @@ def iter_log(
 ) -> Iterator[LogPiece]:
     """Pieces of a log in time order; put together they are ``read_log``'s frame.
 
-    CSV, Parquet and TDMS are read in bounded memory; LVM and UTF-16 text are read at once. What only the whole
-    test can show (does the switch move, is there an unloading, is a channel dead) is checked after the last piece.
+    CSV (2 MB of text at most in a piece), Parquet and TDMS are read in bounded memory; LVM and UTF-16 text are read
+    at once. What only the whole test can show (does the switch move, is there an unloading, is a channel dead) is
+    checked after the last piece.
 
     Raises InputError as ``read_log`` does; for an oven log, which is always short.
     """
