@@ -77,13 +77,9 @@ class LazyCommand(TyperCommand):
 class LazyCommands(TyperGroup):
     """Commands are imported when they are called, so that ``tcdyn --help`` answers at once."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Names in the order of the work."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """The stand-in of a command, or None."""
-        return LazyCommand(name=cmd_name, help=COMMANDS[cmd_name][2]) if cmd_name in COMMANDS else None
+    def __init__(self, **settings: Any) -> None:
+        stand_ins = {name: LazyCommand(name=name, help=COMMANDS[name][2]) for name in COMMANDS}
+        super().__init__(**{**settings, "commands": stand_ins})
 
 
 app = typer.Typer(

@@ -50,6 +50,14 @@ def test_the_list_of_commands_is_complete() -> None:
     assert set(ALL) == PRINT_NUMBERS
 
 
+@pytest.mark.parametrize(("typed", "meant"), [(["callibrate"], "calibrate"), (["record", "chek"], "check")])
+def test_a_mistyped_command_is_told_the_one_that_was_meant(
+    typed: list[str], meant: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tcdyn(*typed) == 2
+    assert f"'{meant}'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", sorted(ALL))
 def test_options_are_the_same_everywhere(name: str) -> None:
     assert "--json" in options(name)
