@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,12 +93,25 @@ def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
     """Keys of rig.toml that the records were made with and that differ; names of columns have no part in a lag."""
     before, after = (r.setup.model_dump(exclude={"columns"}) for r in (old, new))
     before["conditioning"], after["conditioning"] = (r.conditioning.model_dump() for r in (old, new))
-    return [
-        f"[{table}] {key} was {values[key]}, is {after[table].get(key)}"
-        for table, values in before.items()
-        for key in values
-        if values[key] != after[table].get(key)
-    ]
+    return [f"{key} was {was}, is {now}" for key, was, now in changed_keys(before, after)]
+
+
+def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Keys of two sets of rig tables whose values differ: (key, value before, value after).
+
+    >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
+    [('[disk] width_mm', 9.53, 10.0)]
+    """
+    one, other = ({f"[{t}] {k}": v for t, keys in d.items() for k, v in _flat(keys)} for d in (before, after))
+    return [(key, value, other.get(key)) for key, value in one.items() if value != other.get(key)]
+
+
+def _flat(keys: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in keys.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{inner}", x) for inner, x in _flat(value))
+        else:
+            yield key, value
 
 
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:

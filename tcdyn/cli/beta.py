@@ -9,13 +9,13 @@ import typer
 
 from calibration.rigfile import load_rig
 from calibration.write import write_text
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, dump, say, stages, warn
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, dump, say, stages, warn
 
 
 def beta(
     log: Annotated[Path, typer.Argument(help="EHL log as it was recorded (not compensated)")],
     record: RecordFiles,
-    rig: RigFile = None,
+    rig: OwnRigFile = None,
     out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     bearing: Annotated[
@@ -43,8 +43,8 @@ def beta(
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
     with stages(quiet or json_, verbose) as progress:
         run = estimate_beta(
-            log, load_rig(rig), records, window_s=window_s, seed=seed, sensor_check=sensor_check, bearing=rolling,
-            progress=progress,
+            log, load_rig(rig) if rig else None, records, window_s=window_s, seed=seed, sensor_check=sensor_check,
+            bearing=rolling, progress=progress,
         )  # fmt: skip
         text = dump(run.to_dict())
         if out is not None:

@@ -10,14 +10,14 @@ from typing import Annotated
 import typer
 
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, counted, dump, say, warn
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, counted, dump, say, warn
 
 
 def campaign(
     logs: Annotated[list[Path], typer.Argument(help="EHL logs as they were recorded")],
     record: RecordFiles,
     out: Annotated[Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")],
-    rig: RigFile = None,
+    rig: OwnRigFile = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="processes on this machine (default: 2 where there are two cores)")
     ] = None,
@@ -40,13 +40,13 @@ def campaign(
     """
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.campaign import TABLE_FILE, CampaignSettings, run_campaign
-    from tcdyn.pipeline.records import records_by_disk
+    from tcdyn.pipeline.records import records_by_disk, rig_of
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
-    settings = CampaignSettings(
-        load_rig(rig), records_by_disk(record), window_s, seed, read_bearing(bearing) if bearing else None
-    )
+    records = records_by_disk(record)
+    own_rig = load_rig(rig) if rig else rig_of(records)
+    settings = CampaignSettings(own_rig, records, window_s, seed, read_bearing(bearing) if bearing else None)
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), quiet or json_) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)

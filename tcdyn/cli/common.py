@@ -26,6 +26,9 @@ from calibration.grade import is_note
 from calibration.result import jsonable
 
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
+OwnRigFile = Annotated[
+    Path | None, typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
 Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="each stage on a line of its own, with the time gone by")

@@ -14,7 +14,7 @@ import typer
 from calibration.errors import InputError
 from calibration.logs import write_log
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, counted, dump, say, stages, warn
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, counted, dump, say, stages, warn
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -28,7 +28,7 @@ def compensate(
     out: Annotated[
         Path | None, typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)")
     ] = None,
-    rig: RigFile = None,
+    rig: OwnRigFile = None,
     refine: Annotated[
         bool, typer.Option(help="take the lag common to a disk from the log's unloading, the record's as prior")
     ] = True,

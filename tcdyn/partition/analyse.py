@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
@@ -27,6 +26,7 @@ from tcdyn.partition.compensated import (
 )
 from tcdyn.partition.cooling import CoolingFit, cooling_fit
 from tcdyn.partition.crosscheck import CrossCheck, cross_check
+from tcdyn.partition.inner_row import at_one_radius
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
 from tcdyn.partition.lines import DiskLine
 from tcdyn.partition.nuisance import nuisances
@@ -86,7 +86,6 @@ class Partition:
 
 def analyse(
     test: EhlTest,
-    u: UncertaintyTable,
     *,
     window_s: float = WINDOW_S,
     profile: Profile = "modal",
@@ -97,9 +96,9 @@ def analyse(
 ) -> Partition:
     """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
-    ``u``: uncertainties of what nobody measured; ``window_s``: cooling used by the h-only fit; ``sensor_check``: look
-    for dead, swapped and misplaced junctions first. Raises InputError when the log ends too early, the window is
-    shorter than the lag, a channel is dead or swapped, or the data contradict the model.
+    ``window_s``: cooling used by the h-only fit; ``sensor_check``: look for dead, swapped and misplaced junctions
+    first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
+    swapped, or the data contradict the model.
     """
     lag = max(d.common_lag_s for d in test.disks.values())
     if window_s < lag:
@@ -108,18 +107,18 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    u = u.model_copy(update={"friction_rel": float(np.hypot(u.friction_rel, test.added.u_N / test.friction_N))})
+    test = at_one_radius(test)
     rows = stretch_of(test, max(window_s, joint_length_s(test)))
     warnings = list(test.warnings)
     sensors = None
     if sensor_check:
         progress("sensor map")
-        sensors = check_sensors(test, u)
+        sensors = check_sensors(test)
         warnings += _sensor_warnings(sensors)
     progress("steady lines")
-    lines, speed = steady_lines(test, rows, u, profile, weights)
+    lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
-    joint, both = joint_fits(test, joint_start(speed), u, joint_length_s(test), profile)
+    joint, both = joint_fits(test, joint_start(speed), joint_length_s(test), profile)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     compensated, windows, cooling, shifts, by_lag = {}, {}, {}, {}, {}
@@ -131,7 +130,7 @@ def analyse(
         cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
         progress(f"cooling fit, {d} disk")
         at = (cooling[d].share, cooling[d].h_W_m2K)
-        nuis = nuisances(windows[d], disk, disk.readings_degC[rows], test.dt_s, *at, u, test.events.unload_u_s)
+        nuis = nuisances(windows[d], disk, disk.readings_degC[rows], test.dt_s, *at, test.events.unload_u_s)
         shifts[d] = cooling_shift(nuis, lines[d], cooling[d])
         late = lag_effect(test, disk, rows, compensated[d], windows[d], at[1])
         by_lag[d] = cooling_by_lag(late, lines[d], cooling[d])
@@ -145,14 +144,14 @@ def analyse(
         {d: joint[d].shift for d in DISKS},
         test.speed_ratio,
         test.speed_exponent,
-        u,
+        test.exponent_range,
         seed,
     )
     ways = {"speed law": speed.beta}
     ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
     ways |= {f"joint {d}": joint[d].beta for d in DISKS}
     steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
-    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, u, sensors))
+    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, sensors))
     surface = surface_temperatures(test, speed, windows)
     budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
     return Partition(

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.shift import FitShift
 from tcdyn.partition.steady import Line, speed_law_beta
 
@@ -67,22 +66,20 @@ def monte_carlo(
     joint_shifts: Mapping[str, FitShift],
     speed_ratio: float,
     exponent: float,
-    u: UncertaintyTable,
+    exponent_range: tuple[float, float],
     seed: int = 0,
     draws: int = DRAWS,
 ) -> Budget:
     """Draw all sources, push them through lines, speed law and transient fits, and read off each source's part.
 
     ``lines``: steady line of "fast" and "slow"; ``cooling`` and ``joint``: (share, h) of each disk. Shared nuisances
-    move both disks together. The exponent n is drawn evenly from its stated range, moved so that its middle is the
-    exponent in use; everything else is normal.
+    move both disks together. The exponent n is drawn evenly from its range; everything else is normal.
     """
     names = sorted({(d if not sh else "both", n) for d, s in shifts.items() for n, sh in zip(s.names, s.shared)})
     names += [(d, own) for d in ("fast", "slow") for own in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
     normal = {key: rng.standard_normal(draws) for key in names}
-    uniform = rng.uniform(u.speed_exponent_low, u.speed_exponent_high, draws)
-    uniform = uniform + exponent - 0.5 * (u.speed_exponent_low + u.speed_exponent_high)
+    uniform = rng.uniform(*exponent_range, draws)
     noise = {d: rng.standard_normal((draws, 7)) for d in ("fast", "slow")}
 
     def run(active: str | None) -> dict[str, NDArray[np.float64]]:

@@ -25,7 +25,7 @@ def compensate_stretch(
     test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float
 ) -> Compensated:
     """The six traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
-    y = disk.readings_degC[rows]
+    y = disk.measured_degC[rows]
     start = test.time_s[rows][0]
     m = y.shape[1]
     centre = np.eye(m) - 1.0 / m

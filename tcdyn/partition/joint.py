@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.chain import Chain
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.joint_solve import LEAST_LAG_U_S as LEAST_LAG_U_S
@@ -91,7 +90,6 @@ class BothFit:
 def joint_fits(
     test: EhlTest,
     start: dict[str, tuple[float, float]],
-    u: UncertaintyTable,
     window_s: float = 10.0,
     profile: Profile = "modal",
 ) -> tuple[dict[str, DiskFit], BothFit]:
@@ -102,10 +100,10 @@ def joint_fits(
     """
     sides, points, fits = {}, {}, {}
     for name, disk in test.disks.items():
-        side, point = begin(test, disk, *start[name], u, window_s, profile)
+        side, point = begin(test, disk, *start[name], window_s, profile)
         for _ in range(2):  # the second pass equalises with the chain that the first one found
             (point,), _ = solve(test, [side], [point], shared_share=False)
-            side = refresh(test, side, point, u, window_s, profile)
+            side = refresh(test, side, point, window_s, profile)
         (point,), post = solve(test, [side], [point], shared_share=False)
         sides[name], points[name] = side, point
         fits[name] = _disk_fit(name, point, side, post, window_s)

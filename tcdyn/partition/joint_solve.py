@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import InputError
-from calibration.rigfile import UncertaintyTable
 from tcdyn.chain import Chain
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
@@ -93,7 +92,7 @@ class Posterior:
 
 
 def begin(
-    test: EhlTest, disk: DiskTraces, share: float, h: float, u: UncertaintyTable, window_s: float, profile: Profile
+    test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile
 ) -> tuple[Side, Point]:
     """A disk's side of the problem and its first point, from ``share`` and ``h`` [W/m2K] and the record's chain."""
     chain = disk.mean_chain
@@ -102,21 +101,20 @@ def begin(
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
     lag_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
     point = Point(share, float(np.log(max(h, 20.0))), (float(np.log(tau1)), float(np.log(tau2))))
-    side = _side(test, disk, point, u, window_s, profile, (disk.common_lag_s, lag_u, tau2))
+    side = _side(test, disk, point, window_s, profile, (disk.common_lag_s, lag_u, tau2))
     return side, point
 
 
-def refresh(test: EhlTest, side: Side, point: Point, u: UncertaintyTable, window_s: float, profile: Profile) -> Side:
+def refresh(test: EhlTest, side: Side, point: Point, window_s: float, profile: Profile) -> Side:
     """The same side with its window at the chain of ``point``."""
     prior = (side.prior_lag_s, side.prior_lag_u_s, side.prior_tau2_s)
-    return _side(test, side.disk, point, u, window_s, profile, prior)
+    return _side(test, side.disk, point, window_s, profile, prior)
 
 
 def _side(
     test: EhlTest,
     disk: DiskTraces,
     point: Point,
-    u: UncertaintyTable,
     window_s: float,
     profile: Profile,
     prior: tuple[float, float, float],
@@ -130,7 +128,7 @@ def _side(
     window = disk_window(test, disk, readings, rows, noise, profile)
     power = chained_power(test, rows, common)
     seen = window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
-    nuis = nuisances(seen, disk, readings, test.dt_s, point.share, point.h, u, test.events.unload_u_s)
+    nuis = nuisances(seen, disk, readings, test.dt_s, point.share, point.h, test.events.unload_u_s)
     return Side(disk, window, rows, *prior, nuis)
 
 

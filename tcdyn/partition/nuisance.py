@@ -21,6 +21,7 @@ from tcdyn.partition.window import (
     NOMINAL,
     DiskWindow,
     Perturbation,
+    above_inner_row,
     perturbed_gains,
 )
 
@@ -51,15 +52,15 @@ def nuisances(
     dt_s: float,
     share: float,
     h_W_m2K: float,
-    u: UncertaintyTable,
     parting_u_s: float = 0.0,
 ) -> Nuisances:
     """All nuisances of one disk about the point (share, h).
 
     ``stretch_readings`` (N, 6): the temperatures that drove ``window``. Static lines of all six channels, depths of
-    all six junctions, differential lags, steel, washer, half-width of the contact, friction scale, ambient, and the
-    instant of parting, known to ``parting_u_s``.
+    all six junctions, differential lags, steel, washer, half-width of the contact, friction scale, ambient, each to
+    ``disk.uncertainty``, and the instant of parting, known to ``parting_u_s``.
     """
+    u = disk.uncertainty
     gains = window.gains(h_W_m2K)
     rest, power = window.answer(gains)
     base = rest + share * power
@@ -90,7 +91,7 @@ def nuisances(
         shift[j] = 0.05e-3
         moved = window.answer(window.gains(h_W_m2K, replace(NOMINAL, depth_m=(shift[0], shift[1], shift[2]))))
         add(f"depth {ch}", u.depth_mm * 1e-3, (moved[0] + share * moved[1] - base) / shift[j])
-    slopes = boundary_gradient(window, stretch_readings, share, h_W_m2K)
+    slopes = boundary_gradient(window, share, h_W_m2K)
     for i, ch in enumerate(INNER_ROW):
         add(f"depth {ch}", u.depth_mm * 1e-3, _through_boundary(window, slopes[:, i], dt_s, gains, i))
     add("parting", parting_u_s, -share * np.gradient(power, window.blocks.time_s, axis=0), True)
@@ -110,20 +111,14 @@ def _material(u: UncertaintyTable) -> Sequence[tuple[str, Perturbation, float, b
     )
 
 
-def boundary_gradient(
-    window: DiskWindow, readings: NDArray[np.float64], share: float, h_W_m2K: float
-) -> NDArray[np.float64]:
+def boundary_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> NDArray[np.float64]:
     """Rise of temperature with radius at d, b, f over the stretch, (N, 3) [K/m], from the model itself.
 
     A junction that lies deeper than stated reads too low for the model's inner radius by this slope times its error.
     Worked out on block means and held between them.
     """
-    setup = window.setup
-    deepest = setup.junctions["b"].depth_m  # the model's inner radius
-    extra = tuple(
-        (min(setup.junctions[c].depth_m, deepest) - GRADIENT_STEP_M, setup.junctions[c].z_m) for c in INNER_ROW
-    )
-    g = perturbed_gains(setup, h_W_m2K, window.half_width_m, window.rates_1_s, NOMINAL, window.profile, extra)
+    extra = above_inner_row(window.setup)
+    g = perturbed_gains(window.setup, h_W_m2K, window.half_width_m, window.rates_1_s, NOMINAL, window.profile, extra)
     rest, power = window.answer(g)
     rise = (rest + share * power)[:, 3:] - window.inputs[:, 1:4]
     smooth = np.column_stack([np.interp(window.time_s, window.blocks.time_s, r) for r in rise.T])

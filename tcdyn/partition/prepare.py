@@ -11,21 +11,23 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup
+from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.logs import COMPENSATED, Log
 from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
-from calibration.rigfile import Rig
+from calibration.recorddiff import changed_keys
+from calibration.rigfile import Rig, UncertaintyTable
 from calibration.static import apply_static, outside_range, static_u
 from tcdyn.chain import Chain
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
-from tcdyn.rig.contact import half_width_m
+from tcdyn.rig.contact import equal_radius_m, half_width_m
 from tcdyn.rig.kinematics import surface_speed_m_s
 
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0
+MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
 
@@ -34,18 +36,27 @@ SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
 class DiskTraces:
     """One disk in one test: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
 
-    ``noise_K`` (6,): white noise of each channel; ``static_u_K`` (6,): standard uncertainty of the static lines at
-    the steady temperature; ``lag_u_s``: standard uncertainty of the common lag; ``lag_covariance_s2`` (6, 6).
+    ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise_K`` (6,): white noise of each
+    channel; ``static_u_K`` (6,): standard uncertainty of the static lines at the steady temperature;
+    ``lag_covariance_s2`` (6, 6); ``uncertainty``: of what nobody measured, rig.toml's for this disk; ``inner_K``
+    (N, 3): what d, b and f would read more if they lay as deep as b (see :mod:`tcdyn.partition.inner_row`).
     """
 
     name: str
     setup: DiskSetup
     readings_degC: NDArray[np.float64]
-    spikes: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
     chains: tuple[Chain, ...]
     noise_K: NDArray[np.float64]
     static_u_K: NDArray[np.float64]
     lag_covariance_s2: NDArray[np.float64]
+    uncertainty: UncertaintyTable
+    inner_K: NDArray[np.float64]
+
+    @property
+    def measured_degC(self) -> NDArray[np.float64]:
+        """Readings (N, 6) with NaN where they are missing."""
+        return np.where(self.missing, np.nan, self.readings_degC)
 
     @property
     def common_lag_s(self) -> float:
@@ -74,7 +85,8 @@ class EhlTest:
     """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
 
     ``power_W`` is the whole frictional power F u_s; ``speeds_m_s`` (fast, slow) are the surface speeds under load;
-    ``added`` the part of ``friction_N`` that the transducer did not see.
+    ``added`` the part of ``friction_N`` that the transducer did not see; ``exponent_half_range`` how
+    far n may lie from ``speed_exponent``.
     """
 
     time_s: NDArray[np.float64]
@@ -87,6 +99,7 @@ class EhlTest:
     speeds_m_s: tuple[float, float]
     half_width_m: float
     speed_exponent: float
+    exponent_half_range: float
     disks: Mapping[str, DiskTraces]
     warnings: tuple[str, ...]
     added: FrictionAdded = NOTHING_ADDED
@@ -100,6 +113,11 @@ class EhlTest:
     def entraining_speed_m_s(self) -> float:
         """Mean of the surface speeds, eq. (2.2)."""
         return 0.5 * sum(self.speeds_m_s)
+
+    @property
+    def exponent_range(self) -> tuple[float, float]:
+        """Where n may lie: as wide as [uncertainty] says, about the exponent in use."""
+        return self.speed_exponent - self.exponent_half_range, self.speed_exponent + self.exponent_half_range
 
     @property
     def speed_ratio(self) -> float:
@@ -171,8 +189,9 @@ def prepare(
     warnings += added.warnings
     if not 0.002 < friction_N / load_N < 0.2:
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
-    setups = [rig.disk_setup(d) for d in DISKS]
-    half_width = half_width_m(load_N, setups[0].outer_radius_m, setups[0].crown_radius_m)
+    crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
+    half_width = half_width_m(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
+    unseen, u = added.u_N / friction_N, rig.common.uncertainty
     return EhlTest(
         time_s=t,
         dt_s=dt,
@@ -184,7 +203,8 @@ def prepare(
         speeds_m_s=speeds,
         half_width_m=half_width,
         speed_exponent=rig.common.contact.speed_exponent,
-        disks={d: disk_traces(frame, d, rig.disk_setup(d), records[d], steady, warnings, where) for d in DISKS},
+        exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+        disks={d: disk_traces(frame, d, rig, records[d], steady, unseen, warnings, where) for d in DISKS},
         warnings=tuple(warnings),
         added=added,
     )
@@ -203,13 +223,19 @@ def gathered(warnings: Sequence[str]) -> list[str]:
 def disk_traces(
     frame: pd.DataFrame,
     disk: str,
-    setup: DiskSetup,
+    rig: Rig,
     record: DiskRecord,
     steady: NDArray[np.bool_],
+    friction_u_rel: float,
     warnings: list[str],
     where: str,
 ) -> DiskTraces:
-    """Static lines, spikes and noise of one disk; adds to ``warnings`` what a user should know."""
+    """Static lines, spikes and noise of one disk; adds to ``warnings`` what a user should know.
+
+    ``friction_u_rel``: relative uncertainty of friction besides rig.toml's.
+    """
+    setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
+    warnings += _other_disk(rig, disk, record)
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
     if record.chain is None:
@@ -217,7 +243,7 @@ def disk_traces(
     absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
     if absent:
         raise InputError(f"the record of the {disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
-    columns, spikes, static, coarse = [], [], [], []
+    columns, missing, static, coarse = [], [], [], []
     for ch in CHANNELS:
         line = record.static[ch]
         raw = frame[f"{disk}_{ch}_degC"].to_numpy(dtype=float)
@@ -233,7 +259,7 @@ def disk_traces(
                 f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated {low:.0f} to {high:.0f} degC (extrapolated)"
             )
         columns.append(values)
-        spikes.append(marked)
+        missing.append(marked)
         static.append(float(np.hypot(static_u(line, mean), step / 12**0.5)))
     if coarse:
         warnings.append(f"{disk} disk: {coarse_sentence(coarse)}")
@@ -242,12 +268,27 @@ def disk_traces(
         name=disk,
         setup=setup,
         readings_degC=y,
-        spikes=np.column_stack(spikes),
+        missing=np.column_stack(missing),
         chains=record_chains(record, setup),
         noise_K=white_noise(y),
         static_u_K=np.array(static),
         lag_covariance_s2=record.chain.lag_covariance(),
+        uncertainty=u.model_copy(update={"friction_rel": float(np.hypot(u.friction_rel, friction_u_rel))}),
+        inner_K=np.zeros((len(y), len(INNER_ROW))),
     )
+
+
+def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[str]:
+    """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
+    if "setup" not in record.model_fields_set:
+        return []
+    stated = rig.tables(disk).model_dump(include=MADE_OF)
+    changed = changed_keys(record.setup.model_dump(include=MADE_OF), stated)
+    differs = [f"{key} = {now} (record: {was})" for key, was, now in changed]
+    if not differs:
+        return []
+    words = ", ".join(differs[:3]) + (f" and {len(differs) - 3} more" if len(differs) > 3 else "")
+    return [f"{disk} disk: rig.toml is used, and is not what the record was made with: {words}"]
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:

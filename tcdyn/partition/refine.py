@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.disk import DISKS
-from calibration.rigfile import UncertaintyTable
 from tcdyn.chain import Chain
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
@@ -29,12 +28,11 @@ LEAST_H_W_M2K = 50.0
 def steady_lines(
     test: EhlTest,
     rows: slice,
-    u: UncertaintyTable,
     profile: Profile = "modal",
     weights: NDArray[np.float64] = EQUAL_WEIGHTS,
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
     """Steady line of each disk from the lagged readings, and the speed law's point on both."""
-    lines = {d: _line(test, test.disks[d], rows, u, profile, weights) for d in DISKS}
+    lines = {d: _line(test, test.disks[d], rows, profile, weights) for d in DISKS}
     return lines, speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
 
 
@@ -51,11 +49,11 @@ def joint_length_s(test: EhlTest) -> float:
     return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
 
 
-def refine_lags(test: EhlTest, u: UncertaintyTable) -> Mapping[str, DiskFit]:
+def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
     length = joint_length_s(test)
-    _, speed = steady_lines(test, stretch_of(test, length), u)
-    return joint_fits(test, joint_start(speed), u, length)[0]
+    _, speed = steady_lines(test, stretch_of(test, length))
+    return joint_fits(test, joint_start(speed), length)[0]
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
@@ -69,7 +67,6 @@ def _line(
     test: EhlTest,
     disk: DiskTraces,
     rows: slice,
-    u: UncertaintyTable,
     profile: Profile,
     weights: NDArray[np.float64],
 ) -> DiskLine:
@@ -77,7 +74,7 @@ def _line(
     window = lagged_window(test, disk, rows, readings, profile)
 
     def at(share: float, h: float) -> Nuisances:
-        return nuisances(window, disk, readings, test.dt_s, share, h, u, test.events.unload_u_s)
+        return nuisances(window, disk, readings, test.dt_s, share, h, test.events.unload_u_s)
 
     return disk_line(window, test.events.unload_s, weights, at)
 

@@ -11,7 +11,6 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.sensor_errors import covariance, errors_about
 from tcdyn.partition.sensor_faults import AS_WIRED, H_GRID_W_M2K, LOG_H_SD, Verdict
@@ -38,7 +37,7 @@ class DepthTest:
     stated_u_m: float
 
 
-def depth_test(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, sound: Verdict) -> DepthTest:
+def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     """Score test of each depth about the ``sound`` verdict, all other nuisances and depths at their priors.
 
     With r the misfit, C its covariance and e the effect of one standard uncertainty of a depth, the pull is
@@ -49,9 +48,9 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, sound: Ve
     e = errors_about(f, AS_WIRED, h, sound.share)
     seen = f.seen
     off = LOG_H_SD * e.of_log_h()[seen]
-    cov = covariance(e, disk, u) + np.outer(off, off)
+    cov = covariance(e, disk) + np.outer(off, off)
     left = (f.level(AS_WIRED) - e.base)[seen]
-    sd_m = u.depth_mm * 1e-3
+    sd_m = disk.uncertainty.depth_mm * 1e-3
     effects = np.stack([e.deeper(c)[seen] for c in CHANNELS]) * sd_m
     toward = np.linalg.solve(cov, effects.T).T
     gram = toward @ effects.T

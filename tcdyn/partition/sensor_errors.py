@@ -95,20 +95,18 @@ def errors_about(f: DiskFeatures, order: Order, h_W_m2K: float, share: float) ->
     """Errors about a share and an h [W/m2K]."""
     g = f.gains(h_W_m2K)
     rest, power = f.answer(g, order)
-    inner_m = f.setup.junctions["b"].depth_m  # the rim model takes the whole inner row to lie at the depth of b
-    shifted = tuple((inner_m - GRADIENT_STEP_M, f.setup.junctions[c].z_m) for c in INNER_ROW)
-    above = f.outer(f.rim_gains(h_W_m2K, NOMINAL, shifted), order)
-    rise = (above[0] + share * above[1])[:, 3:] - f.x[:, [1 + order[i] for i in INNER]]
+    above = f.rise(f.above(h_W_m2K, NOMINAL), order)
+    rise = above[0] + share * above[1]
     lasting = g.rim.direct + g.rim.gains.sum(axis=2)
     return Errors(f, order, h_W_m2K, share, np.asarray(rest + share * power), power, rise, lasting)
 
 
-def covariance(e: Errors, disk: DiskTraces, u: UncertaintyTable, mixed: tuple[str, ...] = ()) -> Array:
+def covariance(e: Errors, disk: DiskTraces, mixed: tuple[str, ...] = ()) -> Array:
     """Covariance (D, D) [K2] of what is left of the predicted data.
 
     ``mixed``: channels whose static lines and lags are another's.
     """
-    steady, lag_u = e.steady, differential_lag_u_s(disk.lag_covariance_s2)
+    u, steady, lag_u = disk.uncertainty, e.steady, differential_lag_u_s(disk.lag_covariance_s2)
     columns: list[Array] = []
     for i, c in enumerate(CHANNELS):
         offset = np.hypot(disk.static_u_K[i], MIXED_LINES_K if c in mixed else 0.0)

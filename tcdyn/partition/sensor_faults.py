@@ -19,7 +19,6 @@ from scipy.linalg import solve_triangular
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.sensor_errors import (
     SHARE_SD,
@@ -95,7 +94,7 @@ def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[Fault]:
         yield Fault("side", sides[1])
 
 
-def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, gains: list[Gains]) -> Verdict:
+def judge(f: DiskFeatures, disk: DiskTraces, fault: Fault, gains: list[Gains]) -> Verdict:
     """Likelihood of the features under ``fault``; ``gains`` over ``H_GRID_W_M2K``.
 
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
@@ -104,15 +103,13 @@ def judge(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, 
     order = fault.order
     whole = [f.answer(g, order) for g in gains]
     rests, powers = (_finely(np.stack([answer[i][f.seen] for answer in whole])) for i in range(2))
-    parts = [_about(f, disk, u, fault, share, rests, powers) for share in SHARE_GRID]
+    parts = [_about(f, disk, fault, share, rests, powers) for share in SHARE_GRID]
     best = max(parts, key=lambda v: v.log_likelihood)
     together = special.logsumexp([v.log_likelihood for v in parts]) - np.log(len(parts))
     return replace(best, log_likelihood=float(together))
 
 
-def _about(
-    f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, fault: Fault, share: float, rests: Array, powers: Array
-) -> Verdict:
+def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests: Array, powers: Array) -> Verdict:
     """The verdict if the share lies about ``share``, from answers (H, D) over ``H_FINE_W_M2K``."""
     order, seen = fault.order, f.seen
     left = f.level(order)[seen] - rests - share * powers
@@ -125,7 +122,7 @@ def _about(
         if nearest == at:
             break
         at = nearest
-        e, cov = _errors(f, disk, u, order, mixed, float(H_GRID_W_M2K[at]), share)
+        e, cov = _errors(f, disk, order, mixed, float(H_GRID_W_M2K[at]), share)
         sd, effect = _freedom(e, fault)
         if effect is not None:
             cov = cov + np.outer(sd * effect[seen], sd * effect[seen])
@@ -144,11 +141,11 @@ def _about(
 
 
 def _errors(
-    f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, order: Order, mixed: tuple[str, ...], h: float, share: float
+    f: DiskFeatures, disk: DiskTraces, order: Order, mixed: tuple[str, ...], h: float, share: float
 ) -> tuple[Errors, Array]:
     """Errors about a share and an h, and their covariance, which most hypotheses have in common."""
     e = f.remember(("errors", order, h, share), lambda: errors_about(f, order, h, share))
-    return e, f.remember(("covariance", order, mixed, h, share, u), lambda: covariance(e, disk, u, mixed))
+    return e, f.remember(("covariance", order, mixed, h, share), lambda: covariance(e, disk, mixed))
 
 
 def _whole(f: DiskFeatures, seen: Array) -> Array:

@@ -16,7 +16,17 @@ from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Rim
 from tcdyn.partition.equalise import equalised
 from tcdyn.partition.prepare import DiskTraces, EhlTest
-from tcdyn.partition.window import INNER, NOMINAL, OUTER, Perturbation, chained_power, perturbed_gains
+from tcdyn.partition.window import (
+    GRADIENT_STEP_M,
+    INNER,
+    NOMINAL,
+    OUTER,
+    Perturbation,
+    above_inner_row,
+    chained_power,
+    deeper_than_b_m,
+    perturbed_gains,
+)
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -48,10 +58,14 @@ class Window:
 
 @dataclass(frozen=True)
 class Gains:
-    """Gains of the rim, inner row to outer row, and of the thick rim, frictional heat to inner row."""
+    """Gains of the rim, inner row to outer row, and of the thick rim, frictional heat to inner row.
+
+    ``above``: of the rim to the points just above the inner row, where d or f lies at another depth than b.
+    """
 
     rim: RimGains
     thick: RimGains
+    above: RimGains | None
 
 
 @dataclass(frozen=True)
@@ -92,12 +106,22 @@ class DiskFeatures:
 
     def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, inner_m: tuple[float, float, float] = NO_SHIFT) -> Gains:
         """Gains of a disk that departs from its statement by ``p``, inner row moved by ``inner_m`` (d, b, f)."""
+        inner = replace(p, depth_m=NO_SHIFT)
         return Gains(
             self._once((h_W_m2K, p), lambda: self.rim_gains(h_W_m2K, p)),
-            self._once(
-                (h_W_m2K, replace(p, depth_m=NO_SHIFT), inner_m), lambda: self._thick_gains(h_W_m2K, p, inner_m)
-            ),
+            self._once((h_W_m2K, inner, inner_m), lambda: self._thick_gains(h_W_m2K, p, inner_m)),
+            self.above(h_W_m2K, inner) if np.any(deeper_than_b_m(self.setup)) else None,
         )
+
+    def above(self, h_W_m2K: float, p: Perturbation) -> RimGains:
+        """Gains of the rim to the outer row and to the points ``GRADIENT_STEP_M`` above d, b and f."""
+        extra = above_inner_row(self.setup)
+        return self._once((h_W_m2K, p, "above"), lambda: self.rim_gains(h_W_m2K, p, extra))
+
+    def rise(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
+        """Rise from d, b and f to the points above them, without heat and per share of one; (W, 3) each [K]."""
+        rest, power = self.outer(g, order)
+        return rest[:, 3:] - self.x[:, [1 + order[i] for i in INNER]], power[:, 3:]
 
     def with_column_of(self, other: DiskFeatures, place: int, column: int) -> DiskFeatures:
         """The same disk with position ``place`` of a..f read by ``column`` of another disk."""
@@ -141,6 +165,10 @@ class DiskFeatures:
     def answer(self, g: Gains, order: tuple[int, ...]) -> tuple[Array, Array]:
         """Model of a, c, e, d, b, f without heat and per share of one, (W, 6) each."""
         rest, power = self.outer(g.rim, order)
+        if g.above is not None:
+            lasting = g.rim.direct[1:4] + g.rim.gains[1:4].sum(axis=2)
+            per_rise = (deeper_than_b_m(self.setup) / GRADIENT_STEP_M)[:, None] * lasting
+            rest, power = (x + rise @ per_rise for x, rise in zip((rest, power), self.rise(g.above, order)))
         inner = self.x[:, :1] * g.thick.direct[0] + self.banks[:, 0] @ g.thick.gains[0].T
         return np.hstack([rest, np.zeros_like(inner)]), np.hstack([power, inner])
 

@@ -10,7 +10,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS, DiskSetup
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.sensor_features import DiskFeatures
 
@@ -78,9 +77,9 @@ def said_of(wanted: int | None, difference_K: float, u_K: float) -> str:
     return "logical" if z > SURE_Z else "illogical" if z < -SURE_Z else "weak"
 
 
-def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, u: UncertaintyTable) -> pd.DataFrame:
+def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
     """A row for each pair: steady difference and that of the fall after unloading, what each says, and the groups."""
-    steady, fall = _steady(test, disk, f, u), _fall(disk, f)
+    steady, fall = _steady(test, disk, f), _fall(disk, f)
     groups = angle_groups(disk.setup)
     rows = []
     for one, other in combinations(CHANNELS, 2):
@@ -106,13 +105,13 @@ def pair_matrix(table: pd.DataFrame, disk: DiskTraces, column: str = "steady") -
     return pd.DataFrame(body, index=order, columns=order)
 
 
-def _steady(test: EhlTest, disk: DiskTraces, f: DiskFeatures, u: UncertaintyTable) -> _Level:
+def _steady(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _Level:
     """Steady level; its uncertainty from the static lines, and from the depth in the mean gradient of half the heat."""
     s = disk.setup
     power = float(test.power_W[test.rows(test.events.unload_s - 20.0, test.events.unload_s - 1.0)].mean())
     gradient = 0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)
     level = f.x[f.of("steady")][0, 1:7]
-    return _Level(level, np.hypot(disk.static_u_K, gradient * u.depth_mm * 1e-3))
+    return _Level(level, np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3))
 
 
 def _fall(disk: DiskTraces, f: DiskFeatures) -> _Level:

@@ -11,7 +11,6 @@ import pandas as pd
 
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.sensor_depths import DepthTest, depth_test
 from tcdyn.partition.sensor_faults import H_GRID_W_M2K, MISPLACED_M, Fault, Verdict, hypotheses, judge
@@ -92,21 +91,20 @@ class _DiskCheck:
     log_likelihood: float
 
 
-def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorCheck:
+def check_sensors(test: EhlTest) -> SensorCheck:
     """Look for dead, swapped, misplaced or offset channels in the steady pattern and in both transients of a test.
 
-    ``u``: uncertainties of depths, steel and the rest (rig.toml). The outer row is predicted from the inner row by the
+    The outer row is predicted from the inner row by the
     rim model, steady, after unloading and after loading, with share and h free; a fault is named when it explains all
     three far better than a sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be told
     apart: ``blind`` lists such pairs.
     """
-    table = u if u is not None else UncertaintyTable.model_validate({})
     features = {d: disk_features(test, test.disks[d]) for d in DISKS}
-    checks = {d: _check(test, test.disks[d], features[d], table) for d in DISKS}
-    crossed = _crossed(test, features, checks, table)
+    checks = {d: _check(test, test.disks[d], features[d]) for d in DISKS}
+    crossed = _crossed(test, features, checks)
     if crossed is not None:
         checks = {d: replace(checks[d], suspects=(crossed,)) for d in DISKS}
-    pairs = pd.concat([pair_table(test, test.disks[d], features[d], table) for d in DISKS], ignore_index=True)
+    pairs = pd.concat([pair_table(test, test.disks[d], features[d]) for d in DISKS], ignore_index=True)
     suspects = (crossed,) if crossed is not None else tuple(s for d in DISKS for s in checks[d].suspects)
     return SensorCheck(
         table=pairs,
@@ -124,18 +122,18 @@ def check_sensors(test: EhlTest, u: UncertaintyTable | None = None) -> SensorChe
     )
 
 
-def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures, u: UncertaintyTable) -> _DiskCheck:
+def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
     dead = _dead(test, disk, f)
     if dead:
         return _DiskCheck(tuple(dead), None, (), None, np.inf)
     gains = [f.gains(float(h)) for h in H_GRID_W_M2K]
-    sound = judge(f, disk, u, Fault("none"), gains)
-    found = [judge(f, disk, u, h, gains) for h in hypotheses(angle_groups(disk.setup))]
+    sound = judge(f, disk, Fault("none"), gains)
+    found = [judge(f, disk, h, gains) for h in hypotheses(angle_groups(disk.setup))]
     side = next((v.size for v in found if v.fault.kind == "side"), None)
     odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
     best = max(odds.values())
     if best > NAMED_LOG_ODDS:
-        found = [_settled(f, disk, u, v) for v in found]
+        found = [_settled(f, disk, v) for v in found]
         odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
         ranked = sorted(found, key=lambda v: -v.log_likelihood)
         best = odds[ranked[0].fault]
@@ -148,12 +146,10 @@ def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures, u: UncertaintyTable
         )
         return _DiskCheck((Suspect(disk.name, "unknown", (), None, best, words),), side, (), None, sound.log_likelihood)
     blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
-    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, u, sound), sound.log_likelihood)
+    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
 
 
-def _crossed(
-    test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck], u: UncertaintyTable
-) -> Suspect | None:
+def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck]) -> Suspect | None:
     """A channel of one disk exchanged with one of the other, where that explains both disks' faults better."""
     if any(not checks[d].suspects or checks[d].suspects[0].kind == "dead" for d in DISKS):
         return None
@@ -165,7 +161,7 @@ def _crossed(
             mixed = f.with_column_of(other, place, column)
             gains = [mixed.gains(float(h)) for h in H_GRID_W_M2K]
             fault = Fault("foreign", (CHANNELS[place],))
-            total += judge(mixed, test.disks[f.disk], u, fault, gains).log_likelihood
+            total += judge(mixed, test.disks[f.disk], fault, gains).log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
     odds = best - sum(checks[d].log_likelihood for d in DISKS)
@@ -179,7 +175,7 @@ def _crossed(
     return Suspect("both", "swapped", names, None, odds, words)
 
 
-def _settled(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, v: Verdict) -> Verdict:
+def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
     channel = v.fault.channels[0]
     if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
@@ -191,7 +187,7 @@ def _settled(f: DiskFeatures, disk: DiskTraces, u: UncertaintyTable, v: Verdict)
         depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
         setup = replace(f.setup, junctions={**f.setup.junctions, channel: replace(stated, depth_m=depth)})
         moved = f.on(setup)
-        again = judge(moved, disk, u, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
+        again = judge(moved, disk, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
         if again.size is None:
             break
         size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)

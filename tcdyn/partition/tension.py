@@ -9,7 +9,6 @@ from scipy import stats
 
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.crosscheck import Tension
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
@@ -26,7 +25,6 @@ def tensions(
     test: EhlTest,
     joint: Mapping[str, DiskFit],
     both: BothFit,
-    u: UncertaintyTable,
     sensors: SensorCheck | None = None,
 ) -> tuple[Tension, ...]:
     """Every stated value with the number of standard deviations by which the data would move it.
@@ -48,8 +46,7 @@ def tensions(
         words = f"the lag of the {name} disk: record {disk.common_lag_s:.3f} s, unloading {lag.value:.3f} s"
         others.append((words, float((lag.value - disk.common_lag_s) / told)))
     n = both.estimates["exponent"]
-    half = 0.5 * (u.speed_exponent_high - u.speed_exponent_low)  # about the exponent in use, as the budget draws it
-    outside = n.value - float(np.clip(n.value, test.speed_exponent - half, test.speed_exponent + half))
+    outside = n.value - float(np.clip(n.value, *test.exponent_range))
     words = f"the speed exponent: {test.speed_exponent:.3f} assumed, {n} implied by the two disks"
     others.append((words, outside / n.u))
     out = [Tension(what, z, _chance(z, len(others)), OTHER_ALARM) for what, z in others]

@@ -25,6 +25,7 @@ STEADY_BLOCK_S = 1.0
 FINE_S = 3.0  # sample by sample this long after parting, then in blocks of
 COARSE_BLOCK_S = 0.1
 GRADIENT_STEP_M = 0.25e-3
+LEAST_SEEN = 1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
 OUTER = [CHANNELS.index(c) for c in OUTER_ROW]
 INNER = [CHANNELS.index(c) for c in INNER_ROW]
 FIT_MESH = Mesh(33, 53)
@@ -63,7 +64,8 @@ class Blocks:
 class DiskWindow:
     """One disk over the stretch: measured outer row and the filter banks of all inputs, block means of both.
 
-    ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over the noise of a block mean [1/K]; ``inputs`` (R, 5) and ``banks``
+    ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over the noise of a block mean of what was
+    seen [1/K]; ``inputs`` (R, 5) and ``banks``
     (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a share of one).
     """
 
@@ -125,6 +127,23 @@ def perturbed_gains(
     return rim_gains(rim, h_W_m2K, [*points, *extra], width, rates, profile=profile, mesh=FIT_MESH)
 
 
+def deeper_than_b_m(setup: DiskSetup) -> NDArray[np.float64]:
+    """How much deeper d, b and f are stated to lie than b, (3,) [m].
+
+    >>> from calibration.rigfile import load_rig
+    >>> deeper_than_b_m(load_rig().disk_setup("fast"))
+    array([0., 0., 0.])
+    """
+    depth = {c: setup.junctions[c].depth_m for c in INNER_ROW}
+    return np.array([depth[c] - depth["b"] for c in INNER_ROW])
+
+
+def above_inner_row(setup: DiskSetup) -> tuple[tuple[float, float], ...]:
+    """Depth and z [m] of the points ``GRADIENT_STEP_M`` above the rim's inner radius at d, b and f."""
+    depth = setup.junctions["b"].depth_m - GRADIENT_STEP_M
+    return tuple((depth, setup.junctions[c].z_m) for c in INNER_ROW)
+
+
 def stretch_of(test: EhlTest, after_s: float) -> slice:
     """Rows from well before the steady window to ``after_s`` after parting; refuses a log that ends before."""
     off, end = test.events.unload_s, test.time_s[-1]
@@ -170,9 +189,11 @@ def disk_window(
 ) -> DiskWindow:
     """Build the window from the six ``temperatures`` (N, 6) of one disk over ``rows``, frictional power unlagged."""
     blocks = make_blocks(test, rows, steady_start_s(test))
+    seen = 1.0 - blocks.mean(disk.missing[rows][:, OUTER].astype(float))
     rates = node_rates(test.dt_s)
     ambient = test.ambient_degC[rows]
-    feeds = [temperatures[:, i] for i in INNER] + [ambient]
+    at_b = temperatures[:, INNER] + disk.inner_K[rows]
+    feeds = [*at_b.T, ambient]
     power, switch = held_power(test, rows)
     banks = [lag_bank(power, test.dt_s, rates, hold="zoh", switches=switch)]
     banks += [lag_bank(u, test.dt_s, rates) for u in feeds]
@@ -183,7 +204,7 @@ def disk_window(
         time_s=test.time_s[rows],
         blocks=blocks,
         y=blocks.mean(temperatures[:, OUTER]),
-        weight=np.sqrt(blocks.counts)[:, None] / noise_K[None, OUTER],
+        weight=np.sqrt(blocks.counts[:, None] * np.maximum(seen, LEAST_SEEN)) / noise_K[None, OUTER],
         rates_1_s=rates,
         inputs=np.column_stack([blocks.mean(u) for u in (power, *feeds)]),
         banks=np.stack([blocks.mean(b) for b in banks]),

@@ -9,7 +9,6 @@ import pandas as pd
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.rigfile import UncertaintyTable
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.compensated import (
     compensate_stretch,
@@ -26,12 +25,10 @@ LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
 TWO_SIGMA = 2.0
 
 
-def cooling_by_window(
-    partition: Partition, lengths: Sequence[float] = LENGTHS_S, u: UncertaintyTable | None = None
-) -> pd.DataFrame:
+def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S) -> pd.DataFrame:
     """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h, u_h, misfit, lag.
 
-    ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances (``u``: rig.toml's), the steady line and the lag, as the budget
+    ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances, the steady line and the lag, as the budget
     does; ``within_lag`` marks windows shorter than the disk's common lag, which hold more of the chain than of the
     cooling. Lengths beyond the log's end are left out; a window whose fit runs away has NaN. Raises InputError when no
     length is left, or one is not above zero.
@@ -43,21 +40,18 @@ def cooling_by_window(
     wanted = sorted(float(x) for x in lengths if x <= held)
     if not wanted:
         raise InputError(f"the log holds {held:.2f} s of cooling", expected=f"at least {min(lengths, default=0):g} s")
-    table = u if u is not None else UncertaintyTable.model_validate({})
     rows = stretch_of(test, wanted[-1])
-    return pd.DataFrame([row for d in DISKS for row in _disk_rows(partition, d, rows, wanted, table)])
+    return pd.DataFrame([row for d in DISKS for row in _disk_rows(partition, d, rows, wanted)])
 
 
-def _disk_rows(
-    p: Partition, name: str, rows: slice, lengths: Sequence[float], u: UncertaintyTable
-) -> list[dict[str, object]]:
+def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -> list[dict[str, object]]:
     test, disk, line = p.test, p.test.disks[name], p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
     done = compensate_stretch(test, disk, rows, p.chains[name], lag.u)
     window = compensated_window(test, disk, rows, done, p.windows[name].profile)
     noise = float(np.median(done.sd_noise[:, OUTER]))
     at = p.cooling[name]
-    nuis = nuisances(window, disk, disk.readings_degC[rows], test.dt_s, at.share, at.h_W_m2K, u, test.events.unload_u_s)
+    nuis = nuisances(window, disk, disk.readings_degC[rows], test.dt_s, at.share, at.h_W_m2K, test.events.unload_u_s)
     effect = lag_effect(test, disk, rows, done, window, at.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:

@@ -19,6 +19,7 @@ from tcdyn.partition.output import beta_file
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.tables import ways_table
 from tcdyn.pipeline.bearing import BearingFile
+from tcdyn.pipeline.records import rig_of
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ class BetaRun(Result):
 
 def estimate_beta(
     log: str | Path,
-    rig: Rig,
+    rig: Rig | None,
     records: Mapping[str, DiskRecord],
     *,
     window_s: float = WINDOW_S,
@@ -57,15 +58,16 @@ def estimate_beta(
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
-    ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10). Raises InputError for a log, rig or record that does not fit, naming the log.
+    ``rig`` None is the one that the records were made with; ``window_s``: cooling used by the h-only fit [s];
+    ``bearing``: the pure-rolling test whose friction is added (section 2.10). Raises InputError for a log, rig or
+    record that does not fit, naming the log.
     """
     progress("reading the log")
+    rig = rig or rig_of(records)
     table = read_log(log, "ehl", rig)
     test = prepare(table, rig, records, bearing.added if bearing else None)
-    u = rig.common.uncertainty
     try:
-        found = analyse(test, u, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+        found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
     except InputError as problem:
         if problem.where:
             raise

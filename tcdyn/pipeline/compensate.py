@@ -17,13 +17,14 @@ from calibration.estimate import with_u
 from calibration.logs import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
-from calibration.rigfile import Rig, load_rig
+from calibration.rigfile import Rig
 from calibration.static import apply_static, static_u
 from calibration.table import open_table, shown
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.events import find_events
+from tcdyn.partition.inner_row import at_one_radius
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.prepare import (
     coarse_sentence,
@@ -35,6 +36,7 @@ from tcdyn.partition.prepare import (
     white_noise,
 )
 from tcdyn.partition.refine import refine_lags, refined_chains
+from tcdyn.pipeline.records import rig_of
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 
@@ -101,10 +103,10 @@ def compensate_log(
     dt = float(np.median(np.diff(time)))
     warnings = gathered(table.warnings)
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
-    known: tuple[float, ...] = ()
+    known: dict[float, float] = {}
     if kind == "ehl":
         events = find_events(frame, table.path.name)
-        known = (events.load_on_s, *events.kinks_s)
+        known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         for disk in (d for d in DISKS if d not in records):
             other = next(iter(records))
             warnings.append(
@@ -178,17 +180,18 @@ def _one_disk(
     chains: tuple[Chain, ...],
     covariance: np.ndarray,
     dt: float,
-    events: tuple[float, ...],
+    events: Mapping[float, float],
     time: np.ndarray,
 ) -> Compensated:
+    """One disk's traces; ``events``: time [s] of each and its uncertainty [s]."""
     readings, uncertain, coarse = [], [], []
     for ch in CHANNELS:
         raw = frame[f"{prefix}{ch}_degC"].to_numpy(dtype=float)
-        clean, _ = despiked(np.asarray(apply_static(raw, record.static[ch])))
+        clean, missing = despiked(np.asarray(apply_static(raw, record.static[ch])))
         step = coarse_step_K(raw)
         if step > 0:
             coarse.append((step, ch))
-        readings.append(clean)
+        readings.append(np.where(missing, np.nan, clean))
         uncertain.append(np.hypot(static_u(record.static[ch], clean), step / 12**0.5))
     y = np.column_stack(readings)
     done = smooth(
@@ -197,6 +200,7 @@ def _one_disk(
         chains,
         noise_sd=white_noise(y),
         events_s=tuple(float(e - time[0]) for e in events),
+        event_u_s=tuple(events.values()),
         lag_covariance=covariance,
         static_u=np.column_stack(uncertain),
     )
@@ -209,13 +213,6 @@ def _refined(table: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[M
     """Joint fits of both disks, or nothing and why."""
     try:
         test = prepare(table, rig, records)
-        return refine_lags(test, rig.common.uncertainty), []
+        return refine_lags(at_one_radius(test)), []
     except InputError as problem:
         return {}, [f"the common lags are the records': the unloading could not be used ({problem})"]
-
-
-def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
-    """The rig as the records remember it."""
-    default = load_rig()
-    tables = {d: (records[d].setup if d in records else default.common) for d in ("fast", "slow")}
-    return Rig(common=tables["fast"], fast=tables["fast"], slow=tables["slow"])

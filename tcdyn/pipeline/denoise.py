@@ -21,7 +21,8 @@ from immersion.events import find_entry
 from tcdyn.compensate.denoise import METHODS, Denoised, remove_noise
 from tcdyn.partition.events import find_events
 from tcdyn.partition.prepare import despiked, gathered
-from tcdyn.pipeline.compensate import DECIMALS, log_kind, rig_of
+from tcdyn.pipeline.compensate import DECIMALS, log_kind
+from tcdyn.pipeline.records import rig_of
 
 METHOD = "noise removed (section 4.2), static lines applied, lag left in"
 Progress = Callable[[str, int, int], None]  # (channel, channels done, channels in all)
@@ -83,8 +84,8 @@ def denoise_log(
     done: dict[str, Denoised] = {}
     for k, (name, line) in enumerate(names):
         logged = frame[f"{name}_degC"].to_numpy(dtype=float)
-        clean, _ = despiked(np.asarray(apply_static(logged, line)))
-        done[name] = remove_noise(time, clean, events, methods)
+        clean, missing = despiked(np.asarray(apply_static(logged, line)))
+        done[name] = remove_noise(time, np.where(missing, np.nan, clean), events, methods)
         frame[f"{name}_degC"] = np.round(done[name].temperature, DECIMALS)
         progress(name, k + 1, len(names))
     notes = {

@@ -22,7 +22,8 @@ from calibration.rigfile import Rig
 from calibration.table import open_table, shown
 from calibration.write import write_text
 from tcdyn.pipeline.causal import Causal, CausalState, Settings, begin
-from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns, rig_of
+from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
+from tcdyn.pipeline.records import rig_of
 
 STATE = "tcdyn.follow/1"
 MOST_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows

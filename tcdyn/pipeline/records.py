@@ -1,13 +1,14 @@
-"""Records by disk, checked against each other and against the log they are to be used on."""
+"""Records by disk, checked against each other, and the rig that they remember."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.record import DiskRecord, read_record
+from calibration.rigfile import Rig
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
@@ -25,3 +26,10 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
             raise InputError(f"a second record of the {record.disk} disk", where=str(path), remedy="give one of each")
         out[record.disk] = record
     return out
+
+
+def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
+    """The rig as the records remember it: each disk its own tables, what is common from the first record given."""
+    common = next(iter(records.values())).setup
+    own = {d: records[d].setup if d in records else common for d in DISKS}
+    return Rig(common=common, fast=own["fast"], slow=own["slow"])

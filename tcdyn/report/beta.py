@@ -19,8 +19,8 @@ from tcdyn.plots.windows import draw_referee, draw_window_study
 from tcdyn.report.page import Section, write_page
 
 ASSUMED = (
-    "conductivity, density and specific heat of the steel, bore radius and washer thickness are assumptions of "
-    "rig.toml with the uncertainties of its [uncertainty] table",
+    "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "
+    "uncertainties of its [uncertainty] table",
     "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
     "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
@@ -184,8 +184,7 @@ def assumed(p: Partition) -> list[str]:
     s = p.test.disks["fast"].setup
     return [
         f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
-        f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as are the bore "
-        "radius and the washer",
+        f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as is the washer",
         "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
         f"the speed law h ~ u^n with n = {p.test.speed_exponent:g} of rig.toml, whose range is part of the uncertainty",
     ]

@@ -66,6 +66,15 @@ def hertz_contact(
     return HertzContact(float(minor), float(major), float(1.5 * load_N / (np.pi * minor * major)))
 
 
+def equal_radius_m(one_m: float, other_m: float) -> float:
+    """Radius of two equal disks whose relative curvature is that of two unequal ones, 2 / (1/R1 + 1/R2) [m].
+
+    >>> round(equal_radius_m(0.03, 0.06), 3)
+    0.04
+    """
+    return 2.0 / (1.0 / one_m + 1.0 / other_m)
+
+
 def half_width_m(load_N: float, radius_m: float = 0.0381, crown_radius_m: float = 0.3048) -> float:
     """Half width b of the running track [m], the major semi-axis of the contact.
 

@@ -53,7 +53,7 @@ def one(seed: int, test: str = "B3") -> dict[str, float]:
         for channel, deeper in found.deeper_m.items():
             true_m = made.truth.disk(disk).setup.junctions[channel].depth_m - stated[channel].depth_m
             out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
-    pulls = tensions(made.test, p.joint, p.both, made.rig.common.uncertainty, p.sensors)
+    pulls = tensions(made.test, p.joint, p.both, p.sensors)
     out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_ALARM)
     out["chance of the rest"] = min(t.chance for t in pulls if t.alarm != DEPTH_ALARM)
     out["alarm"] = float(not p.crosscheck.agree)

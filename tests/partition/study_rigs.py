@@ -41,7 +41,7 @@ class StudyRig:
 
     def analyse(self, **options: Any) -> Partition:
         """All ways to beta of this test."""
-        return analyse(self.test, self.rig.common.uncertainty, **options)
+        return analyse(self.test, **options)
 
 
 def study_rig(
@@ -52,9 +52,10 @@ def study_rig(
     options: EhlOptions = QUICK,
     lag_error_s: float | None = None,
     truth: RigTruth | None = None,
+    rig: Rig | None = None,
 ) -> StudyRig:
     """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags."""
-    rig = load_rig()
+    rig = rig or load_rig()
     true = truth or draw_truth(seed, rig, uncertain=uncertain)
     frame, told = simulate_ehl(name, seed, true, options)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}

@@ -56,9 +56,9 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
 def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     """Figure 4.20: taken as one kink in its middle, such a ramp moved h by a fifth and the share by 0.05."""
     made = study_rig(1, uncertain=False, lag_error_s=0.0, options=replace(QUICK, parting_s=1.5))
-    test, u = made.test, made.rig.common.uncertainty
+    test = made.test
     rows = stretch_of(test, 5.0)
-    lines, _ = steady_lines(test, rows, u)
+    lines, _ = steady_lines(test, rows)
     disk = test.disks["fast"]
     done = compensate_stretch(test, disk, rows, disk.chains, 0.01)
     window = compensated_window(test, disk, rows, done, "modal")

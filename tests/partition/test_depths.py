@@ -30,7 +30,7 @@ def b3(campaign: Campaign) -> EhlTest:
 def test_a_disk_that_still_warms_up_is_not_accused() -> None:
     """A minute under load: the inner row rises by 0.3 K/s when the load goes off."""
     made = study_rig(3, uncertain=False, options=replace(QUICK, load_on_s=20.0, unload_s=80.0, duration_s=96.0))
-    found = check_sensors(made.test, made.rig.common.uncertainty)
+    found = check_sensors(made.test)
     assert found.sound, found.verdicts
     for test in found.depths.values():
         assert np.abs(test.pull).max() < 3.0  # twelve junctions: one sound rig in thirty
@@ -86,23 +86,23 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     """Depths by the sensor map where there is one, by the joint fit otherwise; never by both."""
     from tcdyn.partition.analyse import analyse
 
-    u = campaign.rig.common.uncertainty
-    with_map = analyse(b3, u)
+    with_map = analyse(b3)
     assert with_map.sensors is not None
-    mapped = tensions(b3, with_map.joint, with_map.both, u, with_map.sensors)
-    bare = tensions(b3, with_map.joint, with_map.both, u)
+    mapped = tensions(b3, with_map.joint, with_map.both, with_map.sensors)
+    bare = tensions(b3, with_map.joint, with_map.both)
     assert sum("depth" in t.what for t in mapped) == sum("depth" in t.what for t in bare) == 12
     assert len(mapped) == len(bare)
     assert {t.alarm for t in mapped if "depth" in t.what} == {DEPTH_ALARM}
     assert {t.alarm for t in bare} == {OTHER_ALARM}
     # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
-    (steep,) = [
-        t for t in tensions(replace(b3, speed_exponent=1.0), with_map.joint, with_map.both, u) if "exponent" in t.what
-    ]
+    elsewhere = replace(b3, speed_exponent=1.0)
+    (steep,) = [t for t in tensions(elsewhere, with_map.joint, with_map.both) if "exponent" in t.what]
     assert steep.contradicts
     assert not any(t.contradicts for t in mapped)
     # the added friction's own uncertainty widens the budget's row of friction as the two combine
     less = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
-    added = replace(b3, added=FrictionAdded(0.0, 0.03 * b3.friction_N))
-    more = {r.source: r.u_beta_steady for r in analyse(added, u, sensor_check=False).budget.rows}["friction"]
-    assert more / less == pytest.approx(np.hypot(1, 0.03 / u.friction_rel), rel=0.05)  # the sampling of 4000 draws
+    log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
+    unsure = prepare(log, campaign.rig, campaign.records, lambda *_: FrictionAdded(0.0, 0.03 * b3.friction_N))
+    more = {r.source: r.u_beta_steady for r in analyse(unsure, sensor_check=False).budget.rows}["friction"]
+    stated = campaign.rig.common.uncertainty.friction_rel
+    assert more / less == pytest.approx(np.hypot(1, 0.03 / stated), rel=0.05)  # the sampling of 4000 draws

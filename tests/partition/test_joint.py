@@ -23,7 +23,7 @@ def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
     """From a start that is 0.06 and 40 % off, with a record whose lag is 0.1 s off."""
     made = study_rig(5, "D4", uncertain=False, lag_error_s=0.1)
     start = {"fast": (made.told["beta"] + 0.06, 1000.0), "slow": (1 - made.told["beta"] + 0.06, 400.0)}
-    fits, both = joint_fits(made.test, start, made.rig.common.uncertainty)
+    fits, both = joint_fits(made.test, start)
     for disk, fit in fits.items():
         lag, beta = fit.estimates["lag_s"], fit.estimates["beta"]
         assert abs(beta.value - made.told["beta"]) < 3 * beta.u  # one rig: three standard uncertainties
@@ -39,9 +39,8 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
     0.01): a twentieth of a standard uncertainty squared.
     """
     made = study_rig(1002, "D4")
-    u = made.rig.common.uncertainty
-    _, speed = steady_lines(made.test, stretch_of(made.test, 10.0), u)
-    fits, _ = joint_fits(made.test, joint_start(speed), u, 0.2)
+    _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+    fits, _ = joint_fits(made.test, joint_start(speed), 0.2)
     for fit in fits.values():
         tau = (float(np.log(fit.chain.taus_s[0])), float(np.log(fit.chain.taus_s[1])))
         at = Point(fit.share, float(np.log(fit.h_W_m2K)), tau)
@@ -113,9 +112,8 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
 
     def fitted(true: RigTruth) -> Any:
         made = study_rig(1, "B3", truth=true, options=options, lag_error_s=0.0)
-        u = made.rig.common.uncertainty
-        lines, speed = steady_lines(made.test, stretch_of(made.test, 10.0), u)
-        return lines, joint_fits(made.test, joint_start(speed), u)[0]
+        lines, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+        return lines, joint_fits(made.test, joint_start(speed))[0]
 
     base_lines, base = fitted(truth)
     for what in ("depth a", "depth e", "depth b", "conductivity", "heat capacity", "washer", "friction", "ambient"):

@@ -43,7 +43,7 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
     said: dict[str, list[str]] = {"fine": [], "coarse": []}
     for name, columns in (("fine", fine), ("coarse", {**fine, "fast_e_degC": coarse})):
         frame = pd.DataFrame(columns)
-        traces = disk_traces(frame, "fast", load_rig().disk_setup("fast"), record, t > 30, said[name], "log")
+        traces = disk_traces(frame, "fast", load_rig(), record, t > 30, 0.0, said[name], "log")
         assert (traces.noise_K > 0.05).all()  # rounding of 0.21 K steps is 0.06 K
         if name == "coarse":  # a rounding that stands still does not average out: it adds to the line's uncertainty
             assert traces.static_u_K[4] > 0.06 > 0.05 > traces.static_u_K[0]

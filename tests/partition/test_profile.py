@@ -28,10 +28,9 @@ Fitted = tuple[EhlTest, dict[str, DiskFit], BothFit]
 
 def fitted(made: StudyRig, window_s: float = 10.0, test: EhlTest | None = None) -> Fitted:
     """Joint fits of a study rig from the speed law's point."""
-    u = made.rig.common.uncertainty
-    _, speed = steady_lines(made.test, stretch_of(made.test, window_s), u)
+    _, speed = steady_lines(made.test, stretch_of(made.test, window_s))
     test = made.test if test is None else test
-    return test, *joint_fits(test, joint_start(speed), u, window_s)
+    return test, *joint_fits(test, joint_start(speed), window_s)
 
 
 def without_lag_prior(test: EhlTest) -> EhlTest:

@@ -162,7 +162,7 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
         made = calibrate_disk(rig, d, files.ovens[d], files.plunges[d], ["mobil-jet-ii"]).record
         records[d] = read_record(write_record(made, tmp_path / f"{d}.disk.json"))
     for log in files.ehl.values():
-        check = check_sensors(prepare(read_log(log, "ehl", rig), rig, records), rig.common.uncertainty)
+        check = check_sensors(prepare(read_log(log, "ehl", rig), rig, records))
         assert check.sound, check.warnings
 
 
@@ -185,7 +185,7 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     write_log(simulate_ehl("B3", 3, true, options)[0], tmp_path / "x.csv")
     test = prepare(read_log(tmp_path / "x.csv", "ehl", campaign.rig), campaign.rig, campaign.records)
-    (suspect,) = check_sensors(test, campaign.rig.common.uncertainty).suspects
+    (suspect,) = check_sensors(test).suspects
     assert suspect.disk == "fast"
     assert channel in suspect.channels
     if suspect.kind == "swapped":  # a cold d explains the outer row as well when it sits at f: c is on d's side alone

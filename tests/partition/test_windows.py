@@ -23,8 +23,8 @@ def partition(campaign: Campaign) -> Partition:
 
 
 @pytest.fixture(scope="module")
-def by_window(partition: Partition, campaign: Campaign) -> pd.DataFrame:
-    return cooling_by_window(partition, LENGTHS, campaign.rig.common.uncertainty)
+def by_window(partition: Partition) -> pd.DataFrame:
+    return cooling_by_window(partition, LENGTHS)
 
 
 def test_five_seconds_give_the_cooling_fit_s_own_answer(partition: Partition, by_window: pd.DataFrame) -> None:
