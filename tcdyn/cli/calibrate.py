@@ -24,7 +24,10 @@ def calibrate(
     ] = None,
     structure: Annotated[
         str,
-        typer.Option(help="P1 (one lag), P2 (two lags) or P1D (one lag and a dead time); the others are tried, too"),
+        typer.Option(
+            help="P1 (one lag), P2 (two), P1D or P2D (and a dead time) or P2Z (and a zero: a slow tail); "
+            "the others, and three lags, are tried, too"
+        ),
     ] = "P2",
     correlation: Annotated[
         str, typer.Option(help="natural convection: mcadams, similarity or churchill-chu-laminar")

@@ -113,7 +113,7 @@ class _Signals:
         return p.power_W * each[0], np.array(each[1:])
 
     def chained(self, x: Array, lag_s: float, logit: float) -> Array:
-        taus, delay = stages("P2", lag_s, logit)
+        taus, delay, _ = stages("P2", lag_s, logit)
         return Chain(taus, delay_s=delay, conditioning=self.setup.conditioning).response(x, self.dt)
 
     def jacobian(self) -> Array:

@@ -84,7 +84,7 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65, l
             return patch_response(s, depth, float(np.exp(v["ln_radius"])), k, alpha)
 
         x = np.exp(v["ln_flux"]) * (patch(since) - patch(since - np.exp(v["ln_duration"])))
-        taus, delay = stages("P2", v["lag"], v["split"])
+        taus, delay, _ = stages("P2", v["lag"], v["split"])
         chain = Chain((*taus, float(np.exp(v["ln_onset"]))), delay_s=delay, conditioning=setup.conditioning)
         return chain.response(x, dt) + v["offset"]
 

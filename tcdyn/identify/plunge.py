@@ -141,6 +141,8 @@ def _best_of_two(
     short, gap = float(np.mean(other.theta[layout.lag])), other.cost - best.cost
     if gap > 6.0 or (short > long and gap > 0):
         return best, ()
+    if gap < -6.0:
+        return other, ()
     if abs(long - short) < 0.3:
         return other, ()
     own = setup.conditioning.lag_s
@@ -157,10 +159,10 @@ def _bath(run: PlungeRun, chosen: Correlation, setup: DiskSetup) -> Bath:
 
 
 def _chain(theta: Array, layout: Layout, j: int, setup: DiskSetup) -> Chain:
-    taus, delay = stages(
+    taus, delay, zero = stages(
         layout.structure, float(theta[layout.lag][j]), float(theta[layout.common_split] + theta[layout.split][j])
     )
-    return Chain(tuple(float(t) for t in taus), delay_s=float(delay), conditioning=setup.conditioning)
+    return Chain(tuple(float(t) for t in taus), zero_s=zero, delay_s=delay, conditioning=setup.conditioning)
 
 
 def _nuisances(best: Optimum) -> pd.DataFrame:

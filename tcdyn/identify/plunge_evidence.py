@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate
-from tcdyn.identify.plunge_layout import STRUCTURES, Structure
+from tcdyn.identify.plunge_layout import COMPARED, Structure
 from tcdyn.identify.plunge_map import Optimum, Problem, judged, minimise, precision
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_scan import LagScan, settled_scan
@@ -17,6 +17,7 @@ from tcdyn.identify.plunge_structures import POSSIBLE, StructureComparison, Stru
 
 Array = NDArray[np.float64]
 LONG_S, SHORT_S = 0.8, 0.5  # beyond the first a second start is made, at the other
+HOPELESS = 12.0  # log evidence below the likeliest, by Laplace, at which no scan of the lag can bring a structure back
 
 
 def compare_structures(
@@ -26,7 +27,7 @@ def compare_structures(
     entry_u_s: Sequence[float],
     own_lag_s: float,
     extra_u_s: float = 0.0,
-    structures: Sequence[Structure] = STRUCTURES,
+    structures: Sequence[Structure] = COMPARED,
 ) -> StructureComparison:
     """Each of ``structures`` on the plunges of ``final``, all with the noise that the best of them leaves.
 
@@ -40,20 +41,24 @@ def compare_structures(
     if not kept:
         noise = judged(fits[best][0].problem, fits[best][0])
         fits = {s: [_refit(f, s, priors, entry_u_s, noise) for f in fits[s]] for s in structures}
+    likeliest = max(laplace(f) for s in structures for f in fits[s])
     modes: list[_Mode] = []
     for s in structures:
         for k, fit in enumerate(fits[s]):
             if kept and s == chosen and k == 0:
-                modes.append(
-                    _Mode(s, scan, final, scan.estimate(own_lag_s, extra_u_s), float(min(scan.cost.min(), final.cost)))
-                )
+                cost = float(min(scan.cost.min(), final.cost))
+                modes.append(_Mode(s, final, scan.estimate(own_lag_s, extra_u_s), cost, log_evidence(scan, final)))
+                continue
+            if s != chosen and laplace(fit) < likeliest - HOPELESS:
+                modes.append(_Mode(s, fit, _roughly(fit, own_lag_s), fit.cost, laplace(fit), False))
                 continue
             walked, at, start = settled_scan(fit, step=1.2, drop=7.0)
             if any(m.structure == s and _close(m.at, at) for m in modes):
                 continue
             own = s == chosen and _close(at, final)
             shown = (scan if own else walked).estimate(own_lag_s, extra_u_s)
-            modes.append(_Mode(s, walked, at, shown, float(min(walked.cost.min(), start.cost)), own))
+            cost = float(min(walked.cost.min(), start.cost))
+            modes.append(_Mode(s, at, shown, cost, log_evidence(walked, at), own))
     shares = _shares(modes)
     reference = final.theta[final.problem.layout.lag]
     away = np.array([0 * reference if m.reported else m.at.theta[m.at.problem.layout.lag] - reference for m in modes])
@@ -67,10 +72,10 @@ class _Mode:
     """One solution under one structure; ``reported``: the one whose lags the fit reports."""
 
     structure: str
-    scan: LagScan
     at: Optimum
     lag_s: Estimate
     cost: float
+    log_evidence: float
     reported: bool = True
 
 
@@ -80,7 +85,7 @@ def _shares(modes: Sequence[_Mode]) -> Array:
     Occam's factor would reward one lag for having fewer parameters; that a second lag is not needed for a good fit
     does not make the narrower interval of the first one true.
     """
-    evidence = np.array([log_evidence(m.scan, m.at) for m in modes])
+    evidence = np.array([m.log_evidence for m in modes])
     cost = np.array([m.cost for m in modes])
     rich = np.array([m.structure != "P1" for m in modes])
     if rich.any():
@@ -105,6 +110,14 @@ def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> t
     return tuple(
         StructureRow(s, modes[firsts[k]].lag_s, cost[k] or 0.0, total[k], held[k], seconds[k])
         for k, s in enumerate(structures)
+    )
+
+
+def _roughly(at: Optimum, own_lag_s: float) -> Estimate:
+    """The common lag of an optimum in its normal approximation."""
+    lag = at.problem.layout.lag
+    return Estimate.normal(
+        float(np.mean(at.theta[lag])) + own_lag_s, float(np.sqrt(max(at.covariance[lag, lag].mean(), 0.0)))
     )
 
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from tcdyn.identify.plunge_prior import PlungePriors
 
 Array = NDArray[np.float64]
-Structure = Literal["P1", "P2", "P1D"]
-STRUCTURES: tuple[Structure, ...] = ("P1", "P2", "P1D")
+Structure = Literal["P1", "P2", "P1D", "P2D", "P2Z", "P3"]
+STRUCTURES: tuple[Structure, ...] = ("P1", "P2", "P1D", "P2D", "P2Z")  # P3 is for comparison: a record holds two lags
+COMPARED: tuple[Structure, ...] = (*STRUCTURES, "P3")
 RUN_NAMES = ("ln_h", "h_exponent", "ln_burst", "ln_burst_time", "ln_burst_shape", "entry", "initial", "bath")
 
 
@@ -118,15 +119,24 @@ class Layout:
         return mean, sd
 
 
-def stages(structure: Structure, lag_s: float, logit: float) -> tuple[tuple[float, ...], float]:
-    """Lags (tau1, tau2 ..) and dead time [s] of a chain whose own lag is ``lag_s``, split by ``logit``.
+def stages(structure: Structure, lag_s: float, logit: float) -> tuple[tuple[float, ...], float, float]:
+    """Lags (tau1, tau2 ..), dead time and zero [s] of a chain whose own lag is ``lag_s``, with s = sigmoid(``logit``).
 
-    P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = sigmoid(logit). P1D: dead time = lag sigmoid(logit)/2.
+    P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead time = 0.4 lag s,
+    the rest in lags of four to one. P2Z: zero = lag s, lags (1 + 0.8 s) and 0.2 s times the lag: a part of the reading
+    answers quickly, the rest has a slow tail. P3: two equal lags of lag s/3, the rest in the first; equal at s = 1.
     """
     if structure == "P1":
-        return (lag_s,), 0.0
-    share = 1 / (1 + np.exp(-logit))
+        return (lag_s,), 0.0, 0.0
+    share = float(1 / (1 + np.exp(-logit)))
     if structure == "P1D":
-        return (lag_s * (1 - share / 2),), float(lag_s * share / 2)
+        return (lag_s * (1 - share / 2),), lag_s * share / 2, 0.0
+    if structure == "P2D":
+        rest = lag_s * (1 - 0.4 * share)
+        return (0.8 * rest, 0.2 * rest), 0.4 * share * lag_s, 0.0
+    if structure == "P2Z":
+        return (lag_s * (1 + 0.8 * share), 0.2 * share * lag_s), 0.0, share * lag_s
+    if structure == "P3":
+        return (lag_s * (1 - 2 * share / 3), lag_s * share / 3, lag_s * share / 3), 0.0, 0.0
     root = float(np.sqrt(1 - share))
-    return (lag_s * (1 + root) / 2, lag_s * (1 - root) / 2), 0.0
+    return (lag_s * (1 + root) / 2, lag_s * (1 - root) / 2), 0.0, 0.0

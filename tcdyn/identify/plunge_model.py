@@ -214,26 +214,28 @@ def chain_on_grid(
     Last comes the dead time with its two derivatives, which the caller applies by shifting time.
     """
 
-    def parts(lag: float, z: float) -> tuple[Array, float]:
-        taus, delay = stages(structure, lag, z)  # type: ignore[arg-type]
-        return np.array(taus), delay
+    def parts(lag: float, z: float) -> Array:
+        taus, delay, zero = stages(structure, lag, z)  # type: ignore[arg-type]
+        return np.array([*taus, delay, zero])
 
-    taus, delay = parts(lag_s, logit)
     step_lag, step_z = 1e-5, 1e-4
-    up, down = parts(lag_s + step_lag, logit), parts(max(lag_s - step_lag, 1e-9), logit)
-    width = lag_s + step_lag - max(lag_s - step_lag, 1e-9)
-    by_lag, delay_lag = (up[0] - down[0]) / width, (up[1] - down[1]) / width
-    up, down = parts(lag_s, logit + step_z), parts(lag_s, logit - step_z)
-    by_z, delay_z = (up[0] - down[0]) / (2 * step_z), (up[1] - down[1]) / (2 * step_z)
+    shorter = max(lag_s - step_lag, 1e-9)
+    by_lag = (parts(lag_s + step_lag, logit) - parts(shorter, logit)) / (lag_s + step_lag - shorter)
+    by_z = (parts(lag_s, logit + step_z) - parts(lag_s, logit - step_z)) / (2 * step_z)
+    *taus, delay, zero = parts(lag_s, logit)
     y = u
-    for tau in taus:
+    for tau in taus[1:]:
         if tau > 1e-7:
             y = np.asarray(lag_on_grid(y, dt_s, 1 / tau))
-    d_lag, d_z = np.zeros(len(u)), np.zeros(len(u))
+    first = max(float(taus[0]), 1e-7)
+    lagged = np.asarray(lag_on_grid(y, dt_s, 1 / first))
+    rate = (y[:, 0] - lagged[:, 0]) / first  # of the lagged column: what a zero adds per second
+    y = lagged + zero / first * (y - lagged)
+    d_lag, d_z = rate * by_lag[-1], rate * by_z[-1]
     for i, tau in enumerate(taus):
         floor = max(float(tau), 1e-4)
         again = np.asarray(lag_on_grid(y[:, :1], dt_s, 1 / floor))[:, 0]
         by_tau = (again - y[:, 0]) / floor
         d_lag += by_tau * by_lag[i]
         d_z += by_tau * by_z[i]
-    return y, d_lag, d_z, (delay, float(delay_lag), float(delay_z))
+    return y, d_lag, d_z, (float(delay), float(by_lag[-2]), float(by_z[-2]))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from calibration.rigfile import UncertaintyTable
 
 
@@ -34,8 +36,12 @@ class PlungePriors:
 
     @classmethod
     def for_rig(cls, table: UncertaintyTable) -> PlungePriors:
-        """The defaults, with conductivity and depths as uncertain as the rig file's [uncertainty] says."""
-        return cls(conductivity_log=max(table.conductivity_rel, 1e-6), depth_m=max(table.depth_mm * 1e-3, 1e-9))
+        """The defaults, with steel and depths as uncertain as the rig file's [uncertainty] says.
+
+        A plunge sees K and rho c only together: what the fit frees as the conductivity carries both.
+        """
+        steel = float(np.hypot(table.conductivity_rel, table.heat_capacity_rel))
+        return cls(conductivity_log=max(steel, 1e-6), depth_m=max(table.depth_mm * 1e-3, 1e-9))
 
     def describe(self) -> list[tuple[str, str]]:
         """Each prior as (parameter, sentence), for tables."""
@@ -51,7 +57,10 @@ class PlungePriors:
             ("entry time, per run", f"normal about the event, sd {self.entry_scale:g} times its u"),
             ("initial temperature, per run", f"normal about the readings, sd {self.initial_K:g} K"),
             ("bath offset, per run", f"normal about 0, sd {self.bath_K:g} K"),
-            ("conductivity", f"lognormal about the rig file's, sd {100 * self.conductivity_log:.1f} %"),
+            (
+                "conductivity over heat capacity",
+                f"lognormal about the rig file's, sd {100 * self.conductivity_log:.1f} %",
+            ),
             ("junction depth, per channel", f"normal about the rig file's, sd {1e3 * self.depth_m:.2f} mm"),
             ("static offset, per channel", f"normal about 0, sd {self.static_offset_K:g} K"),
             ("static gain, per channel", f"normal about 1, sd {self.static_gain:g}"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.noise import rounding_sd, white_noise_sd
+from calibration.noise import white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
 
@@ -159,7 +159,8 @@ def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Arr
     windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
     with np.errstate(invalid="ignore"):
         off = values - np.median(windows, axis=-1)
-        sd = np.maximum(1.4826 * np.nanmedian(np.abs(off), axis=0), [rounding_sd(column) for column in values.T])
+        # on a ramp a sample is the median of its neighbours, and says nothing of the noise: so do the differences
+        sd = np.maximum(1.4826 * np.nanmedian(np.abs(off), axis=0), white_noise_sd(values))
         bad = np.abs(off) > threshold * np.maximum(sd, 1e-9) * 1.3
     return np.where(bad, np.nan, values), int(np.count_nonzero(bad))
 

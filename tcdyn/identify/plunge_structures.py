@@ -9,9 +9,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration.estimate import Estimate, rounded, with_u
+from tcdyn.identify.plunge_layout import STRUCTURES
 
 Array = NDArray[np.float64]
-MEANING: dict[str, str] = {"P1": "one lag", "P2": "two lags", "P1D": "one lag and a dead time"}
+MEANING: dict[str, str] = {
+    "P1": "one lag",
+    "P2": "two lags",
+    "P1D": "one lag and a dead time",
+    "P2D": "two lags and a dead time",
+    "P2Z": "two lags and a zero",
+    "P3": "three lags",
+}
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
 POSSIBLE = 0.05  # a structure less probable than this may be called contradicted, one above it is possible
 
@@ -101,7 +109,11 @@ class StructureComparison:
         return "" if lag is None else f", and a lag of {plain(lag)} under another entry burst is possible too"
 
     def _remedy(self) -> str:
-        return f"; calibrate with --structure {self.best.structure}" if self.contradicted else ""
+        if not self.contradicted:
+            return ""
+        if self.best.structure not in STRUCTURES:
+            return "; a record holds two lags: take the common lag from an unloading"
+        return f"; calibrate with --structure {self.best.structure}"
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -71,7 +71,7 @@ def test_intervals_of_lags_are_explained_where_they_stand(said: Said) -> None:
 def test_structures_travel_with_record_summary_and_certificate(said: Said) -> None:
     found = said.record["fit"]["structures"]
     assert found["chosen"] == "P1"
-    assert {c["structure"] for c in found["candidates"]} == {"P1", "P2", "P1D"}
+    assert {c["structure"] for c in found["candidates"]} == {"P1", "P2", "P1D", "P2D", "P2Z", "P3"}
     assert sum(c["probability"] for c in found["candidates"]) == pytest.approx(1.0)
     assert said.out.count(found["sentence"]) + said.err.count(found["sentence"]) == 1
     assert said.page.lower().replace("±", "+-").count(found["sentence"].lower()) == 1
@@ -115,7 +115,7 @@ def test_an_unknown_structure_names_the_known_ones(campaign: Campaign, capsys: p
     code = tcdyn("calibrate", "--rig", f.rig, "--disk", "fast", "--oven", f.ovens["fast"], "--immersion",
                  f.plunges["fast"][0], "--structure", "P9", "--quiet")  # fmt: skip
     assert code == 2
-    assert "P1, P2, P1D" in capsys.readouterr().err
+    assert "P1, P2, P1D, P2D, P2Z" in capsys.readouterr().err
 
 
 def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Campaign) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+import control
 import numpy as np
 import pytest
 from plunge_simulator import draw_pairs, same_pairs, simulate
@@ -18,8 +19,8 @@ from immersion.correlations import correlation
 from tcdyn.chain import Chain
 from tcdyn.identify.plunge import identify_plunges
 from tcdyn.identify.plunge_grid import Reading, conditioned, lag_on_grid
-from tcdyn.identify.plunge_layout import Layout, stages
-from tcdyn.identify.plunge_model import build_run_model, predict_run
+from tcdyn.identify.plunge_layout import COMPARED, Layout, Structure, stages
+from tcdyn.identify.plunge_model import build_run_model, chain_on_grid, predict_run
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_result import PlungeFit
 from tcdyn.identify.plunge_run import PlungeRun, make_blocks
@@ -136,9 +137,31 @@ def test_reading_the_grid_gives_nothing_before_entry() -> None:
 
 @pytest.mark.parametrize("logit", [-3.0, 0.0, 3.0])
 def test_stages_keep_the_lag(logit: float) -> None:
-    for structure in ("P1", "P2", "P1D"):
-        taus, delay = stages(structure, 0.7, logit)  # type: ignore[arg-type]
-        assert sum(taus) + delay == pytest.approx(0.7)
+    for structure in COMPARED:
+        taus, delay, zero = stages(structure, 0.7, logit)
+        assert sum(taus) + delay - zero == pytest.approx(0.7)
+        assert min(*taus, delay, zero) >= 0
+
+
+@pytest.mark.parametrize("structure", COMPARED)
+def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: Structure) -> None:
+    """Against python-control on a fine even grid; derivatives against differences."""
+    t = np.arange(0, 6, 0.005)
+    u = np.clip(t - 1, 0, 2)
+    lag, logit = 0.7, 0.3
+    taus, delay, zero = stages(structure, lag, logit)
+    poles = np.array([1.0])
+    for tau in taus:
+        poles = np.polymul(poles, [tau, 1.0])
+    exact = control.forced_response(control.TransferFunction([zero, 1.0], poles), t, u).outputs
+    y, by_lag, by_logit, late = chain_on_grid(u[:, None], np.diff(t), lag, logit, structure)
+    assert late[0] == pytest.approx(delay)
+    np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)  # straight lines between samples in both: rounding only
+    along_lag, along_logit = ((lag + 1e-4, logit), (lag - 1e-4, logit)), ((lag, logit + 1e-3), (lag, logit - 1e-3))
+    for by, (a, b) in ((by_lag, along_lag), (by_logit, along_logit)):
+        up, down = (chain_on_grid(u[:, None], np.diff(t), *at, structure)[0][:, 0] for at in (a, b))
+        step = a[0] - b[0] + a[1] - b[1]
+        np.testing.assert_allclose(by, (up - down) / step, atol=2e-4)
 
 
 def test_spikes_are_left_out_and_noise_is_seen_through_a_ramp() -> None:
