@@ -155,6 +155,21 @@ def test_dead_channel_is_refused():
         )
 
 
+def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
+    y = 80 + np.random.default_rng(0).standard_normal((500, 2))
+    y[100:180, 1] = 80.0
+    done = smooth(y, DT, Chain((1.0,)), intensity=10.0, names=["fast_d", "fast_e"])
+    assert done.warnings[0].startswith("fast_e: stuck")
+    done = smooth(y, DT, Chain((1.0,)), intensity=10.0)
+    assert done.warnings[0].startswith("channel 2: stuck")
+    assert "channel 2: noise" in done.summary()
+    y[7:, 1] = np.nan
+    with pytest.raises(InputError, match="fast_e has fewer"):
+        smooth(y, DT, Chain((1.0,)), noise_sd=1.0, names=["fast_d", "fast_e"])
+    with pytest.raises(InputError, match="2 channels but 1 names"):
+        smooth(y, DT, Chain((1.0,)), names=["fast_d"])
+
+
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
     """12 bits over 860 degC and 0.02 K of noise on a slow cooling: most samples repeat, and nothing is broken."""
     t = np.arange(0, 60, DT)
