@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -196,13 +197,21 @@ def test_what_only_the_whole_test_shows_is_checked_at_its_end(tmp_path, rows):
 
 def test_a_log_without_rows_is_refused(tmp_path):
     path = write_log(ehl_frame().iloc[:0], tmp_path / "log.csv")
-    with pytest.raises(InputError, match="row|table"):
+    with pytest.raises(InputError, match="no table"):
         next(iter_log(path, "ehl"))
 
 
 def test_oven_logs_are_not_read_in_pieces(tmp_path):
     with pytest.raises(InputError, match="whole"):
         next(iter_log(tmp_path / "x.csv", "oven"))
+
+
+def test_the_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    write_log(ehl_frame(), Path("long.csv"))
+    exec(compile(re.search(r"```python\n(.*?)```", page, re.S)[1], "files.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("3000 ")
 
 
 PEAK = """
