@@ -142,6 +142,7 @@ def _first_look(
     if number is None:
         raise InputError("no rows", where=where)
     time, sampling = check_time(np.frombuffer(clock), number, where)
+    del clock
     notes.extend(sampling.notes)
     place = Place(where, number, time, sampling.dt_s)
     switches: dict[str, NDArray[np.bool_]] = {}
