@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, 
     Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
     """
     notes: list[str] = []
-    out = values.copy()
+    out = values
     missing = ~np.isfinite(out)
     if missing.all():
         raise InputError(f"column {name} holds no numbers", where=place.where, expected="0 and 1")
@@ -32,7 +34,7 @@ def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, 
             )
         notes.append(f"{place.at(name, int(np.argmax(missing)))}: {int(missing.sum())} value(s) missing; state kept")
         out = np.array(pd.Series(out).where(~missing).ffill().bfill(), dtype=np.float64)
-    levels = np.unique(out)
+    levels = np.sort(pd.unique(out))
     if len(levels) > 2:
         i = int(np.argmax((out != levels[0]) & (out != levels[-1])))
         raise InputError(
@@ -62,37 +64,16 @@ def check_switch(values: FloatArray, name: str, place: Place) -> list[str]:
     return _bounces(values, name, place)
 
 
-def check_contact(frame: pd.DataFrame, place: Place) -> list[str]:
-    """Contact, load and speeds of an EHL log. Raises InputError where the test cannot be used."""
-    contact = frame["contact"].to_numpy()
-    load = frame["load_N"].to_numpy()
+def check_contact(contact: FloatArray, place: Place) -> list[str]:
+    """The contact switch of an EHL log (N,): must fall; bounces and a missing loading or cooling are noted."""
     down = np.flatnonzero(np.diff(contact) < 0) + 1
-    up = np.flatnonzero(np.diff(contact) > 0) + 1
     if len(down) == 0:
-        state = "rises but never falls" if len(up) else f"is {contact[0]:g} in every row"
+        state = "rises but never falls" if np.ptp(contact) else f"is {contact[0]:g} in every row"
         raise InputError(
             f"column contact {state}: no unloading",
             where=place.where,
             expected="1 while the disks touch, then 0",
             remedy="give the log of the whole test, through the cooling",
-        )
-    on, off = float(np.nanmedian(load[contact > 0.5])), float(np.nanmedian(load[contact < 0.5]))
-    if abs(on - off) < 10.0:
-        raise InputError(
-            f"column load_N is {on:.4g} in contact and {off:.4g} without: a dead cell, kilonewtons or volts",
-            where=place.where,
-            expected="newtons that rise by 10 or more in contact",
-        )
-    if on < off:
-        apart = load < 0.5 * (np.nanmin(load) + np.nanmax(load))
-        inverted = not apart.any() or contact[apart].mean() > 0.5
-        raise InputError(
-            f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
-            where=place.where,
-            expected="contact 1 while the disks touch",
-            remedy="the switch looks inverted: log 1 - contact"
-            if inverted
-            else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
         )
     notes = _bounces(contact, "contact", place)
     if contact[0] > 0.5:
@@ -101,12 +82,37 @@ def check_contact(frame: pd.DataFrame, place: Place) -> list[str]:
         notes.append(
             f"column contact: only {(len(contact) - down[-1]) * place.dt_s:.2g} s of cooling after the unloading"
         )
-    friction = frame["friction_N"].to_numpy()[contact > 0.5]
-    if np.nanmedian(friction) < 0:
+    return notes
+
+
+def check_loads(frame: Mapping[str, FloatArray], where: str) -> list[str]:
+    """Load, friction and speeds of an EHL log while ``contact`` is 1. Raises InputError where they cannot be used."""
+    contact, load = frame["contact"], frame["load_N"]
+    on, off = float(np.nanmedian(load[contact > 0.5])), float(np.nanmedian(load[contact < 0.5]))
+    if abs(on - off) < 10.0:
+        raise InputError(
+            f"column load_N is {on:.4g} in contact and {off:.4g} without: a dead cell, kilonewtons or volts",
+            where=where,
+            expected="newtons that rise by 10 or more in contact",
+        )
+    if on < off:
+        apart = load < 0.5 * (np.nanmin(load) + np.nanmax(load))
+        inverted = not apart.any() or contact[apart].mean() > 0.5
+        raise InputError(
+            f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
+            where=where,
+            expected="contact 1 while the disks touch",
+            remedy="the switch looks inverted: log 1 - contact"
+            if inverted
+            else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
+        )
+    notes: list[str] = []
+    friction = float(np.nanmedian(frame["friction_N"][contact > 0.5]))
+    if friction < 0:
         notes.append("column friction_N is negative in contact; its sign may be turned round")
-    elif np.nanmedian(friction) > 0.3 * on:
+    elif friction > 0.3 * on:
         notes.append("column friction_N is above 0.3 of the load in contact")
-    return notes + _speeds(frame, contact, place)
+    return notes + _speeds(frame, contact, where)
 
 
 def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: NDArray[np.bool_]) -> list[str]:
@@ -173,17 +179,17 @@ def _check_follows(name: str, slope: float, offset: float, rest: float, span: fl
         )
 
 
-def _speeds(frame: pd.DataFrame, contact: FloatArray, place: Place) -> list[str]:
-    speed = {d: float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy()[contact > 0.5])) for d in DISKS}
+def _speeds(frame: Mapping[str, FloatArray], contact: FloatArray, where: str) -> list[str]:
+    speed = {d: float(np.nanmedian(frame[f"speed_{d}_rpm"][contact > 0.5])) for d in DISKS}
     for disk, value in speed.items():
         if not np.isfinite(value) or value <= 0:
             raise InputError(
-                f"column speed_{disk}_rpm is {value:.3g} in contact", where=place.where, expected="rotation in rpm"
+                f"column speed_{disk}_rpm is {value:.3g} in contact", where=where, expected="rotation in rpm"
             )
     if speed["fast"] < 0.98 * speed["slow"]:
         raise InputError(
             f"column speed_fast_rpm ({speed['fast']:.4g}) is below speed_slow_rpm ({speed['slow']:.4g})",
-            where=place.where,
+            where=where,
             expected="the fast disk to turn faster",
             remedy="the columns look swapped",
         )

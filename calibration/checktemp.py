@@ -11,6 +11,8 @@ from scipy.ndimage import median_filter
 from calibration.errors import InputError
 from calibration.noise import white_noise_sd
 from calibration.table import FloatArray, RowNumbers
+from calibration.tally import Tally
+from calibration.thin import thinned
 
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
 LONGEST_NAN_S = 0.5
@@ -37,80 +39,167 @@ class Place:
         return text
 
 
-def runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Starts and lengths of the runs of True.
+class TemperatureCheck:
+    """A temperature column that comes in pieces: cleaned piece by piece, judged at the end.
 
-    >>> runs(np.array([False, True, True, False, True]))
-    (array([1, 4]), array([2, 1]))
+    ``sample`` is the column, thinned where it is long: its kelvin and the noise that tells a spike are seen there.
+    ``junction`` False (ambient, oil, bath) allows a channel that does not change, with a note.
+
+    Raises InputError for an empty column and for kelvin.
     """
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    starts = np.flatnonzero(edges == 1)
-    return starts, np.flatnonzero(edges == -1) - starts
+
+    def __init__(self, name: str, sample: FloatArray, place: Place, junction: bool = True) -> None:
+        self.name, self.place, self.junction = name, place, junction
+        _check_empty(sample, name, place)
+        _check_kelvin(sample, name, place)
+        self.limit = spike_limit(np.where(_wild(sample), np.nan, sample)) if place.dt_s is not None else np.inf
+        self.wild, self.spikes, self.absent, self.missing, self.same = Tally(), Tally(), Tally(), Tally(), Tally()
+        self.seen, self.last, self.low, self.high = 0, np.nan, np.inf, -np.inf
+
+    def clean(self, values: FloatArray) -> FloatArray:
+        """The samples (N,) with impossible values and spikes as NaN; a spike needs three neighbours on each side."""
+        out = np.where(_wild(values), np.nan, values)
+        if np.isfinite(self.limit):
+            out[find_spikes(out, self.limit)] = np.nan
+        return out
+
+    def see(self, values: FloatArray, cleaned: FloatArray) -> None:
+        """Count what happened to the next samples (N,)."""
+        at, wild, absent, missing = self.seen, _wild(values), np.isnan(values), np.isnan(cleaned)
+        self.seen += len(values)
+        self.wild.see(wild, values, at)
+        self.absent.see(absent, values, at)
+        self.missing.see(missing, values, at)
+        self.spikes.see(missing & ~absent & ~wild, values, at)
+        real = np.concatenate([[self.last], np.where(wild, np.nan, values)])
+        self.same.see(np.diff(real) == 0.0, real[:-1], at - 1)
+        self.last = float(real[-1])
+        self.low, self.high = (
+            float(np.fmin.reduce(real, initial=self.low)),
+            float(np.fmax.reduce(real, initial=self.high)),
+        )
+
+    def judge(self) -> list[str]:
+        """What was noticed. Raises InputError for a dead or frozen channel, values no thermocouple gives, long gaps."""
+        name, place, notes = self.name, self.place, list[str]()
+        if self.wild.count > MOST_MISSING * self.seen:
+            raise InputError(
+                f"{place.at(name, self.wild.first)}: {self.wild.value:.4g} and {self.wild.count - 1} more values "
+                "that no junction has",
+                where=place.where,
+                expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
+                remedy="check the unit and the wiring of this channel",
+            )
+        if self.wild.count:
+            notes.append(
+                f"{place.at(name, self.wild.first)}: {self.wild.count} impossible value(s) such as "
+                f"{self.wild.value:.4g}; taken as missing"
+            )
+        if place.dt_s is None:
+            return notes
+        self._judge_frozen(place.dt_s, notes)
+        if self.spikes.count > MOST_MISSING * self.seen:
+            raise InputError(
+                f"{place.at(name, self.spikes.first)}: {100 * self.spikes.count / self.seen:.0f} % of the samples "
+                "are spikes",
+                where=place.where,
+                remedy="check the slip ring and the wiring of this channel",
+            )
+        if self.spikes.count:
+            notes.append(f"{place.at(name, self.spikes.first)}: {self.spikes.count} spike(s); taken as missing")
+        self._judge_gaps(place.dt_s, notes)
+        return notes
+
+    def _judge_frozen(self, dt_s: float, notes: list[str]) -> None:
+        same, name, place = self.same, self.name, self.place
+        if self.low == self.high:
+            text = f"column {name} is {self.low:.6g} in every row"
+            if self.junction:
+                raise InputError(text + ": a dead channel", where=place.where, remedy="check its wiring")
+            notes.append(text)
+            return
+        others = self.seen - 1 - same.length
+        if same.length * dt_s > FROZEN_S and same.count - same.length < 0.5 * max(others, 1):
+            text = f"{place.at(name, same.start)}: stays at {same.held:.6g} for {same.length * dt_s:.3g} s"
+            if self.junction:
+                raise InputError(
+                    text + ": a dead channel", where=place.where, remedy="check its wiring, or cut the log"
+                )
+            notes.append(text)
+
+    def _judge_gaps(self, dt_s: float, notes: list[str]) -> None:
+        longest = self.missing.length * dt_s
+        if longest > max(LONGEST_NAN_S, 3 * dt_s) or self.missing.count > MOST_MISSING * self.seen:
+            raise InputError(
+                f"{self.place.at(self.name, self.missing.start)}: {self.missing.length} values in a row are missing "
+                f"({longest:.3g} s), {100 * self.missing.count / self.seen:.2g} % of the channel",
+                where=self.place.where,
+                expected=f"runs of at most {LONGEST_NAN_S} s and {100 * MOST_MISSING:.0f} % in all",
+                remedy="cut the log there, or repair the channel",
+            )
+        gap = self.absent
+        if gap.count:
+            some = "1 value is" if gap.length == 1 else f"{gap.length} values in a row are"
+            more = f"; {gap.count} in all, this run the longest" if gap.count > gap.length else ""
+            notes.append(f"{self.place.at(self.name, gap.start)}: {some} missing ({gap.length * dt_s:.2g} s){more}")
+
+
+class PlainCheck:
+    """A column of numbers without a limit of its own, in pieces: cleaned piece by piece, judged at the end."""
+
+    def __init__(self, name: str, place: Place) -> None:
+        self.name, self.place, self.seen, self.bad = name, place, 0, Tally()
+
+    def clean(self, values: FloatArray) -> FloatArray:
+        """The samples (N,) with those missing or beyond a million as NaN."""
+        with np.errstate(invalid="ignore"):
+            return np.where(np.abs(values) <= 1e6, values, np.nan)
+
+    def see(self, values: FloatArray, cleaned: FloatArray) -> None:
+        """Count what happened to the next samples (N,)."""
+        self.bad.see(np.isnan(cleaned), values, self.seen)
+        self.seen += len(values)
+
+    def judge(self) -> list[str]:
+        """What was noticed. Raises InputError when more than a twentieth is missing."""
+        bad, place = self.bad, self.place.at(self.name, self.bad.first)
+        if bad.count > MOST_MISSING * self.seen:
+            raise InputError(
+                f"{place}: {bad.value:.4g}; {100 * bad.count / self.seen:.0f} % of the column is missing or impossible",
+                where=self.place.where,
+            )
+        return [f"{place}: {bad.count} value(s) missing or impossible; taken as missing"] if bad.count else []
 
 
 def check_temperature(
     values: FloatArray, name: str, place: Place, *, junction: bool = True
 ) -> tuple[FloatArray, list[str]]:
-    """The channel with impossible values and spikes as NaN, and what was noticed.
+    """A whole column (N,) with impossible values and spikes as NaN, and what was noticed; see ``TemperatureCheck``."""
+    check = TemperatureCheck(name, thinned(values), place, junction)
+    cleaned = check.clean(values)
+    check.see(values, cleaned)
+    return cleaned, check.judge()
 
-    ``junction`` False (ambient, oil, bath) allows a channel that does not change, with a note.
 
-    Raises InputError for kelvin, a dead or frozen channel, values no thermocouple gives, long runs of NaN.
+def spike_limit(values: FloatArray) -> float:
+    """How far [K] a sample of ``values (N,)`` may lie from its neighbours: 8 standard deviations of noise, or 0.5 K.
+
+    Infinite where fewer than 15 samples tell the noise.
     """
-    notes: list[str] = []
-    out = values.copy()
-    _check_empty(out, name, place)
-    _check_kelvin(out, name, place)
-    finite = np.isfinite(out)
-    with np.errstate(invalid="ignore"):
-        wild = np.isinf(out) | (finite & ((out < COLDEST_DEGC) | (out > HOTTEST_DEGC)))
-    if wild.any():
-        i = int(np.argmax(wild))
-        if wild.mean() > MOST_MISSING:
-            raise InputError(
-                f"{place.at(name, i)}: {out[i]:.4g} and {int(wild.sum()) - 1} more values that no junction has",
-                where=place.where,
-                expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
-                remedy="check the unit and the wiring of this channel",
-            )
-        notes.append(
-            f"{place.at(name, i)}: {int(wild.sum())} impossible value(s) such as {out[i]:.4g}; taken as missing"
-        )
-        out[wild] = np.nan
-    if place.dt_s is None:
-        return out, notes
-    _check_frozen(out, name, place, junction, notes)
-    spikes = find_spikes(out)
-    if spikes.any():
-        i = int(np.argmax(spikes))
-        share = float(spikes.mean())
-        if share > MOST_MISSING:
-            raise InputError(
-                f"{place.at(name, i)}: {100 * share:.0f} % of the samples are spikes",
-                where=place.where,
-                remedy="check the slip ring and the wiring of this channel",
-            )
-        notes.append(f"{place.at(name, i)}: {int(spikes.sum())} spike(s); taken as missing")
-        out[spikes] = np.nan
-    _check_gaps(out, name, place, notes)
-    return out, notes
+    x = values[np.isfinite(values)]
+    return max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K) if len(x) >= 15 else np.inf
 
 
-def find_spikes(values: FloatArray) -> NDArray[np.bool_]:
-    """Samples more than 8 standard deviations of the noise (and 0.5 K) from the median of the 7 around them.
+def find_spikes(values: FloatArray, limit_K: float) -> NDArray[np.bool_]:
+    """Samples of ``values (N,)`` further than ``limit_K`` from the median of the 7 around them.
 
     A ramp or a clean step is no spike: the median follows both. NaN is never one.
     """
     index = np.flatnonzero(np.isfinite(values))
     out = np.zeros(len(values), dtype=bool)
-    if len(index) < 15:
-        return out
     x = values[index]
-    step = np.diff(x)
-    limit = max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K)
-    if not (np.abs(step) > 0.5 * limit).any():
-        return out
-    out[index] = np.abs(x - median_filter(x, 7, mode="nearest")) > limit
+    if (np.abs(np.diff(x)) > 0.5 * limit_K).any():  # otherwise four of seven cannot stand that far away
+        out[index] = np.abs(x - median_filter(x, 7, mode="nearest")) > limit_K
     return out
 
 
@@ -173,45 +262,6 @@ def _check_kelvin(x: FloatArray, name: str, place: Place) -> None:
         )
 
 
-def _check_frozen(x: FloatArray, name: str, place: Place, junction: bool, notes: list[str]) -> None:
-    finite = x[np.isfinite(x)]
-    if np.ptp(finite) == 0.0:
-        if junction:
-            raise InputError(
-                f"column {name} is {finite[0]:.6g} in every row: a dead channel",
-                where=place.where,
-                remedy="check its wiring",
-            )
-        notes.append(f"column {name} is {finite[0]:.6g} in every row")
-        return
-    same = np.diff(x) == 0.0
-    starts, lengths = runs(same)
-    if not len(lengths) or place.dt_s is None:
-        return
-    k = int(np.argmax(lengths))
-    rest = same.sum() - lengths[k]
-    if lengths[k] * place.dt_s > FROZEN_S and rest < 0.5 * max(len(same) - lengths[k], 1):
-        text = f"{place.at(name, int(starts[k]))}: stays at {x[starts[k]]:.6g} for {lengths[k] * place.dt_s:.3g} s"
-        if junction:
-            raise InputError(text + ": a dead channel", where=place.where, remedy="check its wiring, or cut the log")
-        notes.append(text)
-
-
-def _check_gaps(x: FloatArray, name: str, place: Place, notes: list[str]) -> None:
-    missing = np.isnan(x)
-    if not missing.any() or place.dt_s is None:
-        return
-    starts, lengths = runs(missing)
-    k = int(np.argmax(lengths))
-    longest = float(lengths[k] * place.dt_s)
-    if longest > max(LONGEST_NAN_S, 3 * place.dt_s) or missing.mean() > MOST_MISSING:
-        raise InputError(
-            f"{place.at(name, int(starts[k]))}: {int(lengths[k])} values in a row are missing ({longest:.3g} s), "
-            f"{100 * missing.mean():.2g} % of the channel",
-            where=place.where,
-            expected=f"runs of at most {LONGEST_NAN_S} s and {100 * MOST_MISSING:.0f} % in all",
-            remedy="cut the log there, or repair the channel",
-        )
-    if not any("spike" in note or "impossible" in note for note in notes):
-        i = int(starts[0])
-        notes.append(f"{place.at(name, i)}: {int(missing.sum())} value(s) missing, the longest run {longest:.2g} s")
+def _wild(x: FloatArray) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore"):
+        return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

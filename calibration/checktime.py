@@ -19,7 +19,7 @@ class Sampling:
     """The sample interval [s], where each row stands on the even grid, and what was noticed."""
 
     dt_s: float
-    place: NDArray[np.int64]
+    place: NDArray[np.int32]
     notes: tuple[str, ...]
 
 
@@ -46,9 +46,7 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
             remedy="sort the rows, or give the clock more decimals" if verb == "repeats" else "repair the rows",
         )
     usual = float(np.median(step))
-    counts = np.maximum(np.rint(step / usual).astype(np.int64), 1)
-    grid = np.concatenate([[0], np.cumsum(counts)])
-    dt = float(np.polyfit(grid - grid.mean(), time - time.mean(), 1)[0])
+    dt = _interval_s(time, _places(step, usual))
     if dt > SLOWEST_DT_S:
         ms = dt * 1e-3 < 0.2
         raise InputError(
@@ -56,7 +54,6 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
             where=where,
             expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
         )
-    counts = np.maximum(np.rint(step / dt).astype(np.int64), 1)
     gap = int(np.argmax(step))
     if step[gap] > max(LONGEST_GAP_S, 3 * dt):
         raise InputError(
@@ -65,56 +62,73 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
             expected=f"gaps of at most {LONGEST_GAP_S} s",
             remedy="cut the log there and use one part",
         )
-    single = step[counts == 1]
-    odd = np.abs(single - dt) > 0.45 * dt
-    if odd.mean() > 0.2 or (counts > 1).mean() > 0.2:
-        i = int(np.argmax(np.abs(step - dt) > 0.45 * dt))
+    grid = _places(step, dt)
+    lone = np.diff(grid) == 1
+    odd = _away(step, dt) > 0.45 * dt
+    jitter = odd & lone
+    if jitter.sum() > 0.2 * lone.sum() or (~lone).mean() > 0.2:
+        i = int(np.argmax(odd))
         raise InputError(
             f"{place}, row {rows.of(i + 1)}: sampling is uneven ({step.min():.4g} to {step.max():.4g} s)",
             where=where,
             expected="one sampling rate",
             remedy="log at one rate, or resample first",
         )
-    if odd.any():
-        i = int(np.argmax((np.abs(step - dt) > 0.45 * dt) & (counts == 1)))
-        notes.append(f"{place}, row {rows.of(i + 1)}: {int(odd.sum())} time stamps jitter by up to half a sample")
-    lost = int((counts - 1).sum())
+    if jitter.any():
+        i = int(np.argmax(jitter))
+        notes.append(f"{place}, row {rows.of(i + 1)}: {int(jitter.sum())} time stamps jitter by up to half a sample")
+    lost = int(grid[-1]) - len(step)
     if lost:
-        i = int(np.argmax(counts > 1))
+        i = int(np.argmin(lone))
         notes.append(
-            f"{place}, row {rows.of(i + 1)}: {lost} samples are missing in {int((counts > 1).sum())} place(s), "
+            f"{place}, row {rows.of(i + 1)}: {lost} samples are missing in {int((~lone).sum())} place(s), "
             f"first at {time[i]:.6g} s; put in as NaN"
         )
     if dt > 0.05:
         notes.append(
             f"{place}: sampled at {1 / dt:.3g} Hz; 75 Hz is the rig's rate, lags below {2 * dt:.2g} s are lost"
         )
-    grid = np.concatenate([[0], np.cumsum(counts)])
-    return _unrounded(time, grid, dt), Sampling(dt, grid, tuple(notes))
+    del step
+    return _unrounded(time, grid, dt, usual), Sampling(dt, grid, tuple(notes))
 
 
-def _unrounded(time: FloatArray, grid: NDArray[np.int64], dt_s: float) -> FloatArray:
+def _places(step: FloatArray, dt_s: float) -> NDArray[np.int32]:
+    """Where each sample stands on the grid of ``dt_s``, from the steps between them."""
+    place = np.zeros(len(step) + 1, dtype=np.int32)
+    count = step / dt_s  # one copy and no more: a log may have millions of rows
+    np.rint(count, out=count)
+    np.maximum(count, 1.0, out=count)
+    place[1:] = np.cumsum(count, out=count)
+    return place
+
+
+def _away(values: FloatArray, middle: float | FloatArray) -> FloatArray:
+    away = values - middle
+    return np.abs(away, out=away)
+
+
+def _interval_s(time: FloatArray, place: NDArray[np.int32]) -> float:
+    """Slope of the straight line through the stamps, by least squares; in blocks, for a log may have millions."""
+    middle, start = float(place.mean()), float(time.mean())
+    top = bottom = 0.0
+    for first in range(0, len(time), 1 << 16):
+        grid = place[first : first + (1 << 16)] - middle
+        top += float(np.dot(grid, time[first : first + (1 << 16)] - start))
+        bottom += float(np.dot(grid, grid))
+    return top / bottom
+
+
+def _unrounded(time: FloatArray, grid: NDArray[np.int32], dt_s: float, usual_s: float) -> FloatArray:
     """Stamps on the even grid where the clock's decimals are too few for the interval; else as they are.
 
     Stamps of 0.013, 0.027, 0.040 s have steps of 13 and 14 ms, neither of which is the interval of 75 Hz.
     """
-    if abs(float(np.median(np.diff(time))) - dt_s) < 1e-3 * dt_s:
+    if abs(usual_s - dt_s) < 1e-3 * dt_s:
         return time
-    even = time.mean() + dt_s * (grid - grid.mean())
-    return np.asarray(even) if float(np.max(np.abs(even - time))) < dt_s else time
-
-
-def spread(values: FloatArray, place: NDArray[np.int64]) -> FloatArray:
-    """The values on the even grid, NaN where samples are missing."""
-    out = np.full(int(place[-1]) + 1, np.nan)
-    out[place] = values
-    return out
-
-
-def spread_time(time: FloatArray, sampling: Sampling) -> FloatArray:
-    """The time [s] on the even grid: as logged where it was logged, straight lines between."""
-    grid = np.arange(int(sampling.place[-1]) + 1)
-    return np.asarray(np.interp(grid, sampling.place, time))
+    even: FloatArray = np.asarray(grid - float(grid.mean()), dtype=np.float64)
+    even *= dt_s
+    even += float(time.mean())
+    return even if float(np.max(_away(even, time))) < dt_s else time
 
 
 def _filled(time: FloatArray, rows: RowNumbers, where: str, place: str) -> tuple[FloatArray, list[str]]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
 
@@ -14,9 +15,9 @@ from pyarrow import csv as pacsv
 
 from calibration.dialect import ABSENT, HEAD_BYTES, Dialect, is_number, sniff
 from calibration.errors import InputError
-from calibration.rowcheck import check_rows
+from calibration.rowcheck import RowCheck, check_rows
 from calibration.table import Columns, FloatArray, RowNumbers
-from calibration.textcolumn import text_column
+from calibration.textcolumn import TextColumn
 
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
@@ -51,40 +52,63 @@ class CsvTable:
         """The text from its first byte."""
         return open(self.path, "rb") if self.body is None else io.BytesIO(self.body)
 
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """The wanted columns; see ``Columns``."""
+    @cached_property
+    def found(self) -> RowCheck:
+        """Rows and blank lines, every row's fields counted; raises InputError for a damaged row."""
         with self.stream() as stream:
             found = check_rows(stream, self.dialect, self.where)
         if found.rows == 0:
             raise InputError("no rows below the header", where=self.where)
-        columns = _assemble(self, self._arrow(wanted), wanted, self._rows(found.blank))
-        return replace(columns, notes=columns.notes + found.notes)
+        return found
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """The wanted columns; see ``Columns``."""
+        texts = self._texts(wanted)
+        rows = self._rows(self.found.blank)  # counts the fields first
+        data = _assemble(self._arrow(wanted), wanted, rows, texts)
+        notes = [note for column in texts.values() for note in column.judge(self.found.rows)]
+        return Columns(data, (*notes, *self.found.notes), rows)
 
     def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
-        """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory."""
-        with self.stream() as stream:
-            found = check_rows(stream, self.dialect, self.where)
+        """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory.
+
+        From the first cell on that is no number where numbers were, every column is read as text, as ``read`` does.
+        """
         line = max(len(self.dialect.first_row) * 4, sum(len(cell) + 1 for cell in self.dialect.first_row))
-        done = 0
-        with self.stream() as stream:
+        texts, done, blank = self._texts(wanted), 0, self.found.blank
+        for as_text in (False, True):
+            skip = done
             try:
-                reader = self._stream_reader(stream, wanted, max(rows * line, 1 << 16))
-                for batch in reader:
-                    if batch.num_rows:
-                        yield _assemble(self, pa.Table.from_batches([batch]), wanted, self._rows(found.blank, done))
-                        done += batch.num_rows
-                if found.notes:
-                    yield Columns({name: np.empty(0) for name in wanted}, found.notes, self._rows(found.blank, done))
+                with self.stream() as stream:
+                    for batch in self._stream_reader(stream, wanted, max(rows * line, 1 << 16), as_text):
+                        part = batch.slice(min(skip, batch.num_rows))
+                        skip -= batch.num_rows - part.num_rows
+                        if part.num_rows:
+                            at = self._rows(blank, done)
+                            yield Columns(_assemble(pa.Table.from_batches([part]), wanted, at, texts), (), at)
+                            done += part.num_rows
+                break
             except pa.ArrowInvalid as problem:
-                raise _arrow_error(problem, self.where) from None
+                if as_text:
+                    raise _arrow_error(problem, self.where) from None
+                for name in wanted:
+                    if done and not self._is_text(name):
+                        texts[name].clock = False  # numbers so far
+        notes = [note for column in texts.values() for note in column.judge(done)]
+        if notes or self.found.notes:
+            at = self._rows(blank, done)
+            yield Columns({name: np.empty(0) for name in wanted}, (*notes, *self.found.notes), at)
+
+    def _texts(self, wanted: Sequence[str]) -> dict[str, TextColumn]:
+        return {name: TextColumn(name, self.dialect.decimal, self.where) for name in wanted}
 
     def _rows(self, blank: tuple[int, ...], done: int = 0) -> RowNumbers:
         first = self.dialect.skip + 1
         passed = RowNumbers(first, blank).of(done) - first - done if done else 0
         return RowNumbers(first + done + passed, blank[passed:])
 
-    def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int) -> Any:
-        read, parse, convert = self._options(wanted, as_text=False)
+    def _stream_reader(self, stream: IO[bytes], wanted: Sequence[str], block_bytes: int, as_text: bool) -> Any:
+        read, parse, convert = self._options(wanted, as_text)
         # small blocks, none read ahead: the allocators keep some twenty times a block for themselves
         read.block_size, read.use_threads = min(block_bytes, BLOCK_BYTES), False
         return pacsv.open_csv(stream, read_options=read, parse_options=parse, convert_options=convert)
@@ -121,17 +145,17 @@ class CsvTable:
         raise AssertionError("unreachable")
 
 
-def _assemble(table: CsvTable, arrow: pa.Table, wanted: Sequence[str], rows: RowNumbers) -> Columns:
+def _assemble(
+    arrow: pa.Table, wanted: Sequence[str], rows: RowNumbers, texts: Mapping[str, TextColumn]
+) -> dict[str, FloatArray]:
     data: dict[str, FloatArray] = {}
-    notes: list[str] = []
     for name, key in zip(wanted, arrow.column_names):
         column = arrow.column(key)
         if pa.types.is_floating(column.type):
             data[name] = np.array(column.to_numpy(), dtype=np.float64)
         else:
-            texts = [_decoded(v) for v in column.cast(pa.binary()).to_pylist()]
-            data[name] = text_column(texts, table.dialect.decimal, name, table.where, rows, notes)
-    return Columns(data, tuple(notes), rows)
+            data[name] = texts[name].numbers([_decoded(v) for v in column.cast(pa.binary()).to_pylist()], rows)
+    return data
 
 
 def _decoded(value: bytes | None) -> str:

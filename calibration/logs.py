@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.checkkind import check_contact, check_oven, check_swapped, check_switch, two_level
-from calibration.checktemp import Place, check_group, check_temperature
-from calibration.checktime import check_time, spread, spread_time
+from calibration.checkkind import check_contact, check_loads, check_oven, check_swapped, check_switch, two_level
+from calibration.checktemp import Place, PlainCheck, TemperatureCheck, check_group, check_temperature
+from calibration.checktime import Sampling, check_time
 from calibration.columns import KNOWN, LAYOUTS, Kind, match_columns
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
@@ -21,6 +21,7 @@ from calibration.oven import steady_minutes
 from calibration.result import Result, jsonable
 from calibration.rigfile import Rig, load_rig
 from calibration.table import Columns, Table, open_table, shown
+from calibration.thin import thinned
 from calibration.write import sha256
 
 __all__ = ["COMPENSATED", "Log", "read_log", "write_log"]
@@ -106,13 +107,12 @@ def read_log(
     raw = table.read(list(dict.fromkeys(chosen.values())))
     notes = list(raw.notes)
     columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
-    missing = [n for n in LAYOUTS[kind].optional if n not in columns]
     if kind == "oven":
         frame, dt_s = _oven_frame(columns, raw, where, notes), None
     else:
         frame, dt_s = trace_frame(columns, kind, raw, where, notes)
-        _swapped(frame, kind, {d: _depths(rig, d, disk) for d in (*DISKS, "")}, notes)
-    notes += [f"column {name} is missing" for name in missing if kind in ("ehl", "immersion")]
+        notes += check_places(frame, kind, rig, disk)
+    notes += not_there(columns, kind)
     return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
 
 
@@ -136,9 +136,9 @@ def open_log(
 
 
 def trace_frame(
-    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str], *, whole: bool = True
+    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str]
 ) -> tuple[pd.DataFrame, float]:
-    """Check and regularise a trace; ``whole`` False leaves out what only a whole test can show."""
+    """Check and regularise a trace."""
     time, sampling = check_time(columns["time_s"], raw.rows, where)
     notes.extend(sampling.notes)
     place = Place(where, raw.rows, time, sampling.dt_s)
@@ -148,25 +148,58 @@ def trace_frame(
             continue
         if name in SWITCHES:
             checked[name], said = two_level(values, name, place)
-        elif name.endswith("_degC"):
-            checked[name], said = check_temperature(values, name, place, junction=name not in ROOM_AND_BATH)
-        else:
-            checked[name], said = _plain(values, name, place)
-        notes.extend(said)
-    if whole:
-        _check_groups(checked, kind, place, notes)
-    if kind == "ehl" and whole:
-        notes.extend(check_contact(pd.DataFrame(checked, copy=False), place))
-    elif "switch" in checked and whole:
-        notes.extend(check_switch(checked["switch"], "switch", place))
-    if sampling.place[-1] + 1 == len(time):
-        return pd.DataFrame({"time_s": time, **checked}, copy=False), sampling.dt_s
-    even = {"time_s": spread_time(time, sampling)}
+            notes.extend(said)
+            continue
+        check = column_check(name, thinned(values), place)
+        checked[name] = check.clean(values)
+        check.see(values, checked[name])
+        notes.extend(check.judge())
+    for name in SWITCHES:
+        if name in checked:
+            notes.extend(check_edges(checked[name], name, kind, place))
+    notes.extend(check_course(checked, kind, place))
+    return even_frame(time, checked, sampling, 0, len(time)), sampling.dt_s
+
+
+def column_check(name: str, sample: np.ndarray, place: Place) -> TemperatureCheck | PlainCheck:
+    """What judges this column of a trace."""
+    if name.endswith("_degC"):
+        return TemperatureCheck(name, sample, place, junction=name not in ROOM_AND_BATH)
+    return PlainCheck(name, place)
+
+
+def check_edges(values: np.ndarray, name: str, kind: str, place: Place) -> list[str]:
+    """Whether a switch (N,) of 0 and 1 moves as this kind of log must have it."""
+    if kind == "ehl":
+        return check_contact(values, place)
+    return check_switch(values, name, place) if name == "switch" else []
+
+
+def check_course(checked: Mapping[str, np.ndarray], kind: str, place: Place) -> list[str]:
+    """What the columns show together, over the whole test (or rows picked from all of it)."""
+    notes: list[str] = []
+    _check_groups(checked, kind, place, notes)
+    return notes + (check_loads(checked, place.where) if kind == "ehl" else [])
+
+
+def even_frame(
+    time: np.ndarray, checked: Mapping[str, np.ndarray], sampling: Sampling, first: int, stop: int
+) -> pd.DataFrame:
+    """Rows ``first`` to ``stop`` of a trace on the even grid, up to the next row; ``checked`` holds those rows only.
+
+    ``time`` (N,) and ``sampling`` are of the whole trace.
+    """
+    place = sampling.place[first : stop + 1]
+    end = int(place[stop - first]) if stop < len(time) else int(place[-1]) + 1
+    if end - place[0] == stop - first:
+        return pd.DataFrame({"time_s": time[first:stop].copy(), **checked}, copy=False)
+    even = {"time_s": np.interp(np.arange(place[0], end), place, time[first : stop + 1])}
     for name, values in checked.items():
-        even[name] = spread(values, sampling.place)
+        even[name] = np.full(end - int(place[0]), np.nan)
+        even[name][place[: stop - first] - place[0]] = values
         if name in SWITCHES:
             even[name] = np.array(pd.Series(even[name]).ffill(), dtype=np.float64)
-    return pd.DataFrame(even), sampling.dt_s
+    return pd.DataFrame(even)
 
 
 def _check_groups(checked: Mapping[str, np.ndarray], kind: str, place: Place, notes: list[str]) -> None:
@@ -188,41 +221,34 @@ def _check_groups(checked: Mapping[str, np.ndarray], kind: str, place: Place, no
         notes.extend(check_group(group, place, warmest))
 
 
-def _plain(values: np.ndarray, name: str, place: Place) -> tuple[np.ndarray, list[str]]:
-    out = values.copy()
-    with np.errstate(invalid="ignore"):
-        bad = ~np.isfinite(out) | (np.abs(out) > 1e6)
-    if not bad.any():
-        return out, []
-    i = int(np.argmax(bad))
-    if bad.mean() > 0.05:
-        raise InputError(
-            f"{place.at(name, i)}: {out[i]:.4g}; {100 * bad.mean():.0f} % of the column is missing or impossible",
-            where=place.where,
-        )
-    note = f"{place.at(name, i)}: {int(bad.sum())} value(s) missing or impossible; taken as missing"
-    out[bad] = np.nan
-    return out, [note]
+def not_there(columns: Collection[str], kind: Kind) -> list[str]:
+    """Optional columns of a trace that the log has not."""
+    wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
+    return [f"column {name} is missing" for name in wanted if name not in columns]
 
 
-def _depths(rig: Rig | None, disk: str, given: str | None) -> dict[str, float]:
-    junctions = (rig or load_rig()).tables(disk or given or "").thermocouples
-    return {c: junctions[c].depth_mm for c in CHANNELS}
-
-
-def _swapped(frame: pd.DataFrame, kind: str, depths: Mapping[str, dict[str, float]], notes: list[str]) -> None:
+def check_places(frame: pd.DataFrame, kind: Kind, rig: Rig | None, disk: str | None) -> list[str]:
+    """Channels that look swapped, by the depths of their junctions in ``rig``."""
+    used = rig or load_rig()
+    notes: list[str] = []
     if kind == "ehl":
         contact = frame["contact"].to_numpy() > 0.5
         first = int(np.argmax(contact))
         late = contact & (np.arange(len(contact)) > first + 0.2 * contact.sum())
-        for disk in DISKS:
-            notes.extend(check_swapped(frame, f"{disk}_", depths[disk], late))
+        for name in DISKS:
+            notes.extend(check_swapped(frame, f"{name}_", _depths(used, name), late))
     elif kind == "immersion":
         mean = frame[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
         start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
         if end - start > 10.0:
             rise = (mean - start) / (end - start)
-            notes.extend(check_swapped(frame, "", depths[""], (rise > 0.05) & (rise < 0.35)))
+            notes.extend(check_swapped(frame, "", _depths(used, disk or ""), (rise > 0.05) & (rise < 0.35)))
+    return notes
+
+
+def _depths(rig: Rig, disk: str) -> dict[str, float]:
+    junctions = rig.tables(disk).thermocouples
+    return {c: junctions[c].depth_mm for c in CHANNELS}
 
 
 def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes: list[str]) -> pd.DataFrame:

@@ -39,7 +39,9 @@ class LvmTable:
         """The wanted columns piece by piece (the file itself was read at once)."""
         for start in range(0, len(next(iter(self.data.values()))), rows):
             part = {name: self.data[name][start : start + rows] for name in wanted}
-            yield Columns(part, self.notes if start == 0 else (), RowNumbers(self.rows.first + start))
+            yield Columns(
+                part, self.notes if start == 0 else (), RowNumbers(self.rows.of(start)) if start else self.rows
+            )
 
 
 @dataclass(frozen=True)

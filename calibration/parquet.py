@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from pyarrow import parquet as pq
 
 from calibration.errors import InputError
 from calibration.table import Columns, FloatArray, RowNumbers
-from calibration.textcolumn import text_column
+from calibration.textcolumn import TextColumn
 
 
 @dataclass
@@ -46,24 +47,27 @@ class ParquetTable:
             raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
         if table.num_rows == 0:
             raise InputError("no rows", where=self.where)
-        notes: list[str] = []
-        return Columns({n: self._floats(table.column(n), n, notes) for n in wanted}, tuple(notes))
+        seen: dict[str, Any] = {}
+        data = {n: self._floats(table.column(n), n, RowNumbers(), seen) for n in wanted}
+        return Columns(data, tuple(_text_notes(seen, table.num_rows)))
 
     def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
         """The wanted columns piece by piece, in bounded memory."""
-        first = 1
+        first, seen = 1, dict[str, Any]()
         try:
             with pq.ParquetFile(self.path) as file:
                 for batch in file.iter_batches(rows, columns=list(dict.fromkeys(wanted))):
-                    notes: list[str] = []
-                    table = pa.Table.from_batches([batch])
-                    data = {n: self._floats(table.column(n), n, notes) for n in wanted}
-                    yield Columns(data, tuple(notes), RowNumbers(first))
+                    table, at = pa.Table.from_batches([batch]), RowNumbers(first)
+                    yield Columns({n: self._floats(table.column(n), n, at, seen) for n in wanted}, (), at)
                     first += batch.num_rows
         except (pa.ArrowException, OSError) as problem:
             raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
+        notes = _text_notes(seen, first - 1)
+        if notes:
+            yield Columns({n: np.empty(0) for n in wanted}, tuple(notes), RowNumbers(first))
 
-    def _floats(self, column: pa.ChunkedArray, name: str, notes: list[str]) -> FloatArray:
+    def _floats(self, column: pa.ChunkedArray, name: str, rows: RowNumbers, seen: dict[str, Any]) -> FloatArray:
+        """Numbers of one piece; ``seen`` keeps a column's first time stamp, or its ``TextColumn``, for the next."""
         kind = column.type
         if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
             if pa.types.is_boolean(kind):
@@ -71,9 +75,14 @@ class ParquetTable:
             return np.array(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
         if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
             stamp = pd.Series(column.to_pandas())
-            delta = stamp - stamp.iloc[0]
-            return np.asarray(delta.dt.total_seconds(), dtype=np.float64)
+            since = pd.to_timedelta(stamp - seen.setdefault(name, stamp.iloc[0]))
+            return np.asarray(since.dt.total_seconds(), dtype=np.float64)
         if pa.types.is_string(kind) or pa.types.is_large_string(kind):
             texts = ["" if v is None else str(v).strip() for v in column.to_pylist()]
-            return text_column(texts, ".", name, self.where, RowNumbers(), notes)
+            text: TextColumn = seen.setdefault(name, TextColumn(name, ".", self.where))
+            return text.numbers(texts, rows)
         raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)
+
+
+def _text_notes(seen: Mapping[str, Any], rows: int) -> list[str]:
+    return [note for column in seen.values() if isinstance(column, TextColumn) for note in column.judge(rows)]

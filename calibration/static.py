@@ -226,16 +226,6 @@ def apply_static(logged: ArrayLike, line: StaticLine) -> NDArray[np.float64]:
     return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
 
 
-def apply_lines(frame: pd.DataFrame, lines: dict[str, StaticLine], prefix: str = "") -> pd.DataFrame:
-    """The frame with columns ``{prefix}{channel}_degC`` corrected; the other columns stay as they are."""
-    corrected = {
-        f"{prefix}{c}_degC": apply_static(frame[f"{prefix}{c}_degC"], line)
-        for c, line in lines.items()
-        if f"{prefix}{c}_degC" in frame
-    }
-    return frame.assign(**corrected)
-
-
 def static_u(line: StaticLine, temperature_degC: ArrayLike) -> NDArray[np.float64]:
     """Standard uncertainty [K] of the line at T [degC]: u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g."""
     y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain

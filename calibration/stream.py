@@ -1,26 +1,43 @@
-"""Logs too long for memory: the same checks as ``read_log``, piece by piece."""
+"""Logs too long for memory: the same checks and the same numbers as ``read_log``, piece by piece."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from pandas.api.types import union_categoricals
 
+from calibration.checkkind import two_level
+from calibration.checktemp import LONGEST_NAN_S, Place, PlainCheck, TemperatureCheck
+from calibration.checktime import Sampling, check_time
 from calibration.columns import Kind
 from calibration.errors import InputError
-from calibration.logs import open_log, trace_frame
+from calibration.logs import (
+    SWITCHES,
+    check_course,
+    check_edges,
+    check_places,
+    column_check,
+    even_frame,
+    not_there,
+    open_log,
+)
 from calibration.rigfile import Rig
-from calibration.table import Columns, FloatArray, RowNumbers, shown
-
-MARGIN = 16  # rows seen again with the next piece, so that spikes and gaps at the seam are found
+from calibration.table import FloatArray, RowNumbers, Table, shown
+from calibration.thin import Thinned
 
 
 @dataclass(frozen=True)
 class LogPiece:
-    """A stretch of a log: canonical frame, sample interval [s], what was noticed in it."""
+    """A stretch of a log: canonical frame, sample interval [s] of the whole log, what was noticed.
+
+    What the whole log shows is told with the first piece, what was counted while reading with the last.
+    """
 
     frame: pd.DataFrame
     dt_s: float
@@ -30,94 +47,115 @@ class LogPiece:
 def iter_log(
     path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *, rows: int = 50_000
 ) -> Iterator[LogPiece]:
-    """Pieces of a log in time order; put together they are ``read_log``'s frame.
+    """Pieces of a log in time order; put together they are ``read_log``'s frame, to the last digit.
 
-    CSV (2 MB of text at most in a piece), Parquet and TDMS are read in bounded memory; LVM and UTF-16 text are read
-    at once. What only the whole test can show (does the switch move, is there an unloading, is a channel dead) is
-    checked after the last piece.
+    The file is read twice. The first time keeps its time and switches, and of the other columns a sample of at most
+    131072 rows: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged
+    there, before any piece is given. Channels that freeze, and too many missing samples or spikes, are refused before
+    the last piece is given: what the others were used for must wait for it.
 
-    Raises InputError as ``read_log`` does; for an oven log, which is always short.
+    CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 40 bytes for each row of
+    the file, 250 MB for a gigabyte; LVM and UTF-16 text are read at once. ``rows``: of a piece, roughly.
+
+    Raises InputError as ``read_log`` does; for an oven log, which is always short; for TDMS channels that differ in
+    start or rate, which ``read_log`` aligns.
     """
     if kind == "oven":
-        raise InputError("oven logs are read whole", expected="immersion, ehl or hole")
+        raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
     file = Path(path)
     table, chosen = open_log(file, kind, rig, disk)
-    where = shown(file)
-    whole = _Whole(kind, where)
-    last_time = -np.inf
-    kept: Columns | None = None
+    trace = _first_look(table, chosen, kind, rig, disk, shown(file), rows)
+    margin = 3 * int(max(LONGEST_NAN_S / trace.dt_s, 3.0) + 1) + 3  # three neighbours, each behind a gap
+    kept: dict[str, FloatArray] = {}
+    at = done = 0
+    notes = trace.notes
     for raw in table.chunks(list(dict.fromkeys(chosen.values())), rows):
-        joined = raw if kept is None else _joined(kept, raw)
-        kept = joined
-        if len(next(iter(joined.data.values()))) < 4 * MARGIN:
+        data = {name: raw.data[chosen[name]] for name in trace.checks}
+        kept = {name: np.concatenate([kept[name], data[name]]) for name in data} if kept else data
+        end = at + len(next(iter(kept.values())))
+        stop = end - margin if end < trace.rows else end
+        if end > trace.rows:
+            break
+        if stop == done or (stop - done < margin and end < trace.rows):
             continue
-        piece = _piece(joined, chosen, kind, where, last_time, hold_back=MARGIN)
-        last_time = float(piece.frame["time_s"].iloc[-1])
-        kept = _tail(joined)
-        whole.see(piece.frame)
-        yield piece
-    if kept is None:
+        columns = trace.see(kept, at, done, stop)
+        frame = even_frame(trace.time, columns, trace.sampling, done, stop)
+        done = stop
+        if done == trace.rows:
+            notes = [*notes, *(note for check in trace.checks.values() for note in check.judge())]
+        yield LogPiece(frame, trace.dt_s, tuple(f"{shown(file)}: {n}" for n in notes))
+        notes = []
+        kept = {name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()}
+        at = max(stop - margin, at)
+    if done != trace.rows:
+        raise InputError("the file changed while it was read", where=shown(file))
+
+
+@dataclass(frozen=True)
+class _Trace:
+    """What the first look at a log leaves: its whole time (N,) [s] and switches, and a check for each other column."""
+
+    time: FloatArray
+    sampling: Sampling
+    order: tuple[str, ...]
+    switches: dict[str, NDArray[np.bool_]]
+    checks: dict[str, TemperatureCheck | PlainCheck]
+    notes: list[str]
+
+    @property
+    def rows(self) -> int:
+        return len(self.time)
+
+    @property
+    def dt_s(self) -> float:
+        return self.sampling.dt_s
+
+    def see(self, kept: dict[str, FloatArray], at: int, first: int, stop: int) -> dict[str, FloatArray]:
+        """Rows ``first`` to ``stop``, cleaned and counted, from ``kept``, which begins with row ``at``."""
+        inside = slice(first - at, stop - at)
+        out: dict[str, FloatArray] = {}
+        for name in self.order:
+            if name in self.switches:
+                out[name] = self.switches[name][first:stop].astype(np.float64)
+            else:
+                out[name] = self.checks[name].clean(kept[name])[inside]
+                self.checks[name].see(kept[name][inside], out[name])
+        return out
+
+
+def _first_look(
+    table: Table, chosen: dict[str, str], kind: Kind, rig: Rig | None, disk: str | None, where: str, rows: int
+) -> _Trace:
+    clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
+    levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in chosen}
+    others = [name for name in chosen if name not in ("time_s", *levels)]
+    thin = Thinned()
+    notes: list[str] = []
+    number: RowNumbers | None = None
+    for raw in table.chunks(list(dict.fromkeys(chosen.values())), rows):
+        number = number or raw.rows
+        notes.extend(raw.notes)
+        clock += raw.data[chosen["time_s"]].tobytes()
+        for name, parts in levels.items():
+            parts.append(pd.Categorical(raw.data[chosen[name]]))
+        thin.see({name: raw.data[chosen[name]] for name in others})
+    if number is None:
         raise InputError("no rows", where=where)
-    piece = _piece(kept, chosen, kind, where, last_time, hold_back=0)
-    whole.see(piece.frame)
-    if len(piece.frame):
-        yield piece
-    whole.check()
-
-
-def _piece(raw: Columns, chosen: dict[str, str], kind: str, where: str, after_s: float, hold_back: int) -> LogPiece:
-    notes = list(raw.notes)
-    columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
-    end = float(columns["time_s"][-1 - hold_back])
-    frame, dt_s = trace_frame(columns, kind, raw, where, notes, whole=False)
-    time = frame["time_s"].to_numpy()
-    frame = frame.loc[(time > after_s) & (time <= end)].reset_index(drop=True)
-    return LogPiece(frame, dt_s, tuple(f"{where}: {n}" for n in notes))
-
-
-def _joined(kept: Columns, raw: Columns) -> Columns:
-    data = {n: np.concatenate([kept.data[n], raw.data[n]]) for n in raw.data}
-    before = len(next(iter(kept.data.values())))
-    return Columns(data, raw.notes, RowNumbers(raw.rows.first - before, raw.rows.blank))
-
-
-def _tail(raw: Columns) -> Columns:
-    count = len(next(iter(raw.data.values())))
-    start = count - 2 * MARGIN
-    data: dict[str, FloatArray] = {n: v[start:].copy() for n, v in raw.data.items()}
-    return Columns(data, (), RowNumbers(raw.rows.of(start)))
-
-
-class _Whole:
-    """What must be seen somewhere in a whole log."""
-
-    def __init__(self, kind: str, where: str) -> None:
-        self.kind, self.where = kind, where
-        self.last: dict[str, float] = {}
-        self.moves: dict[str, set[float]] = {"contact": set(), "switch": set()}
-        self.low: dict[str, float] = {}
-        self.high: dict[str, float] = {}
-
-    def see(self, frame: pd.DataFrame) -> None:
-        """Take notice of one piece."""
-        if frame.empty:
-            return
-        for name in ("contact", "switch"):
-            if name in frame:
-                values = frame[name].to_numpy()
-                steps = np.diff(values, prepend=self.last.get(name, values[0]))
-                self.moves[name] |= set(np.sign(steps[steps != 0]).tolist())
-                self.last[name] = float(values[-1])
-        for name in (n for n in frame.columns if n.endswith("_degC")):
-            self.low[name] = min(self.low.get(name, np.inf), float(frame[name].min()))
-            self.high[name] = max(self.high.get(name, -np.inf), float(frame[name].max()))
-
-    def check(self) -> None:
-        """Raise InputError for a test without unloading or entry, or a channel in millivolts."""
-        if self.kind == "ehl" and -1.0 not in self.moves["contact"]:
-            raise InputError("column contact never falls: no unloading", where=self.where, expected="the whole test")
-        if self.kind == "immersion" and 1.0 not in self.moves["switch"]:
-            raise InputError("the switch never moves to 1", where=self.where, expected="the whole plunge")
-        for name, high in self.high.items():
-            if high < 16.0 and self.low[name] > -5.0 and max(self.high.values()) > 40.0:
-                raise InputError(f"column {name} stays below {high:.3g}: this looks like millivolts", where=self.where)
+    time, sampling = check_time(np.frombuffer(clock), number, where)
+    del clock
+    notes.extend(sampling.notes)
+    place = Place(where, number, time, sampling.dt_s)
+    switches: dict[str, NDArray[np.bool_]] = {}
+    for name, parts in levels.items():
+        values, said = two_level(np.array(union_categoricals(parts), dtype=np.float64), name, place)
+        notes += [*said, *check_edges(values, name, kind, place)]
+        switches[name] = values > 0.5
+    sample = thin.columns
+    checks = {name: column_check(name, values, place) for name, values in sample.items()}
+    checked = {name: check.clean(sample[name]) for name, check in checks.items()}
+    checked |= {name: values[thin.rows].astype(np.float64) for name, values in switches.items()}
+    notes += check_course(checked, kind, place)
+    notes += check_places(pd.DataFrame(checked, copy=False), kind, rig, disk)
+    notes += not_there(chosen, kind)
+    order = tuple(name for name in chosen if name != "time_s")
+    return _Trace(time, sampling, order, switches, checks, notes)

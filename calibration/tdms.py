@@ -80,8 +80,13 @@ class TdmsTable:
             channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
             tracks = {n: self._track(channels[n], 0, 1) for n in wanted if n in channels}
             lengths = {len(channels[n]) for n in tracks}
-            if len(lengths) > 1 or len({t.same_as for t in tracks.values()}) > 1:
-                raise InputError("channels differ in start, rate or length", where=self.where, remedy="read it whole")
+            timed = any(n in ("time_s", "time") for n in tracks)
+            if len(lengths) > 1 or (not timed and len({t.same_as for t in tracks.values()}) > 1):
+                raise InputError(
+                    "channels differ in start, rate or length: such a log cannot be read in pieces",
+                    where=self.where,
+                    remedy="read it whole, with read_log",
+                )
             track = next(iter(tracks.values()))
             for start in range(0, lengths.pop(), rows):
                 parts = {n: self._track(channels[n], start, start + rows).values for n in tracks}
@@ -124,11 +129,11 @@ class TdmsTable:
 
     def _track(self, channel: Any, start: int = 0, stop: int | None = None) -> Track:
         try:
-            values = channel[start:stop]
+            values, first = channel[start:stop], channel[:1]
             props = channel.properties
         except Exception as problem:  # npTDMS raises many kinds on damaged files
             raise self._damaged(problem) from None
-        numbers = _floats(values, str(channel.name), self.where)
+        numbers = _floats(values, first, str(channel.name), self.where)
         try:
             offset = float(props.get("wf_start_offset", 0.0) or 0.0)
             begun = props.get("wf_start_time")
@@ -143,10 +148,10 @@ class TdmsTable:
         return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
 
 
-def _floats(values: Any, name: str, where: str) -> FloatArray:
+def _floats(values: Any, first: Any, name: str, where: str) -> FloatArray:
     array = np.asarray(values)
     if np.issubdtype(array.dtype, np.datetime64):
-        return np.asarray((array - array[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
+        return np.asarray((array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
     if array.dtype.kind not in "fiub":
         raise InputError(f"channel {name} holds {array.dtype}, not numbers", where=where)
     if len(array) == 0:

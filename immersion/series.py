@@ -1,4 +1,4 @@
-"""Exact references for a plunge at constant h: the eigenfunction series, and the single exponential of small Biot."""
+"""Closed forms at constant h that ``radial`` is held against: eigenfunction series, one exponential at small Biot."""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
@@ -60,24 +62,40 @@ def _long_runs(trace: Array) -> NDArray[np.bool_]:
     return np.repeat(long, lengths)
 
 
-def refuse_or_warn(flags: NDArray[np.uint8]) -> tuple[str, ...]:
-    """Sentences about channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring."""
+def spoken(names: Sequence[str] | None, channels: int) -> list[str]:
+    """What each channel is called in sentences; without names ``channel 1`` is the first column.
+
+    >>> spoken(None, 2), spoken(["fast_e", "fast_f"], 2)
+    (['channel 1', 'channel 2'], ['fast_e', 'fast_f'])
+    """
+    if names is None:
+        return [f"channel {c + 1}" for c in range(channels)]
+    if len(names) != channels:
+        raise InputError(f"smooth: {channels} channels but {len(names)} names", expected="one name per channel")
+    return list(names)
+
+
+def refuse_or_warn(flags: NDArray[np.uint8], names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Sentences about channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring.
+
+    ``names`` (M,): what the sentences call the channels; ``channel 1`` and so on when left out.
+    """
     said = []
-    for c in range(flags.shape[1]):
+    for c, name in enumerate(spoken(names, flags.shape[1])):
         stuck = float(np.mean(flags[:, c] & (STUCK | SATURATED) != 0))
         bad = float(np.mean(flags[:, c] != 0))
         if stuck > 0.5:
             raise InputError(
-                f"channel {c}: {100 * stuck:.0f} % of the samples repeat one value",
+                f"{name}: {100 * stuck:.0f} % of the samples repeat one value",
                 expected="a trace with noise on it",
                 remedy="check the wiring and the range of this channel, or leave it out",
             )
         if stuck > 0:
             first = int(np.flatnonzero(flags[:, c] & (STUCK | SATURATED))[0])
             said.append(
-                f"channel {c}: stuck or saturated in {100 * stuck:.2g} % of the record, first at sample {first}; "
+                f"{name}: stuck or saturated in {100 * stuck:.2g} % of the record, first at sample {first}; "
                 "those samples are treated as missing"
             )
         elif bad > 0.01:
-            said.append(f"channel {c}: {100 * bad:.2g} % of the samples are missing or spikes and carry no weight")
+            said.append(f"{name}: {100 * bad:.2g} % of the samples are missing or spikes and carry no weight")
     return tuple(said)

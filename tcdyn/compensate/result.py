@@ -52,12 +52,12 @@ class Compensated(Result):
         return np.abs(self.lag_sensitivity) * mean_u
 
     def summary(self, names: Sequence[str] = ()) -> str:
-        """A few lines for people; ``names`` of the channels, their numbers without."""
+        """A few lines for people; ``names`` of the channels, their numbers from 1 without."""
         lines = [f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"]
         for c in range(self.temperature.shape[1]):
             flagged = int(np.count_nonzero(self.flags[:, c]))
             lines.append(
-                f"  channel {names[c] if names else c}: noise {self.noise_sd[c]:.3g} K, "
+                f"  channel {names[c] if names else c + 1}: noise {self.noise_sd[c]:.3g} K, "
                 f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
                 f"{flagged} samples flagged"
             )

@@ -16,7 +16,7 @@ from tcdyn.compensate.intensity import choose
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
 from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.profile import Intensity
-from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn
+from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn, spoken
 from tcdyn.compensate.result import SPIKE, Compensated
 from tcdyn.compensate.sensor import stacked
 from tcdyn.compensate.sweep import Smoothed, backward, forward
@@ -38,6 +38,7 @@ def smooth(
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
 ) -> Compensated:
     """What the junctions did, given what their chains wrote: posterior mean and standard deviation, sample by sample.
 
@@ -57,6 +58,7 @@ def smooth(
             spit without spiking; by reweighting.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
         static_u: standard uncertainty of the static line [K], scalar, (M,) or (N, M).
+        names: what errors and warnings call the channels (M,); "channel 1" and so on when left out.
 
     Returns:
         ``Compensated`` with arrays (N, M).
@@ -68,7 +70,7 @@ def smooth(
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
     start = channel_noise_sd(data, noise_sd)
-    stretch, flags, warnings = stretch_of(data, dt_s, chains, events_s, start)
+    stretch, flags, warnings = stretch_of(data, dt_s, chains, events_s, start, names)
     u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
     if intensity is None:
         chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
@@ -127,7 +129,12 @@ def smooth(
 
 
 def stretch_of(
-    data: Array, dt_s: float, chains: Chain | Sequence[Chain], events_s: Sequence[float], noise_sd: Array
+    data: Array,
+    dt_s: float,
+    chains: Chain | Sequence[Chain],
+    events_s: Sequence[float],
+    noise_sd: Array,
+    names: Sequence[str] | None = None,
 ) -> tuple[Stretch, NDArray[np.uint8], tuple[str, ...]]:
     """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and warnings."""
     n, m = data.shape
@@ -137,10 +144,12 @@ def stretch_of(
     if n < 8 or not dt_s > 0:
         raise InputError(f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval")
     flags = flags_of(data, noise_sd)
-    warnings = refuse_or_warn(flags)
+    warnings = refuse_or_warn(flags, names)
     if np.any((flags == 0).sum(axis=0) < 8):
         c = int(np.argmin((flags == 0).sum(axis=0)))
-        raise InputError(f"smooth: channel {c} has fewer than 8 good samples", remedy="leave this channel out")
+        raise InputError(
+            f"smooth: {spoken(names, m)[c]} has fewer than 8 good samples", remedy="leave this channel out"
+        )
     y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
     weight = np.where(flags == 0, 1.0, 0.0)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))

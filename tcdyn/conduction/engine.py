@@ -1,4 +1,8 @@
-"""One test through the modal rim: temperatures at junctions, whole fields at chosen times, and (beta, h) maps."""
+"""One test through the modal rim: temperatures at junctions, whole fields at chosen times, and (beta, h) maps.
+
+For users of the rim model, in Python; the benchmarks time its map, that of section 3.5. The fits of
+``tcdyn.partition`` need neither fields nor maps and call ``modal`` and ``bank`` themselves.
+"""
 
 from __future__ import annotations
 

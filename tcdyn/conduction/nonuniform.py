@@ -1,4 +1,7 @@
-"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26."""
+"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26.
+
+For users of the rim model, in Python: no fit of this package lets h vary across the width.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Exact derivatives of the rim's gains by its parameters: the modal form differentiated, not its noisy results."""
+"""Exact derivatives of the rim's gains by its parameters: the modal form differentiated, not its noisy results.
+
+For users of the rim model, in Python; the budget of beta takes its shifts from ``tcdyn.partition``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Plunges as the thesis compared them: what the junction saw, and what the correlations say with nothing fitted."""
+"""Plunges as the thesis compared them: what the junction saw, and what the correlations say with nothing fitted.
+
+For figures 5.26 and 5.27 from one's own data, in Python: ``tcdyn.plots.draw_entry(run, traces, ax)`` draws them.
+"""
 
 from __future__ import annotations
 
@@ -63,21 +66,3 @@ def uncalibrated_traces(
         )
         out.append(JunctionTraces(f"{name} {chosen.title}", run.channels, plunge.t_s, plunge.junction_degC))
     return tuple(out)
-
-
-def apparent_lags(run: PlungeRun, setup: DiskSetup, from_s: float = 10.0, to_s: float = 60.0) -> dict[str, float]:
-    """Mean delay [s] of the readings behind each published correlation, between two times: the two-step method's bias.
-
-    Over the slow part of a plunge a lag and an error of h look alike; this is what the plain comparison would call lag.
-    """
-    blocks = make_blocks(run)
-    inside = (blocks.time_s > from_s) & (blocks.time_s < min(to_s, blocks.duration_s))
-    out = {}
-    for trace in uncalibrated_traces(run, setup):
-        delays = []
-        for j in range(len(run.channels)):
-            model = trace.temperature_degC[:, j]
-            back = np.interp(blocks.readings_degC[inside, j], model, trace.time_s)
-            delays.append(np.mean(blocks.time_s[inside] - back))
-        out[trace.name] = float(np.mean(delays))
-    return out

@@ -33,7 +33,7 @@ NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 def contact_force(t: NDArray[np.float64], raw_N: NDArray[np.float64], events: Events) -> NDArray[np.float64]:
     """Force while the disks touch [N], zero elsewhere; ``raw_N`` as logged, both of shape (N,).
 
-    The zero is the mean before loading and after unloading, drifting straight between the two (section 2.9). Under
+    The zero is the median before loading and after unloading, drifting straight between the two (section 2.9). Under
     load the force is a running straight line, spikes left out, that never looks across a switching instant: an average
     smeared over the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long
     as ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).

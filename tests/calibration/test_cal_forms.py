@@ -310,3 +310,15 @@ def test_every_missing_column_is_named_and_each_near_miss_is_offered_once() -> N
     for canonical, name in renamed.items():
         assert f'{canonical} = "{name}"' in said
     assert "nothing in the file looks like load_N (not used so far: 'Kraft')" in said
+
+
+def test_missing_values_are_told_beside_spikes_with_the_place_of_the_longest_run(tmp_path):
+    frame = ehl_frame()
+    frame.loc[[300, 900], "fast_e_degC"] = 400.0
+    frame.loc[[500, *range(2233, 2267)], "fast_e_degC"] = np.nan  # 0.45 s about the parting
+    log = read_log(write_log(frame, tmp_path / "log.csv"), "ehl")
+    assert any("fast_e_degC, row 302" in w and "2 spike(s)" in w for w in log.warnings)
+    assert any(
+        "fast_e_degC, row 2235 (29.7733 s): 34 values in a row are missing (0.45 s); 35 in all" in w
+        for w in log.warnings
+    )

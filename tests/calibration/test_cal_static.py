@@ -18,7 +18,6 @@ from calibration.oven import error_histogram, error_statistics, steady_minutes
 from calibration.static import (
     PRT_U_DEGC,
     StaticLine,
-    apply_lines,
     apply_static,
     fit_static_lines,
     outside_range,
@@ -198,14 +197,10 @@ def test_steady_minutes_of_a_continuous_log_make_the_oven_rows(tmp_path):
     assert "3 steady minutes" in log.warnings[0]
 
 
-def test_a_line_knows_where_it_extrapolates_and_leaves_other_columns_alone():
+def test_a_line_knows_where_it_extrapolates():
     line = StaticLine(gain=1.01, offset=-0.2, covariance=((1e-6, -9e-5), (-9e-5, 0.01)), range_degC=(20.0, 160.0))
     assert outside_range(line, [10.0, 100.0, 170.0]).tolist() == [True, False, True]
-    frame = pd.DataFrame({"time_s": [0.0, 1.0], "fast_a_degC": [100.0, np.nan]})
-    out = apply_lines(frame, {"a": line}, "fast_")
-    assert out["fast_a_degC"][0] == 100.8
-    assert np.isnan(out["fast_a_degC"][1])
-    assert frame["fast_a_degC"][0] == 100.0
+    assert apply_static([100.0, np.nan], line) == pytest.approx([100.8, np.nan], nan_ok=True)
 
 
 def test_uncertainty_of_a_reading_is_smallest_in_the_middle_of_the_oven():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -9,19 +10,33 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from cal_cases import ehl_frame, immersion_frame, lvm_text, write
+from cal_cases import csv_text, ehl_frame, immersion_frame, lvm_text, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nptdms import ChannelObject, TdmsWriter
 
+from calibration import thin
 from calibration.errors import InputError
 from calibration.logs import read_log, write_log
 from calibration.stream import iter_log
 
 
 def together(path, kind, rows):
+    """The pieces as one frame, and every warning."""
     pieces = list(iter_log(path, kind, rows=rows))
     assert len(pieces) > 1
+    assert len({p.dt_s for p in pieces}) == 1
     return pd.concat([p.frame for p in pieces], ignore_index=True), [w for p in pieces for w in p.warnings]
+
+
+def same(path, kind="ehl", rows=700):
+    """Both ways of reading give the same numbers to the last bit, and say the same."""
+    whole = read_log(path, kind)
+    found, said = together(path, kind, rows)
+    assert list(found.columns) == list(whole.frame.columns)
+    assert np.array_equal(found.to_numpy(), whole.frame.to_numpy(), equal_nan=True)
+    assert sorted(said) == sorted(whole.warnings)
+    return whole
 
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "tdms", "lvm"])
@@ -32,9 +47,129 @@ def test_the_pieces_are_the_whole(tmp_path, ending):
         write(tmp_path, "log.lvm", lvm_text(frame))
     else:
         write_log(frame, path)
-    found, said = together(path, "ehl", 700)
-    assert np.array_equal(found.to_numpy(), frame.to_numpy())
-    assert said == []
+    assert same(path).warnings == ()
+
+
+def at(rows, column, value):
+    def change(frame):
+        return frame.assign(**{column: frame[column].where(~frame.index.isin(np.atleast_1d(rows)), value)})
+
+    return change
+
+
+def jittered(frame):
+    late = np.random.default_rng(2).uniform(-0.3, 0.3, len(frame)) / 75
+    return frame.assign(time_s=frame["time_s"] + late)
+
+
+def clock(frame):
+    stamp = pd.Timestamp("2015-03-09 23:59:40") + pd.to_timedelta(frame["time_s"], unit="s")
+    return frame.assign(time_s=stamp.dt.strftime("%H:%M:%S.%f"))
+
+
+FORMS = {
+    "contact in volts": lambda f: f.assign(contact=5 * f["contact"]),
+    "contact in words": lambda f: f.assign(contact=np.where(f["contact"] > 0, "on", "off")),
+    "contact missing here and there": at([400, 1100, 2300], "contact", np.nan),
+    "clock time through midnight": clock,
+    "three decimals of a second": lambda f: f.assign(time_s=f["time_s"].round(3)),
+    "time that jitters": jittered,
+    "time that starts late": lambda f: f.assign(time_s=f["time_s"] + 86400.0),
+    "a time missing": at([1500], "time_s", np.nan),
+    "rows lost, rounded time": lambda f: f.assign(time_s=f["time_s"].round(3)).drop(index=[*range(690, 705), 1400]),
+    "a room that does not change": lambda f: f.assign(ambient_degC=22.0),
+    "an oil bath that rests for 9 s": at(range(600, 1275), "oil_degC", 60.0),
+    "a coarse logger": lambda f: f.assign(**{n: (f[n] / 0.2).round() * 0.2 for n in f if n.endswith("_degC")}),
+    "values missing for 0.45 s at a seam": at(range(680, 714), "fast_e_degC", np.nan),
+    "spikes beside missing values": lambda f: at([681, 715], "fast_e_degC", 200.0)(
+        at(range(682, 714), "fast_e_degC", np.nan)(f)
+    ),
+    "impossible values": at([3, 699, 700, 2999], "slow_b_degC", 1e30),
+    "infinite values": at([1399, 1400], "slow_b_degC", np.inf),
+    "load missing": at(range(700, 760), "load_N", np.nan),
+    "words among numbers": lambda f: at([5, 2345], "fast_c_degC", "---")(f.astype({"fast_c_degC": object})),
+    "a word late in the log": lambda f: at([2345], "friction_N", "overload")(f.astype({"friction_N": object})),
+    "junctions e and b swapped": lambda f: f.rename(
+        columns={"fast_e_degC": "fast_b_degC", "fast_b_degC": "fast_e_degC"}
+    ),
+    "no oil": lambda f: f.drop(columns="oil_degC"),
+}
+
+
+@pytest.mark.parametrize("rows", [250, 700])
+@pytest.mark.parametrize("form", FORMS)
+def test_whatever_form_a_log_has_its_pieces_are_what_read_log_gives(tmp_path, form, rows):
+    path = tmp_path / "log.csv"
+    FORMS[form](ehl_frame()).to_csv(path, index=False)
+    same(path, rows=rows)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", ","), ("\t", ".")])
+def test_dialects_are_read_in_pieces(tmp_path, separator, decimal):
+    same(write(tmp_path, "log.csv", csv_text(ehl_frame(), separator, decimal, head="Operator;A\n\n")))
+
+
+def test_time_stamps_and_words_of_parquet_are_read_in_pieces(tmp_path):
+    frame = ehl_frame()
+    stamp = pd.Timestamp("2015-03-09 23:59:40") + pd.to_timedelta(frame["time_s"], unit="s")
+    words = frame["contact"].map({0.0: "off", 1.0: "on"})
+    frame.assign(time_s=stamp.dt.round("us"), contact=words).to_parquet(tmp_path / "log.parquet")
+    same(tmp_path / "log.parquet")
+
+
+def test_time_stamps_of_tdms_are_read_in_pieces_and_channels_of_other_rates_are_referred_to_read_log(tmp_path):
+    frame = immersion_frame()
+    stamp = (
+        np.datetime64("2015-03-09T23:59:40") + (frame["time_s"] * 1e6).round().astype("timedelta64[us]")
+    ).to_numpy()
+    path = tmp_path / "log.tdms"
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("log", n, stamp if n == "time_s" else frame[n].to_numpy()) for n in frame])
+    same(path, "immersion")
+    with TdmsWriter(path) as writer:
+        for name in frame.columns[1:]:
+            step = 2 if name == "fluid_degC" else 1
+            track = {"wf_increment": step / 75}
+            writer.write_segment([ChannelObject("log", name, frame[name].to_numpy()[::step], properties=track)])
+    assert len(read_log(path, "immersion").frame) > 2990
+    with pytest.raises(InputError, match="read it whole, with read_log"):
+        next(iter_log(path, "immersion"))
+
+
+@pytest.mark.parametrize("form", ["spikes beside missing values", "contact in volts", "words among numbers"])
+def test_a_log_too_long_for_its_sample_gives_the_same_numbers(tmp_path, monkeypatch, form):
+    monkeypatch.setattr(thin, "MOST", 1000)
+    path = tmp_path / "log.csv"
+    FORMS[form](ehl_frame()).to_csv(path, index=False)
+    found, _ = together(path, "ehl", 300)
+    assert np.array_equal(found.to_numpy(), read_log(path, "ehl").frame.to_numpy(), equal_nan=True)
+
+
+REFUSED = {
+    "a channel that freezes": (at(range(1000, 2000), "fast_d_degC", 60.0), "stays at"),
+    "a dead channel": (lambda f: f.assign(slow_b_degC=21.5), "slow_b_degC.*dead"),
+    "too many spikes": (at(range(0, 3000, 15), "fast_d_degC", 300.0), "% of the samples are spikes"),
+    "kelvin": (lambda f: f.assign(fast_c_degC=f["fast_c_degC"] + 273.15), "fast_c_degC.*kelvin"),
+    "millivolts": (lambda f: f.assign(fast_c_degC=0.05 * f["fast_c_degC"]), "fast_c_degC.*millivolts"),
+    "load in kilonewtons": (lambda f: f.assign(load_N=f["load_N"] / 1000), "kilonewtons"),
+    "five levels": (lambda f: f.assign(contact=np.arange(len(f)) % 5 / 4), "different values"),
+    "a long gap": (at(range(1000, 1100), "fast_e_degC", np.nan), "100 values in a row"),
+    "load missing for long": (at(range(1000, 1200), "load_N", np.nan), "7 % of the column"),
+    "words for numbers": (lambda f: f.assign(fast_c_degC=["---", "50.1"] * (len(f) // 2)), "no number"),
+}
+
+
+@pytest.mark.parametrize("form", REFUSED)
+def test_what_read_log_refuses_is_refused_before_the_last_piece(tmp_path, form):
+    change, words = REFUSED[form]
+    path = tmp_path / "log.csv"
+    change(ehl_frame()).to_csv(path, index=False)
+    with pytest.raises(InputError, match=words):
+        read_log(path, "ehl")
+    pieces = []
+    with pytest.raises(InputError, match=words):
+        pieces.extend(iter_log(path, "ehl", rows=300))
+    assert sum(len(p.frame) for p in pieces) < 3000
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -60,9 +195,23 @@ def test_what_only_the_whole_test_shows_is_checked_at_its_end(tmp_path, rows):
             list(iter_log(path, kind, rows=rows))
 
 
+def test_a_log_without_rows_is_refused(tmp_path):
+    path = write_log(ehl_frame().iloc[:0], tmp_path / "log.csv")
+    with pytest.raises(InputError, match="no table"):
+        next(iter_log(path, "ehl"))
+
+
 def test_oven_logs_are_not_read_in_pieces(tmp_path):
     with pytest.raises(InputError, match="whole"):
         next(iter_log(tmp_path / "x.csv", "oven"))
+
+
+def test_the_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    write_log(ehl_frame(), Path("long.csv"))
+    exec(compile(re.search(r"```python\n(.*?)```", page, re.S)[1], "files.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("3000 ")
 
 
 PEAK = """

@@ -148,11 +148,46 @@ def test_spikes_and_stuck_samples_are_flagged_and_not_smeared():
     assert np.mean(np.abs(ours.temperature[:, 0] - x) < 3 * ours.sd[:, 0]) > 0.97
 
 
+def test_samples_missing_about_a_known_event_widen_the_band_and_the_band_holds():
+    """0.45 s of nothing at the unloading, and 1 % lost elsewhere."""
+    dt, event, lost = 1 / 75, 10.0, slice(733, 767)
+    t = np.arange(4 * 1500) * dt / 4
+    fine = 120 - 12 * (1 - np.exp(-np.maximum(t - event, 0) / 1.0))
+    chain = Chain((0.55, 0.12), conditioning=Conditioning(4.0, 2))
+    clean, x = chain.response(fine, dt / 4)[::4], fine[::4]
+    held = []
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        y = clean + 0.15 * rng.standard_normal(len(clean))
+        y[rng.random(len(y)) < 0.01] = np.nan
+        whole = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,))
+        y[lost] = np.nan
+        ours = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,), intensity=whole.intensities)
+        assert ours.sd[lost].max() > whole.sd[lost].max()
+        held.append(np.abs(ours.temperature - x[:, None])[lost] < 1.96 * ours.sd[lost])
+    assert np.mean(held) > 0.85  # samples of a gap move together: ten records of about three each, 95 +- 4 %
+
+
 def test_dead_channel_is_refused():
     with pytest.raises(InputError, match="repeat one value"):
         smooth(
             np.column_stack([np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]), DT, Chain((1.0,))
         )
+
+
+def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
+    y = 80 + np.random.default_rng(0).standard_normal((500, 2))
+    y[100:180, 1] = 80.0
+    done = smooth(y, DT, Chain((1.0,)), intensity=10.0, names=["fast_d", "fast_e"])
+    assert done.warnings[0].startswith("fast_e: stuck")
+    done = smooth(y, DT, Chain((1.0,)), intensity=10.0)
+    assert done.warnings[0].startswith("channel 2: stuck")
+    assert "channel 2: noise" in done.summary()
+    y[7:, 1] = np.nan
+    with pytest.raises(InputError, match="fast_e has fewer"):
+        smooth(y, DT, Chain((1.0,)), noise_sd=1.0, names=["fast_d", "fast_e"])
+    with pytest.raises(InputError, match="2 channels but 1 names"):
+        smooth(y, DT, Chain((1.0,)), names=["fast_d"])
 
 
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
