@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -22,6 +22,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from calibration.errors import InputError
 from calibration.grade import is_note
 from calibration.result import jsonable
 
@@ -67,6 +68,26 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
+
+
+def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
+    """Refuse, before anything is done, an output that is an input under any name, or another output.
+
+    ``outputs``: by their options without the dashes; None where nothing was given. Raises InputError.
+
+    >>> spare_inputs([None, "log.csv"], out=Path("done.csv"), report=None)
+    """
+    taken = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        if path.resolve() in taken:
+            raise InputError(
+                f"--{option} would write over {path}, {taken[path.resolve()]}",
+                expected="a file of its own",
+                remedy=f"give another --{option}",
+            )
+        taken[path.resolve()] = f"which is --{option}"
 
 
 def say(text: str, quiet: bool = False) -> None:

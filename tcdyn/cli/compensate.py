@@ -14,7 +14,7 @@ import typer
 from calibration.errors import InputError
 from calibration.logs import write_log
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, counted, dump, say, stages, warn
+from tcdyn.cli.common import Json, Quiet, RecordFiles, RigFile, Verbose, counted, dump, say, spare_inputs, stages, warn
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -105,6 +105,7 @@ def compensate(
     records = records_by_disk(record)
     rig_table = load_rig(rig) if rig else None
     target = out or log.with_name(f"{log.stem}.compensated.csv")
+    spare_inputs([log, rig, *record], out=target, report=report, state=state)
     if follow:
         named = {
             "method": method, "behind_s": behind_s, "bandwidth_Hz": bandwidth_hz, "noise_K": noise_k,

@@ -10,7 +10,7 @@ import typer
 
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, dump, say
+from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, spare_inputs
 
 if TYPE_CHECKING:
     from tcdyn.design.compare import Design
@@ -42,6 +42,7 @@ def design(
     from tcdyn.design.plunge_plan import PlungePlan
     from tcdyn.design.step_plan import StepPlan
 
+    spare_inputs([rig, fluid], out=out)
     for name, value in (("duration-s", duration_s - 10), ("noise-K", noise_K), ("rate-Hz", rate_Hz - 1)):
         if not value > 0:
             raise InputError(f"--{name} is too small", where="design", remedy="10 s, 1 Hz and some noise at least")

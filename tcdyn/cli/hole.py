@@ -10,7 +10,7 @@ import typer
 from calibration.logs import read_log
 from calibration.rigfile import load_rig
 from calibration.write import write_text
-from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, warn
+from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, spare_inputs, warn
 
 
 def hole(
@@ -33,6 +33,7 @@ def hole(
     """
     from tcdyn.identify.hole import compare_holes
 
+    spare_inputs([log, rig], out=out, report=report)
     table = read_log(log, "hole", load_rig(rig))
     found = compare_holes(
         table.filled(),

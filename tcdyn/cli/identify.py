@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.write import write_text
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, say
+from tcdyn.cli.common import Json, Quiet, say, spare_inputs
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
 from tcdyn.identify.fit import Fit
@@ -64,6 +64,9 @@ def identify(
     check_choice("--hold", hold, ("foh", "zoh"))
     check_choice("--shape", shape, ("cascade", "butterworth"))
     check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
+    json_path = out or data.with_suffix(".identified.json")
+    html_path = report or json_path.with_suffix(".html")
+    spare_inputs([data], out=json_path, report=html_path)
     record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
     fixed = {} if gain is None else {"Kp": gain}
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
@@ -76,8 +79,6 @@ def identify(
         from tcdyn.identify.narx import temperature_dependence
 
         say(temperature_dependence(record, held_out=held_out).sentence, quiet or json_)
-    json_path = out or data.with_suffix(".identified.json")
-    html_path = report or json_path.with_suffix(".html")
     write_text(json_path, comparison.best.identified.to_json() + "\n")
     read_identified(json_path)
     write_report(html_path, record, comparison, filter_)
