@@ -35,6 +35,25 @@ Json = Annotated[bool, typer.Option("--json", help="print the result as JSON ins
 RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
 
 
+def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for number in value if isinstance(value, list | tuple) else [value]:
+            if number is not None and not (low <= number <= high if ends else low < number < high):
+                expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
+                raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
+        return value
+
+    return check
+
+
+def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Refuse a value that is none of ``allowed``."""
+    if value not in allowed:
+        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
+
+
 @contextmanager
 def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
     """A function to call with each stage's name; on a terminal it shows as a spinner with the time gone by.
