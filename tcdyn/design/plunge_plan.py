@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,8 +113,3 @@ def _drawn(mean: Array, sd: Array, layout: Layout, lag_s: float, rng: np.random.
         theta[at.start : at.start + 5] += sd[at.start : at.start + 5] * np.clip(rng.standard_normal(5), -2.5, 2.5)
     theta[layout.common_split] += sd[layout.common_split] * rng.standard_normal()
     return theta
-
-
-def vary(plan: PlungePlan, **values: float | str) -> PlungePlan:
-    """The plan with other values, e.g. ``vary(plan, noise_K=0.03)``."""
-    return replace(plan, **values)  # type: ignore[arg-type]

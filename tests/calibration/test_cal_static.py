@@ -18,7 +18,6 @@ from calibration.oven import error_histogram, error_statistics, steady_minutes
 from calibration.static import (
     PRT_U_DEGC,
     StaticLine,
-    apply_lines,
     apply_static,
     fit_static_lines,
     outside_range,
@@ -76,23 +75,6 @@ def test_intervals_hold_the_truth_for_the_rigs_ovens_whose_minutes_share_an_erro
 
     found = coverage(ovens())
     assert all(0.88 <= rate <= 1.0 for rate in found.values()), found  # three sigma of 100 is 6.5 %
-
-
-def test_the_joint_covariance_is_that_of_repeated_ovens():
-    fits = [fit_static_lines(oven_frame(s, 0.02).assign(repeat=1.0 + np.arange(24) // 8)) for s in range(100)]
-    errors = []
-    for s, fit in enumerate(fits):
-        gain, offset = oven_truth(s)
-        errors.append(
-            np.ravel([[fit.lines[c].gain - g, fit.lines[c].offset - o] for c, g, o in zip(CHANNELS, gain, offset)])
-        )
-    seen = np.corrcoef(np.array(errors).T)
-    stated = np.mean([f.joint_covariance for f in fits], axis=0)
-    u = np.sqrt(np.diag(stated))
-    stated_correlation = stated / np.outer(u, u)
-    # correlation from 100 draws is good to 0.1; three sigma, and the stated one is shrunk by the 95 % widening
-    assert np.abs(seen - stated_correlation).max() < 0.3
-    assert stated_correlation[0, 2] > 0.6  # the PRT's errors are common to the channels
 
 
 def test_noise_of_the_logged_side_does_not_flatten_the_line():
@@ -198,14 +180,10 @@ def test_steady_minutes_of_a_continuous_log_make_the_oven_rows(tmp_path):
     assert "3 steady minutes" in log.warnings[0]
 
 
-def test_a_line_knows_where_it_extrapolates_and_leaves_other_columns_alone():
+def test_a_line_knows_where_it_extrapolates():
     line = StaticLine(gain=1.01, offset=-0.2, covariance=((1e-6, -9e-5), (-9e-5, 0.01)), range_degC=(20.0, 160.0))
     assert outside_range(line, [10.0, 100.0, 170.0]).tolist() == [True, False, True]
-    frame = pd.DataFrame({"time_s": [0.0, 1.0], "fast_a_degC": [100.0, np.nan]})
-    out = apply_lines(frame, {"a": line}, "fast_")
-    assert out["fast_a_degC"][0] == 100.8
-    assert np.isnan(out["fast_a_degC"][1])
-    assert frame["fast_a_degC"][0] == 100.0
+    assert apply_static([100.0, np.nan], line)[0] == 100.8
 
 
 def test_uncertainty_of_a_reading_is_smallest_in_the_middle_of_the_oven():
