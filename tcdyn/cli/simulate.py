@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, counted, dump, say, spare_inputs
+from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
 from tcdyn.rig.convection import FLUIDS, FluidName
 from tcdyn.rig.ehl import simulate_ehl
@@ -60,9 +61,13 @@ def immersion(
     out: Out,
     disk: Disk = "fast",
     seed: Seed = 0,
-    bath_degC: Annotated[float, typer.Option("--bath-degC", help="bath temperature")] = 110.0,
+    bath_degC: Annotated[
+        float, typer.Option("--bath-degC", help="bath temperature", callback=within(-60, 400))
+    ] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
-    duration_s: Annotated[float, typer.Option("--duration-s", min=10, help="time after entry")] = 140.0,
+    duration_s: Annotated[
+        float, typer.Option("--duration-s", help="time after entry", callback=within(10, 3600))
+    ] = 140.0,
     run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
@@ -93,7 +98,7 @@ def ehl(
     out: Out,
     test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
     seed: Seed = 0,
-    beta: Annotated[float | None, typer.Option(min=0, max=1, help="heat partition; drawn without it")] = None,
+    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -112,7 +117,10 @@ def ehl(
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
-    bath_degC: Annotated[list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")] = None,
+    bath_degC: Annotated[
+        list[float] | None,
+        typer.Option("--bath-degC", help="one plunge each, repeatable", callback=within(-60, 400)),
+    ] = None,
     seed: Seed = 0,
     workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
     rig: RigPath = None,
@@ -171,8 +179,7 @@ def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict
 
 
 def _disk(name: str) -> str:
-    if name not in ("fast", "slow"):
-        raise InputError(f"--disk {name!r}", expected="fast or slow")
+    check_choice("--disk", name, DISKS)
     return name
 
 

@@ -9,12 +9,15 @@ from typing import Any
 import pandas as pd
 
 from calibration.disk import DiskSetup
+from calibration.errors import InputError
 from calibration.result import Result, jsonable
 from tcdyn.design.advice import MEANING, common, differences, headline, sentence
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, table
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, predict_touches
+
+LEAST_OWN_LAG_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,14 @@ def compare_tests(
 
     ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps are the plunges'.
     """
-    own = max(lag_s - setup.conditioning.lag_s, 0.01)
+    known = setup.conditioning.lag_s
+    own = lag_s - known
+    if own < LEAST_OWN_LAG_S:
+        raise InputError(
+            f"an expected lag of {lag_s:g} s, conditioning included",
+            where="design",
+            expected=f"at least {known + LEAST_OWN_LAG_S:.3g} s, since the conditioning alone lags by {known:.3g} s",
+        )
     first = plunges[0]
     step = step or StepPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
     touch = touch or TouchPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
