@@ -69,16 +69,18 @@ def design(
     if any(abs(b - initial_degC) < 5 for b in baths):
         raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
     plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, noise_K, entry_u_s) for b in baths]
-    setup = load_rig(rig).disk_setup(disk)
+    rig_table = load_rig(rig)
+    setup, uncertainty = rig_table.disk_setup(disk), rig_table.tables(disk).uncertainty
     step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=noise_K)
-    result = compare_tests(setup, plans, step=step, lag_s=lag_s)
+    result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
     if out is not None:
         k = setup.conductivity_W_mK
         _write(
             result,
             out,
             [
-                f"disk {disk}: conductivity {k:g} W/mK, lag {lag_s:g} s with the conditioning, as given",
+                f"disk {disk}: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
+                f"{uncertainty.depth_mm:g} mm, lag {lag_s:g} s with the conditioning, as given",
                 f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
                 f"noise of {noise_K:g} K a sample, entry known to +- {entry_u_s:g} s",
                 f"before the unloading {power_W:g} W enter this disk",

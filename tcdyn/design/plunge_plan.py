@@ -13,6 +13,7 @@ from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design.prediction import Prediction, from_covariances
+from tcdyn.identify.plunge import full_prior
 from tcdyn.identify.plunge_layout import Layout, Structure
 from tcdyn.identify.plunge_map import Problem, inverse, normal_equations
 from tcdyn.identify.plunge_model import build_run_model
@@ -55,14 +56,12 @@ def predict_plunges(
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
     (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
     """
-    priors = priors or PlungePriors()
     layout = Layout(len(plans), channels, structure)
-    mean, sd = layout.prior(priors, [p.entry_u_s for p in plans], [p.initial_degC for p in plans])
     chosen = find_correlation(correlation)
-    models = []
-    for plan in plans:
-        run, blocks = _planned(plan, channels)
-        models.append(build_run_model(run, blocks, setup, layout, chosen))
+    planned = [_planned(plan, channels) for plan in plans]
+    starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
+    mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
+    models = [build_run_model(run, blocks, setup, layout, chosen) for run, blocks in planned]
     ones = tuple(np.ones(m.blocks.readings_degC.shape) for m in models)
     problem = Problem(
         tuple(models), layout, mean, sd, tuple(m.blocks.noise_sd_K for m in models), (Inflation(),) * len(plans), ones

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.rigfile import load_rig
+from calibration.rigfile import UncertaintyTable, load_rig
 from tcdyn.design.advice import COMMON, DIFFERENCES, MEANING, grade, headline
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
@@ -86,6 +86,27 @@ def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
     assert len(design.table()) == 7
     assert len(design.sentences()) == 8
     assert all(s.endswith(".") for s in design.sentences())
+
+
+def test_the_rig_s_uncertainties_reach_every_test() -> None:
+    table = {"draws": 2, "lag_s": 0.73}
+    stated = compare_tests(SETUP, [PLAN], **table)
+    same = compare_tests(SETUP, [PLAN], uncertainty=load_rig().fast.uncertainty, **table)
+    vague = UncertaintyTable(depth_mm=1.0, conductivity_rel=0.3)
+    worse = compare_tests(SETUP, [PLAN], uncertainty=vague, **table)
+    for one, default, other in zip(stated.predictions, same.predictions, worse.predictions):
+        assert one.u_differential_s == default.u_differential_s
+        assert other.u_common_s > one.u_common_s, one.name
+        assert other.u_differential_s > one.u_differential_s, one.name
+
+
+def test_the_design_widens_h_by_the_fluid_s_properties_as_the_fit_does() -> None:
+    from immersion.fluids import fluid
+
+    oil = fluid("mobil-jet-ii")
+    vague = replace(oil, u_nu=0.5, u_beta=0.5)  # h ~ (beta / nu)^(1/4)
+    known, unknown = (predict_plunges([replace(PLAN, fluid=f)], SETUP, draws=1) for f in (oil, vague))
+    assert unknown.others["u_h_rel"] > known.others["u_h_rel"]
 
 
 def told(kind: str, common_s: float, differences_s: float) -> Prediction:
