@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.write import write_text
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, check_choice, say, spare_inputs, within
+from tcdyn.cli.common import Json, Quiet, check_choice, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
 from tcdyn.identify.fit import Fit
@@ -87,15 +87,19 @@ def identify(
     if not (quiet or json_):
         typer.echo(comparison.summary())
         say(as_chain(comparison.best.identified, filter_))
+    content = comparison.best.identified.to_dict()
+    level = ""
     if narx:
         from tcdyn.identify.narx import temperature_dependence
 
-        say(temperature_dependence(record, held_out=held_out).sentence, quiet or json_)
-    write_text(json_path, comparison.best.identified.to_json() + "\n")
+        dependence = temperature_dependence(record, held_out=held_out)
+        content["narx"], level = dependence.to_dict(), dependence.sentence
+        say(level, quiet or json_)
+    write_text(json_path, dump(content))
     read_identified(json_path)
-    write_report(html_path, record, comparison, filter_)
+    write_report(html_path, record, comparison, filter_, level)
     if json_:
-        print(comparison.best.identified.to_json())
+        print(dump(content), end="")
         return
     say(f"wrote {json_path} and {html_path}", quiet)
 
@@ -140,8 +144,11 @@ def parameter_table(fit: Fit) -> pd.DataFrame:
     )
 
 
-def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning) -> None:
-    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests."""
+def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = "") -> None:
+    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
+
+    ``level`` says whether the lag depends on the level, where that was asked.
+    """
     from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 
     best = comparison.best
@@ -168,6 +175,8 @@ def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Co
         ),
         Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
     ]
+    if level:
+        sections.append(Section("Does the lag depend on the level?", level))
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
