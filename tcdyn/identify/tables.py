@@ -15,7 +15,7 @@ from tcdyn.identify.data import Array, Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 OTHER_FORMS = (".tdms", ".lvm", ".parquet", ".pq")
-MOST_SAMPLES = 5e7
+MOST_SAMPLES = 5e7  # of one run on an even grid
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
 
