@@ -183,7 +183,10 @@ def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Arr
 
 
 def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> tuple[Array, Array]:
-    """The bath after entry: means over ``window_s``, trimmed of a fifth at each end, joined by straight lines."""
+    """The bath's temperature [degC] after entry, to be joined by straight lines: times (W,) [s] and means (W,).
+
+    ``t`` (N,) is the time after entry [s]; each mean is over ``window_s``, its lowest and highest fifth left out.
+    """
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
         raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
