@@ -20,7 +20,7 @@ class LineFit:
 
     ``covariance`` (2, 2) of (slope, intercept) uses the residual variance with N - 2 degrees of freedom (or the
     known error of y, whichever is larger); ``covariance_95`` is it times (t / 1.96)^2, so that 1.96 u is the 95 %
-    interval. ``influence`` (2, N) is what an error of each y does to (slope, intercept).
+    interval.
     """
 
     x: FloatArray
@@ -33,7 +33,6 @@ class LineFit:
     sd: float
     dof: int
     r_squared: float
-    influence: FloatArray
 
 
 def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
@@ -68,7 +67,6 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
     residuals = dy - slope * dx
     dof = n - 2
     sd = float(np.sqrt(residuals @ residuals / dof))
-    influence = np.vstack([dx / sxx, 1.0 / n - mx * dx / sxx])
     shape = np.array([[1 / sxx, -mx / sxx], [-mx / sxx, 1 / n + mx * mx / sxx]])
     known = u_y**2
     free = sd**2 * (float(stats.t.ppf(0.975, dof)) / Z95) ** 2
@@ -84,7 +82,6 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
         sd,
         dof,
         min(max(1.0 - float(residuals @ residuals) / syy, 0.0), 1.0) if syy > 0 else 1.0,
-        influence,
     )
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 from scipy import stats
 
 from calibration.errors import InputError
+from calibration.grade import graded
 from calibration.record import DiskRecord, moment, now_utc
 from calibration.result import Result, jsonable
 from calibration.static import apply_static, outside_range, static_u
@@ -133,8 +134,11 @@ def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
 
 
 def check_record(record: DiskRecord) -> list[str]:
-    """What a careful reader would ask about a sound record: one sentence each, empty when nothing."""
-    doubts: list[str] = list(record.warnings)
+    """What a careful reader would ask about a sound record: one sentence each, empty when nothing.
+
+    Its warnings are among them; its notes, which tell of what was mended in full, are not.
+    """
+    doubts = graded(record.warnings)[0]
     missing = [c for c in "abcdef" if c not in record.static]
     if missing:
         doubts.append(f"static: channels {', '.join(missing)} are missing")

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calibration.disk import CHANNELS, Conditioning, DiskSetup, Junction
+from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
 from calibration.result import Result
 
@@ -35,6 +35,11 @@ class DiskTable(_Table):
             raise ValueError(f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?")
         if self.bore_radius_mm >= self.outer_radius_mm:
             raise ValueError("bore_radius_mm must be below outer_radius_mm")
+        if self.crown_radius_mm <= self.outer_radius_mm:
+            raise ValueError(
+                f"crown_radius_mm is {self.crown_radius_mm:g}; expected more than outer_radius_mm, "
+                f"{self.outer_radius_mm:g}: give the radius across the running surface, which is nearly flat"
+            )
         return self
 
 
@@ -85,6 +90,13 @@ class UncertaintyTable(_Table):
     speed_exponent_low: float = Field(0.571, ge=0, le=2)
     speed_exponent_high: float = Field(0.8, ge=0, le=2)
 
+    @model_validator(mode="after")
+    def _exponents_in_order(self) -> UncertaintyTable:
+        low, high = self.speed_exponent_low, self.speed_exponent_high
+        if low > high:
+            raise ValueError(f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them")
+        return self
+
 
 _DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
     "a": {"depth_mm": 3.0, "z_mm": 4.765, "angle_deg": 0.0},
@@ -134,7 +146,24 @@ class RigTables(_Table):
                 raise ValueError(f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore")
             if junction.z_mm >= self.disk.width_mm:
                 raise ValueError(f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width")
+        self._rim_is_a_rim()
         return self
+
+    def _rim_is_a_rim(self) -> None:
+        """Refuse what the rim model would refuse in the middle of an analysis: its edge is the row d, b, f."""
+        j = self.thermocouples
+        zs = [j[name].z_mm for name in INNER_ROW]
+        if not zs[0] < zs[1] < zs[2]:
+            raise ValueError(
+                f"thermocouples: z_mm of d, b, f is {', '.join(f'{z:g}' for z in zs)}; expected to rise in this order: "
+                "z_mm counts from the face next to d"
+            )
+        for name in OUTER_ROW:
+            if j[name].depth_mm > j["b"].depth_mm:
+                raise ValueError(
+                    f"thermocouples.{name}: depth_mm is {j[name].depth_mm:g}; expected at most that of b, "
+                    f"{j['b'].depth_mm:g}: a, c, e lie between the running surface and the row d, b, f"
+                )
 
 
 class Rig(Result, BaseModel):
@@ -239,12 +268,15 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
             built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
             first = problem.errors()[0]
-            key = ".".join(str(part) for part in first["loc"]) or "the file"
-            unknown = first["type"] == "extra_forbidden"
-            message = "there is no such key" if unknown else first["msg"]
-            prefix = "" if name == "common" else f"{name}."
+            place = [*([] if name == "common" else [name]), *(str(part) for part in first["loc"])]
+            if first["type"] == "extra_forbidden":
+                message = "there is no such key"
+            elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
+                message = str(first["ctx"]["error"])
+            else:
+                message = f"{first['msg']} (got {first['input']!r})"
             raise InputError(
-                f"{prefix}{key}: {message}" + (f" (got {first['input']!r})" if first["loc"] and not unknown else ""),
+                f"{'.'.join(place)}: {message}" if place else message,
                 where=where,
                 remedy="`tcdyn rig --show` lists every key with its default",
             ) from None

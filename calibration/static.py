@@ -65,9 +65,7 @@ class StaticLine(BaseModel):
 class OvenFit(Result):
     """Static lines of one disk and what the oven said about them.
 
-    ``joint_covariance`` (2 M, 2 M) is that of (gain, offset) of every channel in order: channels share each row's
-    PRT error, so their lines err together. ``residuals`` holds one row for each hold: repeat, setpoint_degC,
-    prt_degC and the residual [K] of each channel.
+    ``residuals`` holds one row for each hold: repeat, setpoint_degC, prt_degC and the residual [K] of each channel.
     """
 
     lines: dict[str, StaticLine]
@@ -75,7 +73,6 @@ class OvenFit(Result):
     residuals: pd.DataFrame
     raw_errors_K: NDArray[np.float64]
     calibrated_errors_K: NDArray[np.float64]
-    joint_covariance: NDArray[np.float64]
     warnings: tuple[str, ...] = ()
 
     def summary(self) -> str:
@@ -106,7 +103,6 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     prt = frame["prt_degC"].to_numpy(dtype=float)
     names = [c for c in CHANNELS if f"{c}_degC" in frame]
     lines: dict[str, StaticLine] = {}
-    fits: dict[str, tuple[LineFit, NDArray[np.bool_]]] = {}
     residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
     notes: list[str] = []
     for channel in names:
@@ -117,14 +113,12 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
         fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
         groups, repeats = (frame[k].to_numpy()[ok] for k in ("setpoint_degC", "repeat"))
         lines[channel], said = _line(channel, fit, prt[ok], groups, repeats, prt_shared_u_degC, frame[ok])
-        fits[channel] = (fit, ok)
         notes += said
         residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
     raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
     after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
     table = _table(error_statistics(raw), error_statistics(after))
-    joint = _joint(lines, fits, prt_u_degC, prt_shared_u_degC)
-    return OvenFit(lines, table, residuals, raw, after, joint, tuple(notes))
+    return OvenFit(lines, table, residuals, raw, after, tuple(notes))
 
 
 def _line(
@@ -172,27 +166,6 @@ def _line(
 
 def _pair(matrix: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
     return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
-
-
-def _joint(
-    lines: dict[str, StaticLine],
-    fits: dict[str, tuple[LineFit, NDArray[np.bool_]]],
-    prt_u: float,
-    shared_u: float,
-) -> NDArray[np.float64]:
-    names = list(lines)
-    joint = np.zeros((2 * len(names), 2 * len(names)))
-    for i, one in enumerate(names):
-        joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = lines[one].covariance
-        for j in range(i):
-            (a, in_a), (b, in_b) = fits[one], fits[names[j]]
-            both = in_a & in_b
-            pa, pb = a.influence[:, both[in_a]], b.influence[:, both[in_b]]
-            shared = min(prt_u, a.sd, b.sd) ** 2
-            block = shared * pa @ pb.T + np.diag([0.0, shared_u**2])
-            joint[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] = block
-            joint[2 * j : 2 * j + 2, 2 * i : 2 * i + 2] = block.T
-    return joint
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:

@@ -18,14 +18,13 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True)
 class Correlation:
-    """A mean Nusselt number Nu(Ra, Pr), its characteristic length, range, scatter and source."""
+    """A mean Nusselt number Nu(Ra, Pr), its characteristic length, range and source."""
 
     name: str
     title: str
     nusselt: Callable[[Array, Array], Array]
     length: Literal["width", "diameter"]
     ra_range: tuple[float, float]
-    u_rel: float
     source: str
 
 
@@ -91,16 +90,15 @@ _HOLMAN = "Holman (2010), quoted by Al-Hamood (2015) section 5.7"
 CORRELATIONS: dict[str, Correlation] = {
     c.name: c
     for c in (
-        Correlation("mcadams", "(5.2)", nu_mcadams, "width", (1e4, 1e9), 0.10, _HOLMAN),
-        Correlation("similarity", "(5.3)", nu_similarity, "width", (1e4, 1e9), 0.10, _HOLMAN),
-        Correlation("churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), 0.08, _HOLMAN),
+        Correlation("mcadams", "(5.2)", nu_mcadams, "width", (1e4, 1e9), _HOLMAN),
+        Correlation("similarity", "(5.3)", nu_similarity, "width", (1e4, 1e9), _HOLMAN),
+        Correlation("churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), _HOLMAN),
         Correlation(
             "churchill-chu",
             "all Ra",
             nu_churchill_chu,
             "width",
             (1e-1, 1e12),
-            0.10,
             "Churchill and Chu (1975) eq. 9",
         ),
         Correlation(
@@ -109,7 +107,6 @@ CORRELATIONS: dict[str, Correlation] = {
             nu_horizontal_cylinder,
             "diameter",
             (1e-5, 1e12),
-            0.15,
             "Churchill and Chu (1975), horizontal cylinder; a long cylinder is assumed",
         ),
     )
@@ -146,25 +143,25 @@ class Bath:
         """Fluid properties at the film temperature, the mean of surface and fluid."""
         return self.fluid.at((np.asarray(surface_degC, dtype=float) + np.asarray(fluid_degC, dtype=float)) / 2)
 
-    def grashof(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
-        """Gr = g beta |dT| L^3 / nu^2 at the film temperature."""
+    def _film(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[FluidProperties, Array]:
         p = self.properties(surface_degC, fluid_degC)
         step = np.abs(np.asarray(fluid_degC, dtype=float) - surface_degC)
-        return np.asarray(GRAVITY_M_S2 * np.abs(p.beta_1_K) * step * self.length_m**3 / p.nu_m2_s**2)
+        return p, np.asarray(GRAVITY_M_S2 * np.abs(p.beta_1_K) * step * self.length_m**3 / p.nu_m2_s**2)
+
+    def grashof(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
+        """Gr = g beta |dT| L^3 / nu^2 at the film temperature."""
+        return self._film(surface_degC, fluid_degC)[1]
 
     def rayleigh(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
         """Ra = Gr Pr."""
-        p = self.properties(surface_degC, fluid_degC)
-        return np.asarray(self.grashof(surface_degC, fluid_degC) * p.prandtl)
+        p, gr = self._film(surface_degC, fluid_degC)
+        return np.asarray(gr * p.prandtl)
 
     def h_W_m2K(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
         """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature."""
-        p = self.properties(surface_degC, fluid_degC)
-        step = np.abs(np.asarray(fluid_degC, dtype=float) - surface_degC)
-        length = self.length_m
+        p, gr = self._film(surface_degC, fluid_degC)
         pr = p.prandtl
-        ra = GRAVITY_M_S2 * np.abs(p.beta_1_K) * step * length**3 / p.nu_m2_s**2 * pr
-        return np.asarray(self.correlation.nusselt(ra, pr) * p.k_W_mK / length)
+        return np.asarray(self.correlation.nusselt(np.asarray(gr * pr), pr) * p.k_W_mK / self.length_m)
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
         """Relative standard uncertainty of h from each fluid property, and their root sum of squares ("total").

@@ -18,7 +18,7 @@ ZERO_C = 273.15
 
 @dataclass(frozen=True)
 class FluidProperties:
-    """Properties at given temperatures (arrays of one shape), SI units; ``u_rel`` their relative standard u."""
+    """Properties at given temperatures (arrays of one shape), SI units."""
 
     rho_kg_m3: Array
     c_J_kgK: Array

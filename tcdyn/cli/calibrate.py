@@ -9,7 +9,7 @@ import typer
 
 from calibration.record import write_record
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, say, stages, warn
+from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, say, spare_inputs, stages, warn
 
 
 def calibrate(
@@ -44,12 +44,14 @@ def calibrate(
     """
     from tcdyn.pipeline import calibrate_disk
 
+    target, fluids = out or Path(f"{disk}.disk.json"), fluid or ["mobil-jet-ii"]
+    spare_inputs([rig, oven, *immersion, *fluids], out=target, report=report)
     with stages(quiet or json_, verbose) as progress:
         run = calibrate_disk(
-            load_rig(rig), disk, oven, immersion, fluid or ["mobil-jet-ii"], structure=structure,
+            load_rig(rig), disk, oven, immersion, fluids, structure=structure,
             correlation=correlation, progress=progress,
         )  # fmt: skip
-    target = write_record(run.record, out or Path(f"{disk}.disk.json"))
+    write_record(run.record, target)
     if report is not None:
         from tcdyn.report.certificate import write_certificate
 

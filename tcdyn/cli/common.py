@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -22,6 +22,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from calibration.errors import InputError
 from calibration.grade import is_note
 from calibration.result import jsonable
 
@@ -35,6 +36,25 @@ Verbose = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
 RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
+
+
+def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for number in value if isinstance(value, list | tuple) else [value]:
+            if number is not None and not (low <= number <= high if ends else low < number < high):
+                expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
+                raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
+        return value
+
+    return check
+
+
+def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Refuse a value that is none of ``allowed``."""
+    if value not in allowed:
+        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
 
 
 @contextmanager
@@ -70,6 +90,26 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
+
+
+def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
+    """Refuse, before anything is done, an output that is an input under any name, or another output.
+
+    ``outputs``: by their options without the dashes; None where nothing was given. Raises InputError.
+
+    >>> spare_inputs([None, "log.csv"], out=Path("done.csv"), report=None)
+    """
+    taken = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        if path.resolve() in taken:
+            raise InputError(
+                f"--{option} would write over {path}, {taken[path.resolve()]}",
+                expected="a file of its own",
+                remedy=f"give another --{option}",
+            )
+        taken[path.resolve()] = f"which is --{option}"
 
 
 def say(text: str, quiet: bool = False) -> None:

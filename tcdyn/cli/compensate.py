@@ -14,7 +14,20 @@ import typer
 from calibration.errors import InputError
 from calibration.logs import write_log
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, counted, dump, say, stages, warn
+from tcdyn.cli.common import (
+    Json,
+    OwnRigFile,
+    Quiet,
+    RecordFiles,
+    Verbose,
+    counted,
+    dump,
+    say,
+    spare_inputs,
+    stages,
+    warn,
+    within,
+)
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -67,7 +80,11 @@ def compensate(
     ] = None,
     idle_s: Annotated[
         float | None,
-        typer.Option("--idle-s", help=f"{WITH_FOLLOW}end after so many seconds without growth, default 30"),
+        typer.Option(
+            "--idle-s",
+            help=f"{WITH_FOLLOW}end after so many seconds without growth, default 30",
+            callback=within(0, 1e6),
+        ),
     ] = None,
     state: Annotated[
         Path | None, typer.Option(help=f"{WITH_FOLLOW}JSON file to go on from if it exists, and to leave the state in")
@@ -105,6 +122,7 @@ def compensate(
     records = records_by_disk(record)
     rig_table = load_rig(rig) if rig else None
     target = out or log.with_name(f"{log.stem}.compensated.csv")
+    spare_inputs([log, rig, *record], out=target, report=report, state=state)
     if follow:
         named = {
             "method": method, "behind_s": behind_s, "bandwidth_Hz": bandwidth_hz, "noise_K": noise_k,

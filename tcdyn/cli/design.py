@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, dump, say
+from tcdyn.cli.common import Json, Quiet, RigFile, check_choice, dump, say, spare_inputs, within
 
 if TYPE_CHECKING:
     from tcdyn.design.compare import Design
@@ -21,15 +22,35 @@ def design(
     disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
     bath_degC: Annotated[
-        list[float] | None, typer.Option("--bath-degC", help="bath temperature; once for each plunge (110 and 138)")
+        list[float] | None,
+        typer.Option(
+            "--bath-degC", help="bath temperature; once for each plunge (110 and 138)", callback=within(-60, 400)
+        ),
     ] = None,
-    initial_degC: Annotated[float, typer.Option("--initial-degC", help="disk before the plunge")] = 25.0,
-    duration_s: Annotated[float, typer.Option("--duration-s", help="length of each plunge")] = 140.0,
-    noise_K: Annotated[float, typer.Option("--noise-K", help="noise of one sample")] = 0.12,
-    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="logging rate")] = 75.0,
-    entry_u_s: Annotated[float, typer.Option("--entry-u-s", help="standard uncertainty of the entry's instant")] = 0.05,
-    lag_s: Annotated[float, typer.Option("--lag-s", help="expected lag, conditioning included")] = 0.73,
-    power_W: Annotated[float, typer.Option("--power-W", help="heat into this disk before unloading")] = 100.0,
+    initial_degC: Annotated[
+        float, typer.Option("--initial-degC", help="disk before the plunge", callback=within(-60, 400))
+    ] = 25.0,
+    duration_s: Annotated[
+        float, typer.Option("--duration-s", help="length of each plunge", callback=within(10, 3600))
+    ] = 140.0,
+    noise_K: Annotated[
+        float, typer.Option("--noise-K", help="noise of one sample", callback=within(0, 100, ends=False))
+    ] = 0.12,
+    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="logging rate", callback=within(1, 1000))] = 75.0,
+    entry_u_s: Annotated[
+        float,
+        typer.Option(
+            "--entry-u-s", help="standard uncertainty of the entry's instant", callback=within(0, 10, ends=False)
+        ),
+    ] = 0.05,
+    lag_s: Annotated[
+        float,
+        typer.Option("--lag-s", help="expected lag, conditioning included", callback=within(0, 100, ends=False)),
+    ] = 0.73,
+    power_W: Annotated[
+        float,
+        typer.Option("--power-W", help="heat into this disk before unloading", callback=within(0, 1e6, ends=False)),
+    ] = 100.0,
     out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
     json_: Json = False,
     quiet: Quiet = False,
@@ -42,23 +63,24 @@ def design(
     from tcdyn.design.plunge_plan import PlungePlan
     from tcdyn.design.step_plan import StepPlan
 
-    for name, value in (("duration-s", duration_s - 10), ("noise-K", noise_K), ("rate-Hz", rate_Hz - 1)):
-        if not value > 0:
-            raise InputError(f"--{name} is too small", where="design", remedy="10 s, 1 Hz and some noise at least")
+    spare_inputs([rig, fluid], out=out)
+    check_choice("--disk", disk, DISKS)
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
         raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
     plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, noise_K, entry_u_s) for b in baths]
-    setup = load_rig(rig).disk_setup(disk)
+    rig_table = load_rig(rig)
+    setup, uncertainty = rig_table.disk_setup(disk), rig_table.tables(disk).uncertainty
     step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=noise_K)
-    result = compare_tests(setup, plans, step=step, lag_s=lag_s)
+    result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
     if out is not None:
         k = setup.conductivity_W_mK
         _write(
             result,
             out,
             [
-                f"disk {disk}: conductivity {k:g} W/mK, lag {lag_s:g} s with the conditioning, as given",
+                f"disk {disk}: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
+                f"{uncertainty.depth_mm:g} mm, lag {lag_s:g} s with the conditioning, as given",
                 f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
                 f"noise of {noise_K:g} K a sample, entry known to +- {entry_u_s:g} s",
                 f"before the unloading {power_W:g} W enter this disk",

@@ -10,7 +10,7 @@ import typer
 from calibration.logs import read_log
 from calibration.rigfile import load_rig
 from calibration.write import write_text
-from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, warn
+from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, spare_inputs, warn, within
 
 
 def hole(
@@ -19,9 +19,15 @@ def hole(
     ideal: Annotated[
         list[str] | None, typer.Option(help="a clamped channel, name without _degC; default all called ideal_*")
     ] = None,
-    limit_s: Annotated[float, typer.Option("--limit-s", help="extra lag from which a hole is too slow")] = 0.20,
-    depth_mm: Annotated[float, typer.Option("--depth-mm", help="depth of all junctions")] = 3.0,
-    depth_u_mm: Annotated[float, typer.Option("--depth-u-mm", help="its standard uncertainty")] = 0.05,
+    limit_s: Annotated[
+        float, typer.Option("--limit-s", help="extra lag from which a hole is too slow", callback=within(0, 100))
+    ] = 0.20,
+    depth_mm: Annotated[
+        float, typer.Option("--depth-mm", help="depth of all junctions", callback=within(0, 100, ends=False))
+    ] = 3.0,
+    depth_u_mm: Annotated[
+        float, typer.Option("--depth-u-mm", help="its standard uncertainty", callback=within(0, 100))
+    ] = 0.05,
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     json_: Json = False,
@@ -32,14 +38,18 @@ def hole(
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
     from tcdyn.identify.hole import compare_holes
+    from tcdyn.identify.plunge_run import bath_filled
 
-    table = read_log(log, "hole", load_rig(rig))
+    spare_inputs([log, rig], out=out, report=report)
+    setup = load_rig(rig)
+    table = read_log(log, "hole", setup)
     found = compare_holes(
-        table.filled(),
+        bath_filled(table),
         ideal=ideal,
         limit_s=limit_s,
         depth_m=depth_mm * 1e-3,
         depth_u_m=depth_u_mm * 1e-3,
+        diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
     told = any("bounced" in w for w in found.warnings)  # with what was done about it

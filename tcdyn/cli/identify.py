@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.write import write_text
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, say
+from tcdyn.cli.common import Json, Quiet, check_choice, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
 from tcdyn.identify.fit import Fit
@@ -36,10 +36,17 @@ def identify(
     ] = None,
     hold: Annotated[str, typer.Option(help="Input between samples: foh (straight line) or zoh (held).")] = "foh",
     models: Annotated[str, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2).")] = ",".join(CANDIDATES),
-    gain: Annotated[float | None, typer.Option(help="Hold the static gain Kp at this value (process models).")] = None,
+    gain: Annotated[
+        float | None,
+        typer.Option(help="Hold the static gain Kp at this value (process models).", callback=within(-1e12, 1e12)),
+    ] = None,
     cutoff_hz: Annotated[
         float | None,
-        typer.Option("--cutoff-Hz", help="A known low-pass filter behind the sensor [Hz]: it is no part of the lags."),
+        typer.Option(
+            "--cutoff-Hz",
+            help="A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
+            callback=within(0, 1e9, ends=False),
+        ),
     ] = None,
     poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
     shape: Annotated[
@@ -48,7 +55,10 @@ def identify(
     no_offset: Annotated[bool, typer.Option("--no-offset", help="The output has no offset.")] = False,
     initial: Annotated[str, typer.Option(help="Start of each run: equilibrium, zero or estimated.")] = "equilibrium",
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
-    held_out: Annotated[float, typer.Option(help="Share of the record kept for the held-out score.")] = 0.3,
+    held_out: Annotated[
+        float,
+        typer.Option(help="Share of the record kept for the held-out score.", callback=within(0, 1, ends=False)),
+    ] = 0.3,
     narx: Annotated[
         bool, typer.Option("--narx", help="Also ask a NARX model whether the lag depends on the level.")
     ] = False,
@@ -61,9 +71,14 @@ def identify(
 
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
     """
+    if gain == 0:
+        raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
     check_choice("--hold", hold, ("foh", "zoh"))
     check_choice("--shape", shape, ("cascade", "butterworth"))
     check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
+    json_path = out or data.with_suffix(".identified.json")
+    html_path = report or json_path.with_suffix(".html")
+    spare_inputs([data], out=json_path, report=html_path)
     record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
     fixed = {} if gain is None else {"Kp": gain}
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
@@ -72,25 +87,21 @@ def identify(
     if not (quiet or json_):
         typer.echo(comparison.summary())
         say(as_chain(comparison.best.identified, filter_))
+    content = comparison.best.identified.to_dict()
+    level = ""
     if narx:
         from tcdyn.identify.narx import temperature_dependence
 
-        say(temperature_dependence(record, held_out=held_out).sentence, quiet or json_)
-    json_path = out or data.with_suffix(".identified.json")
-    html_path = report or json_path.with_suffix(".html")
-    write_text(json_path, comparison.best.identified.to_json() + "\n")
+        dependence = temperature_dependence(record, held_out=held_out)
+        content["narx"], level = dependence.to_dict(), dependence.sentence
+        say(level, quiet or json_)
+    write_text(json_path, dump(content))
     read_identified(json_path)
-    write_report(html_path, record, comparison, filter_)
+    write_report(html_path, record, comparison, filter_, level)
     if json_:
-        print(comparison.best.identified.to_json())
+        print(dump(content), end="")
         return
     say(f"wrote {json_path} and {html_path}", quiet)
-
-
-def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    """Refuse a value that is none of ``allowed``."""
-    if value not in allowed:
-        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
 
 
 def split_models(text: str) -> list[str]:
@@ -133,8 +144,11 @@ def parameter_table(fit: Fit) -> pd.DataFrame:
     )
 
 
-def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning) -> None:
-    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests."""
+def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = "") -> None:
+    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
+
+    ``level`` says whether the lag depends on the level, where that was asked.
+    """
     from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 
     best = comparison.best
@@ -161,6 +175,8 @@ def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Co
         ),
         Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
     ]
+    if level:
+        sections.append(Section("Does the lag depend on the level?", level))
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))

@@ -8,9 +8,10 @@ from typing import Annotated, Any
 import pandas as pd
 import typer
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, Quiet, counted, dump, say
+from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
 from tcdyn.rig.convection import FLUIDS, FluidName
 from tcdyn.rig.ehl import simulate_ehl
@@ -51,7 +52,7 @@ def oven(
 
     Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
     """
-    truth = _truth(seed, rig, uncertain, clean)
+    truth = _log_truth(out, seed, rig, uncertain, clean)
     _write(out, json_, quiet, *simulate_oven(_disk(disk), seed, truth))
 
 
@@ -60,9 +61,13 @@ def immersion(
     out: Out,
     disk: Disk = "fast",
     seed: Seed = 0,
-    bath_degC: Annotated[float, typer.Option("--bath-degC", help="bath temperature")] = 110.0,
+    bath_degC: Annotated[
+        float, typer.Option("--bath-degC", help="bath temperature", callback=within(-60, 400))
+    ] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
-    duration_s: Annotated[float, typer.Option("--duration-s", min=10, help="time after entry")] = 140.0,
+    duration_s: Annotated[
+        float, typer.Option("--duration-s", help="time after entry", callback=within(10, 3600))
+    ] = 140.0,
     run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
@@ -74,7 +79,7 @@ def immersion(
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
     """
-    truth = _truth(seed, rig, uncertain, clean)
+    truth = _log_truth(out, seed, rig, uncertain, clean)
     options = PlungeOptions(after_s=duration_s)
     _write(out, json_, quiet, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
 
@@ -85,7 +90,7 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, json_: Json = False, qu
 
     Example: tcdyn simulate hole --out hole.csv
     """
-    _write(out, json_, quiet, *simulate_hole(seed, _truth(seed, None, False, clean)))
+    _write(out, json_, quiet, *simulate_hole(seed, _log_truth(out, seed, None, False, clean)))
 
 
 @app.command()
@@ -93,7 +98,7 @@ def ehl(
     out: Out,
     test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
     seed: Seed = 0,
-    beta: Annotated[float | None, typer.Option(min=0, max=1, help="heat partition; drawn without it")] = None,
+    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -104,7 +109,7 @@ def ehl(
 
     Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65
     """
-    truth = _truth(seed, rig, uncertain, clean)
+    truth = _log_truth(out, seed, rig, uncertain, clean)
     _write(out, json_, quiet, *simulate_ehl(test, seed, truth, EhlOptions(beta=beta)))
 
 
@@ -112,7 +117,10 @@ def ehl(
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
-    bath_degC: Annotated[list[float] | None, typer.Option("--bath-degC", help="one plunge each, repeatable")] = None,
+    bath_degC: Annotated[
+        list[float] | None,
+        typer.Option("--bath-degC", help="one plunge each, repeatable", callback=within(-60, 400)),
+    ] = None,
     seed: Seed = 0,
     workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
     rig: RigPath = None,
@@ -128,13 +136,6 @@ def campaign(
     tests = tuple(test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
-    if (out / "rig.toml").exists() and not (out / "truth").is_dir():
-        raise InputError(
-            "holds a rig.toml that no simulation wrote, and it would be overwritten",
-            where=str(out),
-            expected="a folder of its own for simulated logs",
-            remedy="give another --out",
-        )
     plunges = tuple(Plunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
     with counted(None, quiet or json_) as progress:
         files = simulate_campaign(
@@ -153,16 +154,20 @@ def campaign(
     say(files.summary(), quiet)
 
 
+def _log_truth(out: Path, seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
+    """The rig behind one log that is to be written to ``out``."""
+    if out.suffix.lower() != ".csv":
+        raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
+    spare_inputs([rig], out=out)
+    return _truth(seed, rig, uncertain, clean)
+
+
 def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
     truth = draw_truth(seed, load_rig(rig), uncertain=uncertain)
     return truth.with_imperfections(CLEAN) if clean else truth
 
 
 def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
-    if not out.parent.is_dir():
-        raise InputError("no such folder", where=str(out.parent), remedy="make it first")
-    if out.suffix.lower() != ".csv":
-        raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
     truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
@@ -174,8 +179,7 @@ def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict
 
 
 def _disk(name: str) -> str:
-    if name not in ("fast", "slow"):
-        raise InputError(f"--disk {name!r}", expected="fast or slow")
+    check_choice("--disk", name, DISKS)
     return name
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import Json, Quiet, dump
+from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
 from tcdyn.verify import VerifyRow, verify_rows
 
 COLOURS = {"agrees": "green", "same trend": "cyan", "differs": "bold red", "not checkable": "yellow"}
@@ -28,6 +28,7 @@ def verify(
 
     Example: tcdyn verify --why --report verify.html
     """
+    spare_inputs([], report=report, csv=csv)
     rows = verify_rows()
     if json_:
         print(dump({"sentence": sentence(rows), "rows": rows}), end="")

@@ -88,7 +88,7 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     if chain.delay_s > 0 or chain.zero_s < 0:
         said.append("dead time and right-half-plane zeros cannot be inverted: they remain as a shift")
     return BeforeUse(
-        gain, gain * noise_sd, _bandwidth(f), _bandwidth_of_chain(chain), _rise(t, step), _rise(t, raw),
+        gain, gain * noise_sd, _bandwidth(f), _bandwidth_of_chain(chain), rise(t, step), rise(t, raw),
         float(max(step.max() - 1.0, 0.0)), f.remaining_shift_s, f.remaining_shift_s, t, step, raw, tuple(said),
     )  # fmt: skip
 
@@ -107,20 +107,22 @@ def smoother_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, intensity:
 
 def _bandwidth(f: InverseFilter) -> float:
     freq = np.geomspace(1e-4, 0.499, 3000) / f.dt_s
-    return _first_below(freq, np.abs(f.frequency_response(freq) * f.chain.frequency_response(freq)))
+    return first_below(freq, np.abs(f.frequency_response(freq) * f.chain.frequency_response(freq)))
 
 
 def _bandwidth_of_chain(chain: Chain) -> float:
     freq = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
-    return _first_below(freq, np.abs(chain.frequency_response(freq)))
+    return first_below(freq, np.abs(chain.frequency_response(freq)))
 
 
-def _first_below(freq: Array, gain: Array) -> float:
+def first_below(freq: Array, gain: Array) -> float:
+    """The first of the frequencies (N,) [Hz] at which a gain (N,) is below 1/sqrt 2; the last where none is."""
     below = np.flatnonzero(gain < np.sqrt(0.5))
     return float(freq[below[0]]) if len(below) else float(freq[-1])
 
 
-def _rise(t: Array, step: Array) -> float:
+def rise(t: Array, step: Array) -> float:
+    """Time from 10 to 90 % of a step response (N,) at times (N,) [s], first crossings."""
     first = int(np.argmax(step >= 0.1)), int(np.argmax(step >= 0.9))
     times = [
         float(np.interp(level, step[max(k - 1, 0) : k + 1], t[max(k - 1, 0) : k + 1]))

@@ -9,12 +9,17 @@ from typing import Any
 import pandas as pd
 
 from calibration.disk import DiskSetup
+from calibration.errors import InputError
 from calibration.result import Result, jsonable
+from calibration.rigfile import UncertaintyTable
 from tcdyn.design.advice import MEANING, common, differences, headline, sentence
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, table
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, predict_touches
+from tcdyn.identify.plunge_prior import PlungePriors
+
+LEAST_OWN_LAG_S = 0.01
 
 
 @dataclass(frozen=True)
@@ -61,20 +66,34 @@ def compare_tests(
     *,
     step: StepPlan | None = None,
     touch: TouchPlan | None = None,
+    uncertainty: UncertaintyTable | None = None,
     lag_s: float = 0.73,
     draws: int = 24,
 ) -> Design:
     """Predict the planned plunges singly and together, a touch, a loading, an unloading, and plunges with unloading.
 
-    ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps are the plunges'.
+    ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps are the plunges'
+    where none are given; depths and conductivity of all tests are as uncertain as the rig's ``uncertainty`` table
+    says, or its defaults. Raises InputError for a lag that the conditioning alone exceeds.
     """
-    own = max(lag_s - setup.conditioning.lag_s, 0.01)
+    known = setup.conditioning.lag_s
+    own = lag_s - known
+    if own < LEAST_OWN_LAG_S:
+        raise InputError(
+            f"an expected lag of {lag_s:g} s, conditioning included",
+            where="design",
+            expected=f"at least {known + LEAST_OWN_LAG_S:.3g} s, since the conditioning alone lags by {known:.3g} s",
+        )
     first = plunges[0]
+    priors = PlungePriors.for_rig(uncertainty or UncertaintyTable.model_validate({}))
+    depth, steel = priors.depth_m, priors.conductivity_log
     step = step or StepPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
+    step = replace(step, depth_u_m=depth, conductivity_log_u=steel)
     touch = touch or TouchPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
-    out = [predict_plunges([p], setup, lag_s=own, draws=draws) for p in plunges]
+    touch = replace(touch, depth_u_m=depth, conductivity_log_u=steel)
+    out = [predict_plunges([p], setup, lag_s=own, priors=priors, draws=draws) for p in plunges]
     if len(plunges) > 1:
-        out.append(predict_plunges(plunges, setup, lag_s=own, draws=draws))
+        out.append(predict_plunges(plunges, setup, lag_s=own, priors=priors, draws=draws))
     together = out[-1]
     unloading = predict_step(replace(step, kind="unloading"), setup, lag_s=own)
     out += [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design.prediction import Prediction, from_covariances
+from tcdyn.identify.plunge import full_prior
 from tcdyn.identify.plunge_layout import Layout, Structure
 from tcdyn.identify.plunge_map import Problem, inverse, normal_equations
 from tcdyn.identify.plunge_model import build_run_model
@@ -55,14 +56,12 @@ def predict_plunges(
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
     (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
     """
-    priors = priors or PlungePriors()
     layout = Layout(len(plans), channels, structure)
-    mean, sd = layout.prior(priors, [p.entry_u_s for p in plans], [p.initial_degC for p in plans])
     chosen = find_correlation(correlation)
-    models = []
-    for plan in plans:
-        run, blocks = _planned(plan, channels)
-        models.append(build_run_model(run, blocks, setup, layout, chosen))
+    planned = [_planned(plan, channels) for plan in plans]
+    starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
+    mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
+    models = [build_run_model(run, blocks, setup, layout, chosen) for run, blocks in planned]
     ones = tuple(np.ones(m.blocks.readings_degC.shape) for m in models)
     problem = Problem(
         tuple(models), layout, mean, sd, tuple(m.blocks.noise_sd_K for m in models), (Inflation(),) * len(plans), ones
@@ -113,8 +112,3 @@ def _drawn(mean: Array, sd: Array, layout: Layout, lag_s: float, rng: np.random.
         theta[at.start : at.start + 5] += sd[at.start : at.start + 5] * np.clip(rng.standard_normal(5), -2.5, 2.5)
     theta[layout.common_split] += sd[layout.common_split] * rng.standard_normal()
     return theta
-
-
-def vary(plan: PlungePlan, **values: float | str) -> PlungePlan:
-    """The plan with other values, e.g. ``vary(plan, noise_K=0.03)``."""
-    return replace(plan, **values)  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from calibration.result import Result, jsonable
+from calibration.rigfile import load_rig
 from immersion.events import EntryEvent, find_entry
 from immersion.radial import plunge_grid
 from tcdyn.identify.plunge_grid import Reading, lag_on_grid
@@ -23,7 +24,6 @@ from tcdyn.identify.plunge_run import despiked, make_averages
 
 Array = NDArray[np.float64]
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
-DIFFUSIVITY_M2_S = 1.1e-5
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ def compare_holes(
     reference_lag_s: float = 0.25,
     depth_m: float = 3e-3,
     depth_u_m: float = 5e-5,
+    diffusivity_m2_s: float | None = None,
     gain_u: float = 1e-3,
     entry: EntryEvent | None = None,
     where: str = "hole log",
@@ -97,7 +98,8 @@ def compare_holes(
     L_k x + offset + gain error, L_k a lag of reference_lag_s + extra_k, with extra zero on the average of the ideal
     ones; x is a chain of straight lines fitted with everything else, so noise in the ideal channels does no harm.
     ``reference_lag_s`` only sets how rough x is. Junction depths uncertain by ``depth_u_m`` move the answer by
-    depth_u depth / alpha, which is added to u. A hole is too slow when its interval lies above ``limit_s``, acceptable
+    depth_u depth / alpha, which is added to u; alpha is ``diffusivity_m2_s``, where None that of the default rig.
+    A hole is too slow when its interval lies above ``limit_s``, acceptable
     when it lies below, undecided when it straddles.
 
     Raises InputError for fewer than one ideal and one other channel, or no entry in the record.
@@ -125,7 +127,9 @@ def compare_holes(
     warnings = [*entry.warnings]
     if spikes:
         warnings.append(f"{spikes} spikes were left out")
-    u_depth = depth_u_m * depth_m / DIFFUSIVITY_M2_S * float(np.sqrt(1 + 1 / len(good)))
+    alpha = load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
+    shift = depth_u_m * depth_m / alpha
+    u_depth = shift * float(np.sqrt(1 + 1 / len(good)))
     holes = tuple(
         _hole(n, fit.extra[k], fit.covariance[k, k], u_depth, limit_s) for k, n in enumerate(order) if k >= len(good)
     )
@@ -133,7 +137,7 @@ def compare_holes(
     if len(good) >= 2:
         c = fit.covariance
         spread = Estimate.normal(fit.extra[0] - fit.extra[1], float(np.sqrt(c[0, 0] + c[1, 1] - 2 * c[0, 1])))
-        allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * depth_u_m * depth_m / DIFFUSIVITY_M2_S))
+        allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
         if abs(spread.value) > allowed:
             warnings.append(f"the two ideal thermocouples differ by {abs(spread.value):.3f} s: one may not be clamped")
     return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fit.fitted, tuple(warnings))

@@ -6,6 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -94,7 +95,10 @@ class Narx:
 
 @dataclass(frozen=True)
 class TemperatureDependence:
-    """Linear and quadratic NARX side by side, their lags at a low and a high level, and the sentence."""
+    """Linear and quadratic NARX side by side, their lags at a low and a high level, and the sentence.
+
+    ``run`` is the name of the recording that was asked, empty where there is but one.
+    """
 
     linear: Narx
     nonlinear: Narx
@@ -103,6 +107,20 @@ class TemperatureDependence:
     lag_high_s: float
     depends: bool
     sentence: str
+    run: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The sentence and its numbers: levels in the output's unit, lags [s], held-out scores of simulation [%]."""
+        return {
+            "sentence": self.sentence,
+            "run": self.run,
+            "depends": self.depends,
+            "levels": list(self.levels),
+            "lag_low_s": self.lag_low_s,
+            "lag_high_s": self.lag_high_s,
+            "held_out_percent_linear": self.linear.held_out_percent,
+            "held_out_percent_quadratic": self.nonlinear.held_out_percent,
+        }
 
 
 def root(f: Callable[[float], float], near: float) -> float:
@@ -213,7 +231,7 @@ def temperature_dependence(
     """Does the lag depend on the level? Degree 1 against degree 2, by held-out simulation.
 
     The quadratic model must leave at least 10 % less error on the part it has not seen before a dependence is
-    claimed.
+    claimed. Of several recordings the first is asked, and the sentence says so.
     """
     one = narx(data, degree=1, lags=lags, dead_samples=dead_samples, held_out=held_out)
     two = narx(data, degree=2, lags=lags, dead_samples=dead_samples, held_out=held_out)
@@ -239,4 +257,8 @@ def temperature_dependence(
             f"No sign that the lag depends on the level: held out, a quadratic NARX simulates to {two_said}, a linear "
             f"one to {one_said} (one step ahead both look like {one.one_step_percent:.1f} %)."
         )
-    return TemperatureDependence(one, two, (low, high), at_low, at_high, better and spread, words)
+    run = ""
+    if len(data.runs) > 1:
+        run = data.runs[0].name or "1"
+        words = f"Run {run}, the first of {len(data.runs)}: {words}"
+    return TemperatureDependence(one, two, (low, high), at_low, at_high, better and spread, words, run)

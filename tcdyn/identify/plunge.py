@@ -58,15 +58,32 @@ def identify_plunges(
     blocks = [make_blocks(r) for r in runs]
     layout = Layout(len(runs), channels, structure)
     initial = [_initial(b) for b in blocks]
-    mean, sd = layout.prior(priors, [r.entry.u_s for r in runs], initial)
-    for r, (run, b) in enumerate(zip(runs, blocks)):
-        known = _bath(run, chosen, setup).property_u_rel(initial[r], float(b.bath_degC[0]))["total"]
-        sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
+    mean, sd = full_prior(layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup)
     best, rival = _best_of_two(runs, blocks, setup, layout, chosen, mean, sd, face_W_m2K)
     scan, best, _ = settled_scan(best)
     others = [find_correlation(name) for name in alternatives]
     form = model_form(best, scan, chosen, others, setup.conditioning.lag_s)
     return _result(runs, blocks, setup, chosen, layout, priors, best, scan, form, rival)
+
+
+def full_prior(
+    layout: Layout,
+    priors: PlungePriors,
+    runs: Sequence[PlungeRun],
+    initial_degC: Sequence[float],
+    bath_degC: Sequence[float],
+    correlation: Correlation,
+    setup: DiskSetup,
+) -> tuple[Array, Array]:
+    """Mean and standard deviation of all parameters before the data; each h scale widened by its fluid's properties.
+
+    ``initial_degC`` and ``bath_degC`` (runs,) are the temperatures between which those properties are taken.
+    """
+    mean, sd = layout.prior(priors, [run.entry.u_s for run in runs], list(initial_degC))
+    for r, run in enumerate(runs):
+        known = _bath(run, correlation, setup).property_u_rel(initial_degC[r], bath_degC[r])["total"]
+        sd[layout.run(r).start] = float(np.hypot(priors.h_scale_log, known))
+    return mean, sd
 
 
 def _result(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.logs import Log
 from calibration.noise import white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
@@ -69,6 +70,14 @@ class Blocks:
     spikes: int
 
 
+def bath_filled(log: Log) -> pd.DataFrame:
+    """The log's frame, its bath and free probe bridged by straight lines; junctions keep their gaps as NaN.
+
+    A line across the first seconds of a plunge is no reading: block means leave out what is missing.
+    """
+    return log.filled().assign(**{name: log.frame[name] for name in log.channels})
+
+
 def run_from_log(
     frame: pd.DataFrame,
     fluid_name: str | Fluid,
@@ -80,7 +89,8 @@ def run_from_log(
 ) -> PlungeRun:
     """A run from an immersion log's canonical columns (time_s, switch, probe_degC, fluid_degC, a_degC .. f_degC).
 
-    Static ``lines`` are applied to the channels that have one. The entry is found from switch and probe unless given.
+    NaN is a missing sample, left out of the block means. Static ``lines`` are applied to the channels that have one.
+    The entry is found from switch and probe unless given.
     Raises InputError for missing columns, no entry, or a bath and disk of one temperature.
     """
     missing = [c for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels)) if c not in frame.columns]
@@ -107,7 +117,8 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
     ``longest_s``. Raises InputError when there is too little before or after the entry.
     """
     t = run.time_s - run.entry.time_s
-    end = useful_end(run.time_s, run.readings_degC, run.fluid_degC, run.entry.time_s) - run.entry.time_s
+    bridged = pd.DataFrame(run.readings_degC).interpolate(limit_direction="both").to_numpy()
+    end = useful_end(run.time_s, bridged, run.fluid_degC, run.entry.time_s) - run.entry.time_s
     if t[0] > -0.5 or end < 10.0:
         raise InputError(
             f"the record runs from {t[0]:.1f} s to {end:.1f} s around the entry",
@@ -125,7 +136,10 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
 
 
 def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
-    """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C)."""
+    """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C).
+
+    A block without a sample of a channel counts 0 there, and its mean is only a line between its neighbours.
+    """
     edges = _edges(float(times[0]), float(times[-1]), dt_s, longest_s)
     index = np.searchsorted(edges, times, side="right") - 1
     size = len(edges)
@@ -137,7 +151,11 @@ def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) ->
     columns = range(values.shape[1])
     count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in columns])
     total = np.column_stack([np.bincount(index, filled[:, j], minlength=size)[used] for j in columns])
-    return np.asarray(centre), np.asarray(total / np.maximum(count, 1)), count.astype(float)
+    mean = total / np.maximum(count, 1)
+    for j in columns:
+        some = count[:, j] > 0
+        mean[~some, j] = np.interp(centre[~some], centre[some], mean[some, j])
+    return np.asarray(centre), np.asarray(mean), count.astype(float)
 
 
 def _edges(start: float, end: float, dt: float, longest: float) -> Array:
@@ -166,7 +184,10 @@ def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Arr
 
 
 def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> tuple[Array, Array]:
-    """The bath's temperature after entry, as medians over ``window_s`` joined by straight lines."""
+    """The bath's temperature [degC] after entry, to be joined by straight lines: times (W,) [s] and means (W,).
+
+    ``t`` (N,) is the time after entry [s]; each mean is over ``window_s``, its lowest and highest fifth left out.
+    """
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
         raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")

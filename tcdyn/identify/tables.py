@@ -15,6 +15,7 @@ from tcdyn.identify.data import Array, Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 OTHER_FORMS = (".tdms", ".lvm", ".parquet", ".pq")
+MOST_SAMPLES = 5e7  # of one run on an even grid
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
 
@@ -60,6 +61,8 @@ def from_frame(
             )
     groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
     interval = dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
+    if not 0 < interval < np.inf:
+        raise InputError(f"the sampling interval is {interval:g} s", where=where, expected="a number above zero")
     parts = []
     for label, part in groups:
         place = f"{where}, run {label}" if label else where
@@ -194,6 +197,13 @@ def check_times(t: Array, column: str, where: str) -> None:
 def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str) -> tuple[Array, Array]:
     """``u`` and ``y`` on an even grid of times [s]: gaps filled with NaN, or all resampled by straight lines."""
     position = (t - t[0]) / dt_s
+    if position[-1] > MOST_SAMPLES:
+        raise InputError(
+            f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
+            where=where,
+            expected=f"at most {MOST_SAMPLES:.0e}",
+            remedy="give a longer sampling interval in seconds",
+        )
     if resample:
         grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)
         ok = np.isfinite(u)

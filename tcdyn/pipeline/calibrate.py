@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from calibration.disk import CHANNELS
@@ -16,12 +17,12 @@ from calibration.logs import read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.result import Result
 from calibration.rigfile import Rig
-from calibration.static import PRT_U_DEGC, OvenFit, fit_static_lines
+from calibration.static import PRT_U_DEGC, OvenFit, StaticLine, fit_static_lines, outside_range
 from immersion.fluids import fluid
 from tcdyn.identify.plunge import PlungeFit, identify_plunges
 from tcdyn.identify.plunge_doubt import with_structure_doubt
 from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_run import PlungeRun, run_from_log
+from tcdyn.identify.plunge_run import PlungeRun, bath_filled, run_from_log
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,12 @@ def calibrate_disk(
     ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
     for all plunges, or one for each. Raises InputError with file and place for anything that cannot be used.
     """
+    if len(fluids) not in (1, len(immersion)):
+        raise InputError(
+            f"{len(fluids)} fluids for {len(immersion)} plunge(s)",
+            where="calibrate",
+            expected="one fluid for all plunges, or one for each, in their order",
+        )
     tables = rig.tables(disk)
     setup = rig.disk_setup(disk)
     progress("static lines from the oven log")
@@ -90,10 +97,11 @@ def calibrate_disk(
                 expected="each plunge once",
                 remedy="give another plunge, or leave it out",
             )
-        substance = fluid(fluids[min(k, len(fluids) - 1)])
-        run = run_from_log(log.filled(), substance, static.lines, name=log.path.name)
+        substance = fluid(fluids[k if len(fluids) > 1 else 0])
+        run = run_from_log(bath_filled(log), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
+        warnings += range_warnings(run, static.lines)
         bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
         warnings += [w for w in log.warnings if not (bounce_told and "the switch bounces" in w)]
     progress("grey-box fit of the chain to all plunges")
@@ -121,6 +129,21 @@ def calibrate_disk(
         warnings=list(dict.fromkeys(warnings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def range_warnings(run: PlungeRun, lines: Mapping[str, StaticLine]) -> list[str]:
+    """One sentence for all channels of one calibrated range that a plunge took outside it (99 % of the samples)."""
+    left: dict[str, list[tuple[str, float, float]]] = {}
+    for j, channel in enumerate(run.channels):
+        low, high = (float(v) for v in np.nanquantile(run.readings_degC[:, j], [0.005, 0.995]))
+        if outside_range(lines[channel], [low, high]).any():
+            span = "{:.0f} to {:.0f} degC".format(*lines[channel].range_degC)
+            left.setdefault(span, []).append((channel, low, high))
+    return [
+        f"{run.name}: channels {', '.join(c for c, _, _ in group)} were at {min(low for _, low, _ in group):.0f} to "
+        f"{max(high for *_, high in group):.0f} degC, the oven at {span}: their static lines extrapolate"
+        for span, group in left.items()
+    ]
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:

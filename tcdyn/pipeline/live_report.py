@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
-from tcdyn.compensate.before_use import BeforeUse
+from tcdyn.compensate.before_use import BeforeUse, first_below, rise
 from tcdyn.compensate.live import LiveSmoother
 
 Array = NDArray[np.float64]
@@ -47,20 +47,6 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     if chain.delay_s > 0 or chain.zero_s < 0:
         said.append("dead time and right-half-plane zeros cannot be inverted: they remain as a shift")
     return BeforeUse(
-        gain, gain * sd, _first_below(freq, own * through), _first_below(freq, through), _rise(t, step), _rise(t, raw),
+        gain, gain * sd, first_below(freq, own * through), first_below(freq, through), rise(t, step), rise(t, raw),
         float(max(step.max() - 1.0, 0.0)), shift, ramp, t, step, raw, tuple(said),
     )  # fmt: skip
-
-
-def _first_below(freq: Array, gain: Array) -> float:
-    below = np.flatnonzero(gain < np.sqrt(0.5))
-    return float(freq[below[0]] if len(below) else freq[-1])
-
-
-def _rise(t: Array, step: Array) -> float:
-    """Time from 10 to 90 % of a step [s], first crossings."""
-    times = []
-    for level in (0.1, 0.9):
-        k = max(int(np.argmax(step >= level)), 1)
-        times.append(float(np.interp(level, step[k - 1 : k + 1], t[k - 1 : k + 1])))
-    return times[1] - times[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,8 +11,11 @@ from typing import Any
 import pandas as pd
 from joblib import Parallel, delayed
 
+from calibration.disk import DISKS
+from calibration.errors import InputError
 from calibration.result import Result
 from calibration.rigfile import Rig, load_rig, rig_toml
+from calibration.write import sha256, write_text
 from tcdyn.rig.convection import FluidName
 from tcdyn.rig.ehl import EhlOptions, simulate_ehl
 from tcdyn.rig.files import write_json, write_log, write_traces
@@ -70,27 +74,28 @@ def simulate_campaign(
 ) -> CampaignFiles:
     """Write a campaign into ``out_dir``: rig.toml, ovens, plunges, EHL tests and, in truth/, what really happened.
 
-    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv. ``rig`` is what people believe
-    (rig.toml); the true rig is ``truth`` or drawn from ``seed``, steel and geometry as stated unless
-    ``uncertain``. A file depends on the seed and its own name only, whatever else is written. ``progress`` is
-    called after each job with its name and the counts. Truth is there for people and tests, never for fits.
-    Raises InputError for an unknown test.
+    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv; the answer names those of this
+    campaign, whatever else lies in the folder. ``rig`` is what people believe (rig.toml); the true rig is ``truth``
+    or drawn from ``seed``, steel and geometry as stated unless ``uncertain``. A file depends on the seed and its own
+    name only, whatever else is written. ``progress`` is called after each job with its name and the counts. Truth is
+    there for people and tests, never for fits. Raises InputError for an unknown test, and where a rig file or a log
+    that no simulation wrote would be overwritten.
     """
-    for test in tests:
-        ehl_test(test)
+    tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
     folder = Path(out_dir)
-    (folder / "truth").mkdir(parents=True, exist_ok=True)
     believed = rig or load_rig()
     true = truth or draw_truth(seed, believed, uncertain=uncertain)
-    (folder / "rig.toml").write_text(rig_toml(believed), encoding="utf-8")
-
     jobs: list[_Job] = []
-    for disk in ("fast", "slow"):
+    for disk in DISKS:
         jobs.append(_Job(f"oven_{disk}", simulate_oven, (disk, seed, true)))
         for run, plunge in enumerate(plunges, 1):
             arguments = (disk, seed, plunge.fluid, plunge.bath_degC, run, true, plunge_options)
             jobs.append(_Job(f"plunge_{disk}_{run}", simulate_plunge, arguments))
-    jobs += [_Job(f"EHL_{t.upper()}", simulate_ehl, (t, seed, true, ehl_options)) for t in tests]
+    jobs += [_Job(f"EHL_{t}", simulate_ehl, (t, seed, true, ehl_options)) for t in tests]
+    for job in jobs:
+        if (folder / f"{job.name}.csv").exists() and not _traces(folder, job.name).exists():
+            raise _not_ours(folder, f"{job.name}.csv")
+    written = _write_rig(folder, believed)
 
     scalars: dict[str, Any] = {}
     done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(job, folder) for job in jobs)
@@ -98,26 +103,47 @@ def simulate_campaign(
         scalars[name] = values
         if progress:
             progress(name, number, len(jobs))
-    files = campaign_files(folder)
+    files = CampaignFiles(
+        folder=folder,
+        rig=folder / "rig.toml",
+        ovens={d: folder / f"oven_{d}.csv" for d in DISKS},
+        plunges={d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS},
+        ehl={t: folder / f"EHL_{t}.csv" for t in tests},
+        truth=folder / "truth" / "truth.json",
+        traces={job.name: _traces(folder, job.name) for job in jobs},
+    )
     ehl = {name.removeprefix("EHL_"): v for name, v in scalars.items() if name.startswith("EHL_")}
     others = {name: v for name, v in scalars.items() if not name.startswith("EHL_")}
-    write_json({"seed": seed, **truth_as_dict(true), "tests": ehl, **others}, files.truth)
+    write_json({"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **others}, files.truth)
     return files
 
 
-def campaign_files(folder: str | Path) -> CampaignFiles:
-    """Find a campaign's files by their names."""
-    root = Path(folder)
-    disks = ("fast", "slow")
-    return CampaignFiles(
-        folder=root,
-        rig=root / "rig.toml",
-        ovens={d: root / f"oven_{d}.csv" for d in disks},
-        plunges={d: tuple(sorted(root.glob(f"plunge_{d}_*.csv"))) for d in disks},
-        ehl={p.stem.removeprefix("EHL_"): p for p in sorted(root.glob("EHL_*.csv")) if "." not in p.stem},
-        truth=root / "truth" / "truth.json",
-        traces={p.stem.removesuffix("_traces"): p for p in sorted((root / "truth").glob("*_traces.parquet"))},
+def _write_rig(folder: Path, believed: Rig) -> str:
+    """Write rig.toml, or leave one that says the same; the checksum of what the last simulation wrote."""
+    path = folder / "rig.toml"
+    if path.exists():
+        try:
+            before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))["rig_sha256"]
+        except (OSError, ValueError, KeyError, TypeError):
+            before = ""
+        if load_rig(path) == believed:
+            return str(before)
+        if sha256(path) != before:
+            raise _not_ours(folder, path.name)
+    return sha256(write_text(path, rig_toml(believed)))
+
+
+def _not_ours(folder: Path, name: str) -> InputError:
+    return InputError(
+        f"holds a {name} that no simulation wrote, and it would be overwritten",
+        where=str(folder),
+        expected="a folder of its own for simulated logs",
+        remedy="give another --out",
     )
+
+
+def _traces(folder: Path, name: str) -> Path:
+    return folder / "truth" / f"{name}_traces.parquet"
 
 
 @dataclass(frozen=True)
@@ -129,6 +155,6 @@ class _Job:
 
 def _run(job: _Job, folder: Path) -> tuple[str, dict[str, Any]]:
     frame, truth = job.simulate(*job.arguments)
+    write_traces(truth["traces"], _traces(folder, job.name))
     write_log(frame, folder / f"{job.name}.csv")
-    write_traces(truth["traces"], folder / "truth" / f"{job.name}_traces.parquet")
     return job.name, {k: v for k, v in truth.items() if k != "traces"}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -12,38 +11,35 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import csv, parquet
 
+from calibration.write import atomic_path, write_text
+
 _DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
 _WHOLE = ("contact", "switch", "repeat")
 
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
-    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond, beside the target and then renamed."""
+    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond."""
     columns = {}
     for name in frame.columns:
         values = frame[name].to_numpy()
         columns[name] = (
             values.astype(np.int64) if name in _WHOLE else np.round(values.astype(float), _DECIMALS.get(name, 4))
         )
-    beside = path.with_name(path.name + ".part")
-    with beside.open("wb") as stream:
+    with atomic_path(path) as beside, beside.open("wb") as stream:
         stream.write((",".join(columns) + "\n").encode())
         csv.write_csv(pa.table(columns), stream, csv.WriteOptions(include_header=False))
-    os.replace(beside, path)
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
     """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
     columns = {name: frame[name].to_numpy().astype(float if name == "time_s" else np.float32) for name in frame.columns}
-    beside = path.with_name(path.name + ".part")
-    parquet.write_table(pa.table(columns), beside)
-    os.replace(beside, path)
+    with atomic_path(path) as beside:
+        parquet.write_table(pa.table(columns), beside)
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
     """Write plain or numpy numbers as JSON; a key called ``traces`` is left out."""
-    beside = path.with_name(path.name + ".part")
-    beside.write_text(json.dumps(_plain(data), indent=1) + "\n", encoding="utf-8")
-    os.replace(beside, path)
+    write_text(path, json.dumps(_plain(data), indent=1) + "\n")
 
 
 def _plain(value: Any) -> Any:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-
-import numpy as np
 
 from calibration.errors import InputError
 from tcdyn.rig.kinematics import entraining_speed_m_s, sliding_speed_m_s
@@ -88,27 +85,3 @@ def ehl_test(name: str) -> EhlCondition:
         return PROGRAMME[name.upper()]
     except KeyError:
         raise InputError(f"no EHL test {name!r}", expected="one of A1 to D4 (table 6.1)") from None
-
-
-def traction_trend_N(load_N: float, sliding_speed_m_s: float) -> float:
-    """Traction force on the trend lines of figure 6.33: linear in load, interpolated between families [N].
-
-    The lines are least squares through table 7.2, a family for each sliding speed; outside 10 to 20 m/s the
-    nearest family is used. Valid 850 to 2320 N.
-
-    >>> traction_trend_N(2320.0, 10.0) > traction_trend_N(2320.0, 20.0) > traction_trend_N(850.0, 20.0)
-    True
-    """
-    speeds, intercepts, slopes = _traction_lines()
-    return float(np.interp(sliding_speed_m_s, speeds, intercepts + slopes * load_N))
-
-
-@lru_cache(maxsize=1)
-def _traction_lines() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    lines = []
-    for family in _SPEEDS:
-        tests = [t for t in PROGRAMME.values() if t.name[0] == family]
-        slope, intercept = np.polyfit([t.load_N for t in tests], [t.friction_N for t in tests], 1)
-        lines.append((tests[0].sliding_speed_m_s, intercept, slope))
-    speeds, intercepts, slopes = np.array(lines).T
-    return speeds, intercepts, slopes

@@ -190,13 +190,18 @@ def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loos
     assert "e lag_s" not in set(found.significant["quantity"])
 
 
+LEVELS = "P1.csv: column switch: levels 0 and 5 are read as 0 and 1"
+
+
 def test_check_names_what_a_reader_would_ask():
     assert check_record(RECORD) == []
-    odd = make_record(chain=None, created="2999-01-01T00:00:00+00:00", warnings=["hand made"])
+    odd = make_record(chain=None, created="2999-01-01T00:00:00+00:00", warnings=["hand made", LEVELS])
     said = " ".join(check_record(odd))
     assert "hand made" in said
     assert "future" in said
     assert "no chain" in said
+    assert LEVELS not in said
+    assert check_record(make_record(warnings=[LEVELS])) == []  # a note: mended in full, nothing to decide
 
 
 def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():

@@ -30,3 +30,22 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
     path.write_text('{"disk": "fast"}')
     with pytest.raises(InputError, match="expected a rig file"):
         load_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[disk]\ncrown_radius_mm = 30", r"disk: crown_radius_mm is 30; expected more than outer_radius_mm, 38\.1"),
+        ("[thermocouples]\nd = { z_mm = 7.53 }\nf = { z_mm = 2 }", r"z_mm of d, b, f is 7\.53, 4\.765, 2; expected"),
+        ("[thermocouples]\nc = { depth_mm = 7 }", r"thermocouples\.c: depth_mm is 7; expected at most that of b, 6"),
+        ("[slow.thermocouples]\nb = { z_mm = 1 }", r"slow: thermocouples: z_mm of d, b, f is 2, 1, 7\.53"),
+        ("[uncertainty]\nspeed_exponent_low = 0.9", r"uncertainty: speed_exponent_low 0\.9 lies above speed_.* 0\.8"),
+        ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
+    ],
+)
+def test_what_the_analysis_would_refuse_is_refused_with_the_file(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=words) as problem:
+        load_rig(path)
+    assert "Value error" not in str(problem.value)

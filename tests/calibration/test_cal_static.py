@@ -77,23 +77,6 @@ def test_intervals_hold_the_truth_for_the_rigs_ovens_whose_minutes_share_an_erro
     assert all(0.88 <= rate <= 1.0 for rate in found.values()), found  # three sigma of 100 is 6.5 %
 
 
-def test_the_joint_covariance_is_that_of_repeated_ovens():
-    fits = [fit_static_lines(oven_frame(s, 0.02).assign(repeat=1.0 + np.arange(24) // 8)) for s in range(100)]
-    errors = []
-    for s, fit in enumerate(fits):
-        gain, offset = oven_truth(s)
-        errors.append(
-            np.ravel([[fit.lines[c].gain - g, fit.lines[c].offset - o] for c, g, o in zip(CHANNELS, gain, offset)])
-        )
-    seen = np.corrcoef(np.array(errors).T)
-    stated = np.mean([f.joint_covariance for f in fits], axis=0)
-    u = np.sqrt(np.diag(stated))
-    stated_correlation = stated / np.outer(u, u)
-    # correlation from 100 draws is good to 0.1; three sigma, and the stated one is shrunk by the 95 % widening
-    assert np.abs(seen - stated_correlation).max() < 0.3
-    assert stated_correlation[0, 2] > 0.6  # the PRT's errors are common to the channels
-
-
 def test_noise_of_the_logged_side_does_not_flatten_the_line():
     rng = np.random.default_rng(0)
     slopes, plain = [], []

@@ -151,3 +151,35 @@ def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> N
     assert any("is the oven log of the disk that was plunged (fast)" in w for w in told)
     own = calibrate_disk(campaign.rig, "fast", f.ovens["fast"], f.plunges["fast"], ["mobil-jet-ii"]).warnings
     assert not any("is the oven log of the disk" in w for w in own)
+
+
+def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    from tcdyn.pipeline import calibrate_disk
+
+    f = campaign.files
+    oven, plunge = pd.read_csv(f.ovens["fast"]), pd.read_csv(f.plunges["fast"][1])
+    oven[oven["setpoint_degC"] < 90].to_csv(tmp_path / "oven.csv", index=False)
+    entry = int(plunge.index[plunge["switch"] > 0.5][0])
+    plunge.loc[entry + 40 : entry + 69, "e_degC"] = float("nan")
+    plunge.to_csv(tmp_path / "P2.csv", index=False)
+    run = calibrate_disk(campaign.rig, "fast", tmp_path / "oven.csv", [tmp_path / "P2.csv"], ["mobil-jet-ii"])
+    assert pd.DataFrame(run.plunges[0].readings_degC).isna().sum().tolist() == [0, 0, 0, 0, 30, 0]
+    told = [w for w in run.warnings if "extrapolate" in w]
+    assert len(told) == 1  # one sentence for the six channels
+    assert re.match(
+        r"P2\.csv: channels a, b, c, d, e, f were at 2\d to 9\d degC, the oven at \d+ to (79|80|81) degC", told[0]
+    )
+    own = campaign.calibrations["fast"].warnings
+    assert not any("extrapolate" in w for w in own)
+
+
+@pytest.mark.parametrize("fluids", [[], ["water"] * 2, ["water"] * 4])
+def test_fluids_are_given_once_or_once_for_each_plunge(campaign: Campaign, fluids: list[str]) -> None:
+    from calibration.errors import InputError
+    from tcdyn.pipeline import calibrate_disk
+
+    f = campaign.files
+    with pytest.raises(InputError, match=rf"{len(fluids)} fluids for 3 plunge\(s\); expected one fluid for all"):
+        calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [f.plunges["fast"][0]] * 3, fluids)

@@ -29,3 +29,15 @@ def test_hole_command_refuses_a_log_without_clamped_channels(
     capsys.readouterr()
     assert tcdyn("hole", log) == 2
     assert "ideal" in capsys.readouterr().err
+
+
+def test_hole_command_takes_the_steel_of_the_rig(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log, rig = tmp_path / "hole.csv", tmp_path / "rig.toml"
+    assert tcdyn("simulate", "hole", "--out", log, "--seed", 2) == 0
+    rig.write_text("[disk]\nconductivity_W_mK = 4.1\n", encoding="utf-8")  # a tenth: depth counts ten times as much
+    capsys.readouterr()
+    u = []
+    for words in ((), ("--rig", rig)):
+        assert tcdyn("hole", log, "--json", *words) == 0
+        u.append(json.loads(capsys.readouterr().out)["holes"][0]["u_s"])
+    assert u[1] > 5 * u[0]

@@ -35,6 +35,25 @@ def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFi
     assert "No sign that the lag depends on the level" in said
 
 
+def test_what_narx_says_is_in_file_and_page_even_where_nothing_is_printed(
+    table: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frame = pd.read_csv(table).assign(plunge=lambda f: np.where(f["time_s"] < 40, "P1", "P2"))
+    frame.to_csv(table, index=False)
+    words = ("identify", table, "--input", "u", "--output", "y", "--hold", "zoh", "--models", "P1", "--run", "plunge")
+    assert tcdyn(*words, "--narx", "--json") == 0
+    found = json.loads(capsys.readouterr().out)["narx"]
+    assert found["run"] == "P1"
+    assert found["sentence"].startswith("Run P1, the first of 2: No sign that the lag depends")
+    assert found["lag_low_s"] == pytest.approx(found["lag_high_s"], rel=0.1)
+    kept = table.with_suffix(".identified.json")
+    assert json.loads(kept.read_text(encoding="utf-8"))["narx"] == found
+    assert found["sentence"] in kept.with_suffix(".html").read_text(encoding="utf-8")
+    kept.unlink()
+    assert tcdyn(*words, "--narx", "--quiet") == 0
+    assert json.loads(kept.read_text(encoding="utf-8"))["narx"] == found
+
+
 def test_record_show_prints_json(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn("record", "show", campaign.record_paths["slow"], "--json") == 0
     shown = json.loads(capsys.readouterr().out)

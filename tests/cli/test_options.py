@@ -216,3 +216,38 @@ def test_files_of_another_kind_are_named_as_what_they_are(
     ):
         assert tcdyn(*words) == 2
         assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "values"),
+    [
+        ("identify data.csv --input u --output y", "--cutoff-Hz", "0 -1 nan inf"),
+        ("identify data.csv --input u --output y", "--gain", "0 nan inf"),
+        ("identify data.csv --input u --output y", "--held-out", "0 1 nan"),
+        ("design", "--lag-s", "0 -1 nan"),
+        ("design", "--rate-Hz", "0.5 inf nan"),
+        ("design", "--duration-s", "5 inf"),
+        ("design", "--noise-K", "0 nan"),
+        ("design", "--entry-u-s", "0 -1 inf"),
+        ("design", "--power-W", "0 nan"),
+        ("design", "--bath-degC", "nan 5000"),
+        ("design", "--disk", "foo"),
+        ("hole data.csv", "--depth-mm", "0 nan"),
+        ("simulate immersion --out x.csv", "--duration-s", "5 inf nan"),
+        ("simulate ehl --out x.csv", "--beta", "-0.1 nan"),
+    ],
+)
+def test_a_number_that_cannot_be_is_refused_in_one_sentence(
+    command: str, option: str, values: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for value in values.split():
+        assert tcdyn(*command.split(), option, value) == 2
+        said = capsys.readouterr().err
+        assert said.startswith(f"tcdyn: {option} is ")
+        assert "expected" in said
+        assert said.count("\n") == 1
+
+
+def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tcdyn("design", "--lag-s", "0.05") == 2
+    assert "the conditioning alone lags by 0.0796 s" in capsys.readouterr().err

@@ -1,12 +1,14 @@
 """Test design: Fisher information against limits one can work out, and against its own scaling."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from calibration.rigfile import load_rig
+from calibration.rigfile import UncertaintyTable, load_rig
 from tcdyn.design.advice import COMMON, DIFFERENCES, MEANING, grade, headline
 from tcdyn.design.compare import compare_tests
-from tcdyn.design.plunge_plan import PlungePlan, predict_plunges, vary
+from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, from_covariances, information
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, patch_response, predict_touches
@@ -17,9 +19,9 @@ PLAN = PlungePlan(duration_s=60.0)
 
 def test_less_noise_more_runs_and_a_better_event_all_help() -> None:
     base = predict_plunges([PLAN], SETUP, draws=8)
-    quiet = predict_plunges([vary(PLAN, noise_K=0.03)], SETUP, draws=8)
+    quiet = predict_plunges([replace(PLAN, noise_K=0.03)], SETUP, draws=8)
     twice = predict_plunges([PLAN, PLAN], SETUP, draws=8)
-    sharp = predict_plunges([vary(PLAN, entry_u_s=0.005)], SETUP, draws=8)
+    sharp = predict_plunges([replace(PLAN, entry_u_s=0.005)], SETUP, draws=8)
     assert quiet.u_differential_s < base.u_differential_s
     assert twice.u_common_s < base.u_common_s
     assert sharp.u_common_s < base.u_common_s
@@ -80,10 +82,31 @@ def test_common_and_differential_parts_of_a_covariance() -> None:
 
 
 def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
-    design = compare_tests(SETUP, [PLAN, vary(PLAN, bath_degC=138.0)], draws=4)
+    design = compare_tests(SETUP, [PLAN, replace(PLAN, bath_degC=138.0)], draws=4)
     assert len(design.table()) == 7
     assert len(design.sentences()) == 8
     assert all(s.endswith(".") for s in design.sentences())
+
+
+def test_the_rig_s_uncertainties_reach_every_test() -> None:
+    table = {"draws": 2, "lag_s": 0.73}
+    stated = compare_tests(SETUP, [PLAN], **table)
+    same = compare_tests(SETUP, [PLAN], uncertainty=load_rig().fast.uncertainty, **table)
+    vague = UncertaintyTable(depth_mm=1.0, conductivity_rel=0.3)
+    worse = compare_tests(SETUP, [PLAN], uncertainty=vague, **table)
+    for one, default, other in zip(stated.predictions, same.predictions, worse.predictions):
+        assert one.u_differential_s == default.u_differential_s
+        assert other.u_common_s > one.u_common_s, one.name
+        assert other.u_differential_s > one.u_differential_s, one.name
+
+
+def test_the_design_widens_h_by_the_fluid_s_properties_as_the_fit_does() -> None:
+    from immersion.fluids import fluid
+
+    oil = fluid("mobil-jet-ii")
+    vague = replace(oil, u_nu=0.5, u_beta=0.5)  # h ~ (beta / nu)^(1/4)
+    known, unknown = (predict_plunges([replace(PLAN, fluid=f)], SETUP, draws=1) for f in (oil, vague))
+    assert unknown.others["u_h_rel"] > known.others["u_h_rel"]
 
 
 def told(kind: str, common_s: float, differences_s: float) -> Prediction:

@@ -116,6 +116,11 @@ BAD = {
     "hold": (lambda: IOData.from_arrays([0.0], [0.0], 0.1, hold="linear"), "hold"),
     "dead output": (lambda: fit(IOData.from_arrays(np.arange(60.0) % 7, np.ones(60), 0.1)), "never moves"),
     "no such model": (lambda: fit(case_a("PRBS", 0), "P4"), "no process model"),
+    "no interval": (lambda: from_frame(table(), input="u", output="y", resample_s=0.0), "interval is 0 s"),
+    "interval of a nanosecond": (
+        lambda: from_frame(table(), input="u", output="y", resample_s=1e-9),
+        "at most 5e\\+07",
+    ),
     "held dead time alone": (lambda: fit(case_a("PRBS", 0), "P0D"), "add a lag"),
 }
 

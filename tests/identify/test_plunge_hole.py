@@ -35,9 +35,11 @@ def test_verdicts_are_those_of_the_thesis() -> None:
 def test_depth_uncertainty_is_part_of_the_answer() -> None:
     frame = simulate_hole(2)[0]
     sharp, blunt = compare_holes(frame, depth_u_m=0.0), compare_holes(frame, depth_u_m=1e-4)
-    # 0.1 mm at 3 mm in steel: 0.1e-3 * 3e-3 / 1.1e-5 = 27 ms, times sqrt(1 + 1/2) for the two references
-    assert blunt.u_depth_s == pytest.approx(0.0334, rel=0.01)
+    # 0.1 mm at 3 mm in steel: 0.1e-3 * 3e-3 / 1.11e-5 = 27 ms, times sqrt(1 + 1/2) for the two references
+    assert blunt.u_depth_s == pytest.approx(0.0331, rel=0.01)
     assert blunt.holes[0].extra_lag_s.u > sharp.holes[0].extra_lag_s.u
+    copper = compare_holes(frame, depth_u_m=1e-4, diffusivity_m2_s=1.11e-4)
+    assert copper.u_depth_s == pytest.approx(0.00331, rel=0.01)
 
 
 def test_a_log_without_ideal_thermocouples_is_refused() -> None:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from tcdyn.identify.plunge_run import despiked
+import numpy as np
+import pandas as pd
+
+from calibration.logs import Log
+from tcdyn.identify.plunge_run import bath_filled, despiked, make_blocks, run_from_log
+from tcdyn.rig.plunge import simulate_plunge
 
 
 def test_the_steps_of_a_coarse_logger_are_no_spikes() -> None:
@@ -17,3 +22,19 @@ def test_the_steps_of_a_coarse_logger_are_no_spikes() -> None:
     clean, spikes = despiked(y)
     assert np.isnan(clean[3000, 0])
     assert spikes < 10  # of 15000 samples; 6 sd of the rounding is 1.8 steps, 1.3 times that 2.3
+
+
+def test_missing_readings_are_left_out_and_only_the_bath_is_bridged() -> None:
+    """A line across 0.45 s of the first second would be read as a lag."""
+    frame, truth = simulate_plunge("fast", 3)
+    gap = frame["time_s"].between(truth["entry_s"] + 0.5, truth["entry_s"] + 0.95)
+    holed = frame.mask(pd.DataFrame({c: gap & (c in ("e_degC", "probe_degC")) for c in frame}))
+    run = run_from_log(bath_filled(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii")
+    assert run.entry == run_from_log(frame, "mobil-jet-ii").entry
+    blocks, whole = make_blocks(run), make_blocks(run_from_log(frame, "mobil-jet-ii"))
+    assert whole.duration_s == blocks.duration_s
+    lost = np.flatnonzero(blocks.count[:, 4] < whole.count[:, 4])
+    assert whole.count.sum() - blocks.count.sum() == gap.sum()
+    np.testing.assert_allclose(whole.time_s[lost], 0.73, atol=0.25)
+    assert np.isfinite(blocks.readings_degC).all()
+    np.testing.assert_array_equal(blocks.readings_degC[:, :4], whole.readings_degC[:, :4])

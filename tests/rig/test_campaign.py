@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from calibration.errors import InputError
-from calibration.rigfile import load_rig
+from calibration.rigfile import load_rig, parse_rig
 from tcdyn.cli.simulate import app
 from tcdyn.rig.campaign import Plunge, simulate_campaign
 from tcdyn.rig.plunge import PlungeOptions
@@ -62,6 +62,38 @@ def test_a_file_depends_on_the_seed_and_its_own_name_only(tmp_path: Path) -> Non
     assert len(among.plunges["slow"]) == 1
 
 
+def test_a_folder_used_again_gives_this_campaign_s_files_only(tmp_path: Path) -> None:
+    first = campaign(tmp_path, tests=("A1", "B3"))
+    again = campaign(tmp_path, tests=("b3", "B3"), plunges=(Plunge(110.0),))
+    assert first.ehl["A1"].exists()  # left alone, and in nobody's way
+    assert set(again.ehl) == {"B3"}
+    assert [p.name for p in again.plunges["fast"]] == ["plunge_fast_1.csv"]
+    assert set(json.loads(again.truth.read_text())["tests"]) == {"B3"}
+    assert "EHL_A1" not in again.traces
+
+
+def test_a_rig_file_of_a_simulation_may_be_written_over_and_one_s_own_may_not(tmp_path: Path) -> None:
+    none = {"tests": (), "plunges": ()}
+    file = campaign(tmp_path, **none).rig
+    other = parse_rig({"disk": {"width_mm": 9.6}}, "other")
+    campaign(tmp_path, rig=other, **none)
+    assert load_rig(file) == other
+    own = "# mine\n" + file.read_text()
+    file.write_text(own)
+    campaign(tmp_path, rig=other, **none)
+    assert file.read_text() == own  # it says the same: left as it is
+    with pytest.raises(InputError, match=r"rig\.toml that no simulation wrote"):
+        campaign(tmp_path, **none)
+    assert file.read_text() == own
+
+
+def test_a_log_that_no_simulation_wrote_is_not_written_over(tmp_path: Path) -> None:
+    (tmp_path / "EHL_B3.csv").write_text("measured")
+    with pytest.raises(InputError, match=r"EHL_B3\.csv that no simulation wrote"):
+        campaign(tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == ["EHL_B3.csv"]
+
+
 def test_progress_counts_every_job(tmp_path: Path) -> None:
     seen: list[tuple[str, int, int]] = []
     campaign(tmp_path, progress=lambda *step: seen.append(step))
@@ -82,7 +114,7 @@ def test_commands_write_logs_and_truth(tmp_path: Path) -> None:
         ["immersion", "--bath-degC", "80", "--fluid", "water", "--duration-s", "10", "--clean"],
         ["hole"],
     ):
-        out = tmp_path / f"{arguments[0]}.csv"
+        out = tmp_path / "made" / f"{arguments[0]}.csv"
         result = runner.invoke(app, [*arguments, "--out", str(out)])
         assert result.exit_code == 0, result.output
         assert out.with_suffix(".truth.json").exists()
@@ -95,7 +127,9 @@ def test_commands_write_logs_and_truth(tmp_path: Path) -> None:
         (["oven", "--disk", "middle", "--out", "o.csv"], "fast or slow"),
         (["immersion", "--fluid", "mercury", "--out", "o.csv"], "mobil-jet-ii or water"),
         (["ehl", "--test", "E9", "--out", "o.csv"], "A1 to D4"),
-        (["oven", "--out", "nowhere/o.csv"], "no such folder"),
+        (["oven", "--out", "/dev/null/o.csv"], "cannot be written"),
+        (["campaign", "--out", "/dev/null/lab"], "cannot be written"),
+        (["oven", "--out", "o.csv", "--rig", "o.csv"], "which is read"),
         (["oven", "--out", "o.xlsx"], "writes CSV"),
     ],
 )

@@ -9,7 +9,7 @@ import pytest
 from calibration.errors import InputError
 from tcdyn.rig.contact import YOUNG_Pa, half_width_m, hertz_contact
 from tcdyn.rig.interference import interference_pressure_Pa
-from tcdyn.rig.programme import PROGRAMME, ehl_test, traction_trend_N
+from tcdyn.rig.programme import PROGRAMME, ehl_test
 
 TABLE_3_4_mm = {850: 1.25, 1460: 1.50, 1850: 1.62, 2320: 1.75}
 TABLE_6_1_GPa = {850: 1.0, 1460: 1.2, 1850: 1.3, 2320: 1.4}
@@ -85,19 +85,3 @@ def test_published_heat_transfer_coefficients_keep_the_ratio_of_the_speed_law() 
     # Table 7.1 prints whole W/m2K: the smallest h_s, 210, allows 0.7 %.
     for test in PROGRAMME.values():
         assert test.h_fast_W_m2K / test.h_slow_W_m2K == pytest.approx(4.24**0.667, rel=0.007)
-
-
-def test_traction_lines_pass_the_measured_forces() -> None:
-    # Figure 6.33 draws straight lines; the measured forces lie within 1 N of them.
-    for test in PROGRAMME.values():
-        assert traction_trend_N(test.load_N, test.sliding_speed_m_s) == pytest.approx(test.friction_N, abs=1.0)
-
-
-def test_traction_falls_with_sliding_speed_and_rises_with_load() -> None:
-    assert np.all(np.diff([traction_trend_N(2320.0, u) for u in (10, 13, 16, 20)]) < 0)
-    assert np.all(np.diff([traction_trend_N(load, 13.0) for load in TABLE_3_4_mm]) > 0)
-
-
-def test_a_test_that_was_never_run_is_refused() -> None:
-    with pytest.raises(InputError, match="A1 to D4"):
-        ehl_test("E5")
