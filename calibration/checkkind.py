@@ -14,6 +14,7 @@ from calibration.errors import InputError
 from calibration.table import FloatArray
 
 BOUNCE_S = 0.2
+SWAPPED = "are they swapped?"  # how the warning of such a pair ends
 
 
 def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, list[str]]:
@@ -132,7 +133,7 @@ def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], 
     shallow, deep = min(wrong, key=lambda p: lead[p[0]] - lead[p[1]])
     return [
         f"columns {names[shallow]} and {names[deep]}: the junction {depth_mm[shallow]:g} mm deep warms "
-        f"{lead[deep] - lead[shallow]:.2g} degC less than the one at {depth_mm[deep]:g} mm; are they swapped?"
+        f"{lead[deep] - lead[shallow]:.2g} degC less than the one at {depth_mm[deep]:g} mm; {SWAPPED}"
     ]
 
 

@@ -19,6 +19,7 @@ from calibration.result import Result
 
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
 SIGNIFICANT = 0.01
+FAR_K = 10.0  # beyond the oven's range
 
 
 class StaticLine(BaseModel):
@@ -211,3 +212,27 @@ def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float
     t = np.asarray(temperature_degC, dtype=float)
     with np.errstate(invalid="ignore"):
         return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
+
+
+def extrapolated(where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]) -> list[str]:
+    """One sentence for all channels of one calibrated range that a log took far outside it.
+
+    Far: more than ``FAR_K`` for more than half a per cent of the samples; a straight line bears a few kelvin more.
+
+    ``temperature_degC``: after the static lines, (N,) each, NaN where missing.
+
+    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
+    >>> extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line})
+    ['B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there']
+    """
+    left: dict[tuple[float, float], list[tuple[str, float, float]]] = {}
+    for channel, values in temperature_degC.items():
+        low, high = (float(v) for v in np.nanquantile(np.asarray(values, dtype=float), [0.005, 0.995]))
+        if outside_range(lines[channel], [low, high], margin_K=FAR_K).any():
+            left.setdefault(lines[channel].range_degC, []).append((channel, low, high))
+    return [
+        f"{where}: {', '.join(c for c, _, _ in group)} read {min(low for _, low, _ in group):.0f} to "
+        f"{max(high for *_, high in group):.0f} degC, calibrated from {span[0]:.0f} to {span[1]:.0f} degC: static "
+        "lines extrapolate there"
+        for span, group in left.items()
+    ]

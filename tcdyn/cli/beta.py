@@ -9,7 +9,7 @@ import typer
 
 from calibration.rigfile import load_rig
 from calibration.write import write_text
-from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, dump, say, stages, warn
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, dump, say, spare_inputs, stages, warn
 
 
 def beta(
@@ -40,6 +40,7 @@ def beta(
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.records import records_by_disk
 
+    spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
     with stages(quiet or json_, verbose) as progress:
         run = estimate_beta(

@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from calibration.rigfile import load_rig
-from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, counted, dump, say, warn
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, counted, dump, say, spare_inputs, warn
 
 
 def campaign(
@@ -39,11 +39,13 @@ def campaign(
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
     from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.campaign import TABLE_FILE, CampaignSettings, run_campaign
+    from tcdyn.pipeline.campaign import PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
     from tcdyn.pipeline.records import records_by_disk, rig_of
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
+    for name in (TABLE_FILE, PAGE_FILE):
+        spare_inputs([*logs, rig, bearing, *record], out=out / name)
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     settings = CampaignSettings(own_rig, records, window_s, seed, read_bearing(bearing) if bearing else None)
@@ -52,7 +54,7 @@ def campaign(
         run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)
     from tcdyn.report.campaign import write_campaign_report
 
-    report = write_campaign_report(out / "campaign.html", run)
+    report = write_campaign_report(out / PAGE_FILE, run)
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)
     if json_:

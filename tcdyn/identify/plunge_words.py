@@ -21,6 +21,7 @@ RUN_WORDS = {
     "initial": "temperature before the entry",
     "bath": "bath temperature",
 }
+COLOURED = 4.0  # variance of slow residual waves over that of white noise: beyond it something is not modelled
 UNBELIEVABLE = 5.0  # prior standard deviations of h beyond which the fluid is doubted rather than the correlation
 OTHER_DISK = (
     "; the channels do not move together as they should: is a plunge of another disk among them, or a channel swapped?"
@@ -73,8 +74,8 @@ def fit_warnings(
         out += [f"{run.name}: {w}" for w in (*run.entry.warnings, *v.warnings)]
         if b.spikes:
             out.append(f"{run.name}: {b.spikes} spikes were left out")
-        if factor.common > 4 or factor.differential > 4:
-            doubt = OTHER_DISK if factor.differential > 4 else ""
+        if factor.common > COLOURED or factor.differential > COLOURED:
+            doubt = OTHER_DISK if factor.differential > COLOURED else ""
             out.append(
                 f"{run.name}: residuals are coloured (variance factors {factor.common:.1f} common, "
                 f"{factor.differential:.1f} differential); the uncertainties were widened for it{doubt}"

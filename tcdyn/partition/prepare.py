@@ -18,7 +18,7 @@ from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
 from calibration.recorddiff import changed_keys
 from calibration.rigfile import Rig, UncertaintyTable
-from calibration.static import apply_static, outside_range, static_u
+from calibration.static import apply_static, extrapolated, static_u
 from tcdyn.chain import Chain
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
@@ -253,17 +253,13 @@ def disk_traces(
         if np.mean(marked) > 0.05:
             warnings.append(f"{disk}_{ch}: {100 * np.mean(marked):.1f} % of the samples are spikes or missing")
         mean = float(np.mean(values[steady]))
-        low, high = line.range_degC
-        if outside_range(line, mean):
-            warnings.append(
-                f"{disk}_{ch}: {mean:.1f} degC lies outside the calibrated {low:.0f} to {high:.0f} degC (extrapolated)"
-            )
         columns.append(values)
         missing.append(marked)
         static.append(float(np.hypot(static_u(line, mean), step / 12**0.5)))
     if coarse:
         warnings.append(f"{disk} disk: {coarse_sentence(coarse)}")
     y = np.column_stack(columns)
+    warnings += extrapolated(f"{disk} disk", dict(zip(CHANNELS, y[steady].T)), record.static)
     return DiskTraces(
         name=disk,
         setup=setup,

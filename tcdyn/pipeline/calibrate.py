@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,18 +11,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from calibration.checkkind import SWAPPED
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.logs import read_log
+from calibration.logs import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.result import Result
 from calibration.rigfile import Rig
-from calibration.static import PRT_U_DEGC, OvenFit, StaticLine, fit_static_lines, outside_range
+from calibration.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
 from immersion.fluids import fluid
 from tcdyn.identify.plunge import PlungeFit, identify_plunges
 from tcdyn.identify.plunge_doubt import with_structure_doubt
 from tcdyn.identify.plunge_prior import PlungePriors
 from tcdyn.identify.plunge_run import PlungeRun, bath_filled, run_from_log
+from tcdyn.identify.plunge_words import COLOURED
+
+SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
 
 
 @dataclass(frozen=True)
@@ -85,35 +89,33 @@ def calibrate_disk(
     static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC)
     warnings = [*oven_log.warnings, *static.warnings]
     inputs = [InputFile(file=oven_log.path.name, sha256=oven_log.sha256)]
-    runs = []
+    runs: list[PlungeRun] = []
+    logs: list[Log] = []
     for k, path in enumerate(immersion):
         progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
         log = read_log(path, "immersion", rig, disk)
-        twin = next((i.file for i in inputs if i.sha256 == log.sha256), None)
-        if twin is not None:  # counted twice it would make the lags look better known than they are
-            raise InputError(
-                f"holds the same samples as {twin}",
-                where=log.path.name,
-                expected="each plunge once",
-                remedy="give another plunge, or leave it out",
-            )
+        _once(log, logs)
+        logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
         run = run_from_log(bath_filled(log), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        warnings += range_warnings(run, static.lines)
+        warnings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
         bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
         warnings += [w for w in log.warnings if not (bounce_told and "the switch bounces" in w)]
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
+    _swapped(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)
-    strained = sum("left over by the static line" in w for w in fit.warnings)
-    if strained > len(CHANNELS) // 2:
+    strained = {
+        c for w in fit.warnings if "left over by the static line" in w for c in CHANNELS if f"channel {c}:" in w
+    }
+    if len(strained) > len(CHANNELS) // 2:
         warnings.append(
-            f"{strained} static lines do not fit the plunges: is the oven log of the disk that was plunged ({disk}), "
-            "and the wiring the same?"
+            f"{len(strained)} static lines do not fit the plunges: is the oven log of the disk that was plunged "
+            f"({disk}), and the wiring the same?"
         )
     warnings += list(fit.warnings)
     record = DiskRecord(
@@ -131,19 +133,32 @@ def calibrate_disk(
     return CalibrationRun(record, static, tuple(runs), fit)
 
 
-def range_warnings(run: PlungeRun, lines: Mapping[str, StaticLine]) -> list[str]:
-    """One sentence for all channels of one calibrated range that a plunge took outside it (99 % of the samples)."""
-    left: dict[str, list[tuple[str, float, float]]] = {}
-    for j, channel in enumerate(run.channels):
-        low, high = (float(v) for v in np.nanquantile(run.readings_degC[:, j], [0.005, 0.995]))
-        if outside_range(lines[channel], [low, high]).any():
-            span = "{:.0f} to {:.0f} degC".format(*lines[channel].range_degC)
-            left.setdefault(span, []).append((channel, low, high))
-    return [
-        f"{run.name}: channels {', '.join(c for c, _, _ in group)} were at {min(low for _, low, _ in group):.0f} to "
-        f"{max(high for *_, high in group):.0f} degC, the oven at {span}: their static lines extrapolate"
-        for span, group in left.items()
-    ]
+def _once(log: Log, earlier: Sequence[Log]) -> None:
+    """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look better known."""
+    columns = [f"{c}_degC" for c in CHANNELS]
+    for other in earlier:
+        if len(other.frame) != len(log.frame):
+            continue
+        apart = np.abs(other.frame[columns].to_numpy() - log.frame[columns].to_numpy())
+        if not np.nanmax(apart, initial=0.0) > SAME_K:
+            raise InputError(
+                f"holds the same samples as {other.path.name}",
+                where=log.path.name,
+                expected="each plunge once",
+                remedy="give another plunge, or leave it out",
+            )
+
+
+def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
+    """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
+    for log, factor in zip(logs, fit.optimum.problem.inflation):
+        said = [w for w in log.warnings if w.endswith(SWAPPED)]
+        if said and factor.differential > COLOURED:
+            raise InputError(
+                said[0],
+                expected="each column from the junction that rig.toml says",
+                remedy="map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
+            )
 
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:

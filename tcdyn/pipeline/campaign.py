@@ -28,7 +28,7 @@ from tcdyn.pipeline.beta import estimate_beta
 from tcdyn.pipeline.campaign_table import campaign_table, table_csv, table_row
 from tcdyn.pipeline.spread import spread
 
-TABLE_FILE = "campaign.csv"
+TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
 
 
 @dataclass(frozen=True)

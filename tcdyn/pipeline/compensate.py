@@ -18,7 +18,7 @@ from calibration.logs import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rigfile import Rig
-from calibration.static import apply_static, static_u
+from calibration.static import apply_static, extrapolated, static_u
 from calibration.table import open_table, shown
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
@@ -203,10 +203,12 @@ def _one_disk(
         event_u_s=tuple(events.values()),
         lag_covariance=covariance,
         static_u=np.column_stack(uncertain),
+        names=[f"{prefix}{ch}" for ch in CHANNELS],
     )
-    if not coarse:
-        return done
-    return replace(done, warnings=(*done.warnings, coarse_sentence(coarse)))
+    said = extrapolated("the log", dict(zip(CHANNELS, y.T)), record.static)
+    if coarse:
+        said.append(coarse_sentence(coarse))
+    return replace(done, warnings=(*done.warnings, *said))
 
 
 def _refined(table: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[Mapping[str, DiskFit], list[str]]:

@@ -16,7 +16,7 @@ from calibration.logs import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rigfile import Rig
-from calibration.static import apply_static
+from calibration.static import apply_static, extrapolated
 from immersion.events import find_entry
 from tcdyn.compensate.denoise import METHODS, Denoised, remove_noise
 from tcdyn.partition.events import find_events
@@ -82,14 +82,16 @@ def denoise_log(
         events = (find_entry(time, switch, probe, fluid, table.path.name).time_s,)
     names = [(f"{d}_{c}" if kind == "ehl" else c, records[d].static[c]) for d in records for c in CHANNELS]
     done: dict[str, Denoised] = {}
+    said = gathered(table.warnings)
     for k, (name, line) in enumerate(names):
         logged = frame[f"{name}_degC"].to_numpy(dtype=float)
         clean, missing = despiked(np.asarray(apply_static(logged, line)))
         done[name] = remove_noise(time, np.where(missing, np.nan, clean), events, methods)
+        said += extrapolated(table.path.name, {name: clean}, {name: line})
         frame[f"{name}_degC"] = np.round(done[name].temperature, DECIMALS)
         progress(name, k + 1, len(names))
     notes = {
         **table.metadata, "tcdyn": COMPENSATED, "method": METHOD, "source": table.path.name,
         "source_sha256": table.sha256,
     }  # fmt: skip
-    return DenoisedLog(frame, notes, tuple(gathered(table.warnings)), done, table)
+    return DenoisedLog(frame, notes, tuple(said), done, table)

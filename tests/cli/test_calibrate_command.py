@@ -168,9 +168,7 @@ def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
     assert pd.DataFrame(run.plunges[0].readings_degC).isna().sum().tolist() == [0, 0, 0, 0, 30, 0]
     told = [w for w in run.warnings if "extrapolate" in w]
     assert len(told) == 1  # one sentence for the six channels
-    assert re.match(
-        r"P2\.csv: channels a, b, c, d, e, f were at 2\d to 9\d degC, the oven at \d+ to (79|80|81) degC", told[0]
-    )
+    assert re.match(r"P2\.csv: a, b, c, d, e, f read 2\d to 9\d degC, calibrated from \d+ to (79|80|81) degC", told[0])
     own = campaign.calibrations["fast"].warnings
     assert not any("extrapolate" in w for w in own)
 
