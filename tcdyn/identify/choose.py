@@ -17,9 +17,9 @@ from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.problem import cut
-from tcdyn.identify.realise import realise
-from tcdyn.identify.simulate import simulate_rows
+from tcdyn.identify.problem import Segment, cut
+from tcdyn.identify.realise import Array, realise
+from tcdyn.identify.simulate import Start, simulate_rows
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P3", "P3D")
 
@@ -156,18 +156,19 @@ def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IODat
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on.
 
-    Nothing is re-estimated but a state: where the fit estimated its initial state, the same start is continued.
+    Nothing is re-estimated but a state: a record that the fit has begun is continued from the state it found; any
+    other whose state is free (after a gap, or all with "estimated") gets the state that suits it best.
     """
-    model = result.identified
+    model, problem = result.identified, result.problem
     rational = model.rational
     system = realise(rational, sensitivities=False)
-    start = "zero" if result.problem.initial == "zero" else "equilibrium"
+    start: Start = "zero" if problem.initial == "zero" else "equilibrium"
     errors, spreads = [], []
     for k, run in enumerate(test.runs):
         for s in cut(run, k, test.dt_s):
-            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset  # type: ignore
-            if result.problem.n_states:
-                y = y + continued(result, s.start_s, len(y))
+            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset
+            if s.resumed or problem.initial == "estimated":
+                y = y + free_response(result, s, s.y - y)
             late = s.seen & (s.start_s + np.arange(len(y)) * test.dt_s >= from_s)
             errors.append((s.y - y)[late])
             spreads.append(s.y[late] - np.mean(s.y[late]) if late.any() else s.y[late])
@@ -178,15 +179,18 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     return top, 100 * (1 - top / base) if base > 0 else np.nan
 
 
-def continued(result: Fit, start_s: float, n: int) -> np.ndarray:
-    """Free response of the fitted initial state when the test record begins where the training one did; else
-    zero."""
-    problem = result.problem
-    for k, s in enumerate(problem.segments):
-        if abs(s.start_s - start_s) < 0.5 * problem.dt_s:
-            at = problem.n_model + problem.n_offsets + k * problem.n_states
-            return problem.free_response(result.identified.rational, result.x[at : at + problem.n_states], n)[0]
-    return np.zeros(n)
+def free_response(result: Fit, piece: Segment, left: Array) -> Array:
+    """What the initial state of ``piece`` leaves in its output (N,): that of the fitted segment with which it begins,
+    else the one that explains most of ``left`` (N,), its output less the response to its input."""
+    problem, rational = result.problem, result.identified.rational
+    for k in problem.loose:
+        s = problem.segments[k]
+        m = min(len(s.y), len(piece.y))
+        if s.start_s == piece.start_s and np.array_equal(s.y[:m], piece.y[:m], equal_nan=True):
+            return np.asarray(problem.free_response(rational, result.x[problem.state_slice(k)], len(left))[0])
+    rows = problem.state_rows(problem.free_response(rational, np.ones(problem.n_states), len(left)))
+    state = np.linalg.lstsq(rows[:, piece.seen].T, left[piece.seen], rcond=1e-10)[0]
+    return np.asarray(state @ rows)
 
 
 def recommend(table: pd.DataFrame) -> tuple[str, str]:

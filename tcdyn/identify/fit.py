@@ -136,7 +136,7 @@ def fit(
         x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1]
     optimum = search(problem, start=x0)
     problem = replace(problem, time_scale_s=max(problem.dt_s, abs(first_moment(problem, optimum.x))))
-    if problem.n_states:
+    if problem.loose:
         optimum = search(problem, start=rescaled(problem, optimum.x))
     parts = stretches(problem)
     weights = np.ones(problem.n_seen)

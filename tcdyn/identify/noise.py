@@ -136,7 +136,8 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice]) -> Array:
     for s in parts:
         shaped[s] = lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
     bread, _ = inverse(jacobian)
-    return np.asarray(variance * bread @ (shaped.T @ shaped) @ bread)
+    half = shaped @ bread  # squared as a whole: between lags that nearly coincide the product of three loses all digits
+    return np.asarray(variance * half.T @ half)
 
 
 def inverse(jacobian: Array) -> tuple[Array, bool]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
+from scipy.signal import lfilter
 
 from calibration.disk import Conditioning
 from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer
@@ -145,3 +146,15 @@ def test_json_and_control_give_the_same_model_back():
 def test_the_same_fit_twice_is_the_same_fit():
     data = case_a("plunge", 7)
     assert fit(data, "P2D").identified.to_json() == fit(data, "P2D").identified.to_json()
+
+
+def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
+    """One lag behind a dead time under coloured noise, fitted by two: twins, and '+- 0 s' was said."""
+    t = np.arange(1200.0)
+    noise = lfilter([1.0], [1.0, -0.98], np.random.default_rng(5).normal(0, 0.02, len(t)))
+    y = 10 * (1 - np.exp(-np.clip(t - 260, 0, None) / 100)) + noise
+    data = IOData.from_arrays((t >= 200) * 1.0, y, 1.0, hold="zoh")
+    found = fit(data, "P2", intervals="quadratic").identified
+    assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
+    assert 0.5 < found.lag_s.u < 50  # some part of 156 s; rounding made the variance negative
+    assert np.linalg.eigvalsh(found.covariance).min() > 0
