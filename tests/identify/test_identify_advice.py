@@ -79,7 +79,8 @@ def test_models_as_good_as_the_recommended_one_are_named() -> None:
 
 def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6)])
-    assert "Next, let the runs start off equilibrium" in advice(table, *recommend(table), unsettled=True)
+    troubles = ("let the runs start off equilibrium (--initial estimated)",)
+    assert "Next, let the runs start off equilibrium" in advice(table, *recommend(table), troubles=troubles)
 
 
 def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> None:
