@@ -142,13 +142,14 @@ def compared(
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:
-    """Models with a complex pair (U) whose poles are real, where the same two lags were fitted without complaint."""
+    """Models with a complex pair (U) whose poles are real, where the two lags that it is were fitted no worse: the data
+    determine them, or do not determine the pair either."""
     return [
         name
         for name, found in fits.items()
         if found.identified.theta.get("Zeta", 0.0) >= 1
         and (plain := fits.get(name.replace("U", ""))) is not None
-        and not plain.warnings
+        and (found.warnings or not plain.warnings)
     ]
 
 
@@ -270,9 +271,10 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     if len(missing):
         verb = "misses" if len(missing) == 1 else "miss"
         reason += f"; {', '.join(missing['model'])} would score better but {verb} dynamics"
-    if left_out:
-        verb = "is" if len(left_out) == 1 else "are"
-        reason += f"; {', '.join(left_out)} {verb} left out, for the pair does not oscillate and is two lags"
+    real = table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)]["model"]
+    if len(real):
+        verb = "is" if len(real) == 1 else "are"
+        reason += f"; {', '.join(real)} {verb} left out, for the pair does not oscillate and is two lags"
     return str(best["model"]), reason + "."
 
 

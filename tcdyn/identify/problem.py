@@ -53,7 +53,9 @@ class Problem:
 
     @property
     def n_offsets(self) -> int:
-        """Free output offsets."""
+        """Free output offsets; none where an integrator's free state is one already."""
+        if self.model.integrators and len(self.loose) == len(self.segments):
+            return 0
         return {"free": 1, "per run": len({s.run for s in self.segments}), "none": 0}[self.model.offset]
 
     def offset_at(self, k: int) -> int:

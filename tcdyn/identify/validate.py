@@ -79,13 +79,18 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     standard = np.abs(raw) / scale
     spikes, largest = int(np.sum(standard > limit)), float(standard.max())
     percent = fit_percent(problem, r)
+    unsettled = start_advice(fit)
     troubles = {
-        "let the runs start off equilibrium (--initial estimated)": start_advice(fit),
+        "let the runs start off equilibrium (--initial estimated)": unsettled,
         "take the drift out of the output": drift_advice(problem, r) if coloured else "",
-        "log the output in finer steps": rounding_advice(fit),
-        "use a record with the loop open": feedback_advice(ew, jw, ahead, u[:, 1:]),
     }
-    said = sentence(fit, white, cross, coloured, 0 if start_advice(fit) else spikes, percent)
+    doubts = {
+        "log the output in finer steps": rounding_advice(fit),
+        "see whether the input answers the output (a closed loop)": feedback_advice(ew, jw, ahead, u[:, 1:]),
+    }
+    told = troubles | doubts
+    counted = told if cross.p < ALARM else troubles
+    said = sentence(fit, white, cross, coloured, 0 if unsettled else spikes, percent)
     return Validation(
         whiteness=white,
         input=cross,
@@ -94,8 +99,8 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         spikes=spikes,
         largest_spike=largest,
         coloured=coloured,
-        sentence=said + "".join(troubles.values()),
-        troubles=tuple(what for what, why in troubles.items() if why),
+        sentence=said + "".join(told.values()),
+        troubles=tuple(what for what, why in counted.items() if why),
     )
 
 
@@ -281,5 +286,5 @@ def feedback_advice(e: Array, jacobian: Array, ahead: Array, behind: Array) -> s
         return ""
     return (
         f" They tell of the input still to come ({p_text(future)}) and not of the past one: the input answers the "
-        "output (feedback, a closed loop), which biases such a fit; use a record with the loop open."
+        "output (feedback, a closed loop, which biases the fit), or the two are not sampled at the same instants."
     )

@@ -148,6 +148,9 @@ def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
     (tmp_path / "bare.csv").write_text("0;299,53\n1;299,6\n")
     with pytest.raises(InputError, match="first row holds numbers"):
         from_csv(tmp_path / "bare.csv", input="u", output="y")
+    (tmp_path / "bare.csv").write_text("0\t299.53\t\n1\t299.6\t\n2\t299.7\t\n")  # a separator ends each line
+    with pytest.raises(InputError, match=r"first row holds numbers \(0, 299.53\)"):
+        from_csv(tmp_path / "bare.csv", input="u", output="y")
 
 
 def test_a_missing_time_column_names_the_options_of_both_ways_in():

@@ -159,3 +159,15 @@ def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
         assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
         assert 4 < found.lag_s.u < 10  # eight such records gave 5 to 8 s; before, 0 to 31 s
         assert np.linalg.eigvalsh(found.covariance).min() > 0
+
+
+def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
+    """Its free state holds the level, so that an offset beside it could not be told from it."""
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
+    y = 7 + simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh", "zero")
+    data = IOData.from_arrays(u, y + 0.01 * rng.normal(size=len(u)), 0.5, hold="zoh")
+    found = fit(data, "P1I", initial="estimated")
+    assert not found.warnings
+    for name, truth in (("Kp", 0.05), ("Tp1", 2.0)):
+        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
