@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.write import write_text
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, check_choice, dump, say, spare_inputs, within
+from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
 from tcdyn.identify.fit import Fit
@@ -53,7 +53,14 @@ def identify(
         str, typer.Option(help="Shape of that filter: cascade (of single lags) or butterworth.")
     ] = "cascade",
     no_offset: Annotated[bool, typer.Option("--no-offset", help="The output has no offset.")] = False,
-    initial: Annotated[str, typer.Option(help="Start of each run: equilibrium, zero or estimated.")] = "equilibrium",
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            help="Start of each run: equilibrium, zero or estimated. Without it equilibrium, and estimated where a run "
+            "starts off it."
+        ),
+    ] = None,
+    check: Annotated[bool, typer.Option(help="Refuse an output that moves before its input.")] = True,
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
     held_out: Annotated[
         float,
@@ -75,7 +82,9 @@ def identify(
         raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
     check_choice("--hold", hold, ("foh", "zoh"))
     check_choice("--shape", shape, ("cascade", "butterworth"))
-    check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
+    begun = {} if initial is None else {"initial": initial}
+    if initial is not None:
+        check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
     json_path = out or data.with_suffix(".identified.json")
     html_path = report or json_path.with_suffix(".html")
     spare_inputs([data], out=json_path, report=html_path)
@@ -83,7 +92,9 @@ def identify(
     fixed = {} if gain is None else {"Kp": gain}
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
     structures = [structure(name, fixed, no_offset, filter_) for name in split_models(models)]
-    comparison = compare(record, structures, held_out=held_out, initial=initial, loss="huber" if robust else "linear")
+    loss = "huber" if robust else "linear"
+    with counted(len(structures), quiet or json_) as progress:
+        comparison = compare(record, structures, held_out=held_out, progress=progress, loss=loss, check=check, **begun)
     if not (quiet or json_):
         typer.echo(comparison.summary())
         say(as_chain(comparison.best.identified, filter_))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 import pandas as pd
 
 from calibration.disk import Conditioning
@@ -12,6 +13,8 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.validate import ALARM
 
+HALF = 50.0  # per cent of fit below which coloured residuals are no longer a mere disturbance
+
 
 def follows_input(row: pd.Series) -> bool:
     """Whether a model's residuals still follow the input (1 % level), so that it misses dynamics."""
@@ -19,37 +22,59 @@ def follows_input(row: pd.Series) -> bool:
 
 
 def advice(
-    table: pd.DataFrame, recommended: str, why: str, untried: Sequence[str] = (), unsettled: bool = False
+    table: pd.DataFrame, recommended: str, why: str, untried: Sequence[str] = (), troubles: Sequence[str] = ()
 ) -> str:
     """What to use and why, or that none of the models is good enough and what to try.
 
     Args:
         table: that of ``compare``, a row for each model.
         recommended: the model that it recommends.
-        why: its reason, one sentence.
+        why: its reason, one sentence or two.
         untried: models that were not among those compared.
-        unsettled: whether a run starts off the equilibrium that was assumed.
+        troubles: what to do about the record, as its residuals say (``Validation.troubles``).
     """
     row = table[table["model"] == recommended].iloc[0]
-    if follows_input(row):
-        more = f"compare others (--models {','.join(untried[:3])})" if untried else "ask --narx whether it is linear"
-        more = f"let the runs start off equilibrium (--initial estimated), {more}" if unsettled else more
+    coloured = bool(row.get("p_white", 1.0) < ALARM)
+    against = objection(row, coloured)
+    if against:
+        more = [f"compare others (--models {','.join(untried[:3])})" if untried else "ask --narx whether it is linear"]
+        repeats = f" It repeats the held-out part to {row['held_out_percent']:.1f} %." if known(row) else ""
         return (
-            f"None of these models is good enough: the residuals of every one that the data determine still follow the "
-            f"input. Do not trust the intervals below. The least bad is {recommended} ({why[:-1]}): it repeats the "
-            f"held-out part to {row['held_out_percent']:.1f} %. Next, {more}, or look for a second input."
+            f"None of these models is good enough: {against}. Do not trust the intervals below. The least bad is "
+            f"{recommended}. {why}{repeats} Next, {', and '.join([*troubles, *more])}."
         )
+    first = f" But first {', and '.join(troubles)}." if troubles else ""
     if row["remark"]:
         return (
             f"Use {recommended} with care. {why} But {row['remark']}: excite the input more, or hold what is known "
-            "(--gain)."
+            f"(--gain).{first}"
         )
-    if row.get("p_white", 1.0) < ALARM:
-        return (
-            f"Recommended: {recommended}. {why} Nothing of the input is left in its residuals. They are coloured "
-            "all the same, by disturbances or dynamics too weak to tell, so the intervals are the robust, wider ones."
+    if coloured:
+        said = (
+            "Its residuals are coloured, by disturbances or dynamics; beneath that colour the test cannot see what is "
+            "left of the input. The intervals are the robust, wider ones."
         )
-    return f"Recommended: {recommended}. {why} Its residuals hold nothing against it."
+    elif row["fit_percent"] < HALF:
+        said = f"It explains {row['fit_percent']:.0f} % of the output, the rest is white noise."
+    else:
+        said = "Its residuals hold nothing against it."
+    return f"{f'Provisionally {recommended}' if troubles else f'Recommended: {recommended}'}. {why} {said}{first}"
+
+
+def objection(row: pd.Series, coloured: bool) -> str:
+    """Why a model is not good enough to be used, else ""; white noise may be as large as it likes."""
+    if follows_input(row):
+        return "the residuals of every one that the data determine still follow the input"
+    if known(row) and row["held_out_percent"] < 0 and row["held_out_rms"] > 2 * row["rms"]:
+        return "on data that it has not seen the best of them does worse than their mean"
+    if coloured and row["fit_percent"] < HALF:
+        return f"the best of them repeats only {row['fit_percent']:.0f} % of the output, and the rest is no white noise"
+    return ""
+
+
+def known(row: pd.Series) -> bool:
+    """Whether there is a held-out score: none where the output of that part never moves."""
+    return bool(np.isfinite(row["held_out_percent"]))
 
 
 def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
@@ -64,7 +89,7 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
             "parameters": [f"{n:.0f}" for n in good["parameters"]],
             "fit [%]": [f"{v:.2f}" for v in good["fit_percent"]],
             f"rms{f' [{unit}]' if unit else ''}": [f"{v:.3g}" for v in good["rms"]],
-            "held out [%]": [f"{v:.2f}" for v in good["held_out_percent"]],
+            "held out [%]": [f"{v:.2f}" if np.isfinite(v) else "" for v in good["held_out_percent"]],
             "BIC above best": [f"{v:.1f}" for v in good["BIC"] - good["BIC"].min()],
             "white p": [_p(v) for v in good["p_white"]],
             "input p": [_p(v) for v in good["p_input"]],
@@ -103,5 +128,7 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
 
 
 def _filter(b: Conditioning) -> str:
+    if not b.poles:
+        return "Conditioning(poles=0)"
     shape = "" if b.shape == "cascade" else f", {b.shape!r}"
     return f"Conditioning({b.cutoff_Hz:g}, {b.poles}{shape})"

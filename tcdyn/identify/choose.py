@@ -3,7 +3,7 @@ why."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +17,15 @@ from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.problem import cut
-from tcdyn.identify.realise import realise
-from tcdyn.identify.simulate import simulate_rows
+from tcdyn.identify.problem import Segment, cut
+from tcdyn.identify.realise import Array, realise
+from tcdyn.identify.simulate import Start, simulate_rows
+from tcdyn.identify.validate import start_advice
 
-CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P3", "P3D")
+CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
+OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
+DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
+Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 @dataclass(frozen=True)
@@ -51,9 +55,8 @@ class Comparison(Result):
     @property
     def advice(self) -> str:
         """Which model to use and why, or that none of them is good enough and what to try."""
-        untried = [name for name in CANDIDATES if name not in set(self.table["model"])]
-        unsettled = "off the equilibrium" in self.best.identified.sentence
-        return advice(self.table, self.recommended, self.why, untried, unsettled)
+        untried = [name for name in OFFERED if name not in set(self.table["model"])]
+        return advice(self.table, self.recommended, self.why, untried, self.best.validation.troubles)
 
     def to_dict(self) -> dict[str, Any]:
         """The recommended model as its file holds it, why, and the order table."""
@@ -70,23 +73,42 @@ def compare(
     models: Sequence[Model | str] = CANDIDATES,
     *,
     held_out: IOData | float = 0.3,
+    progress: Progress = lambda name, number, count: None,
     **options: Any,
 ) -> Comparison:
     """Fit every model to all of ``data`` and score it on data it has not seen.
 
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
-    scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`. The recommendation
-    takes the lowest BIC among models without complaint (no parameter on a bound or undetermined), and gives way to
-    a smaller model whose BIC is within 2, or whose held-out error is better by more than 5 %. Models whose residuals
-    still follow the input come last, after those whose single parameters the data do not determine but whose response
-    they do. Ends with a reason in words.
+    scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
+    runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
+    with their initial states estimated. How the recommendation is made: :func:`recommend`. ``progress`` is told
+    each model before it is fitted.
     """
+    found = compared(data, models, held_out, progress, options)
+    if "initial" in options or not start_advice(found.best):
+        return found
+    freed = compared(data, models, held_out, progress, {**options, "initial": "estimated"})
+    if freed.table["BIC"].min() >= found.table["BIC"].min():
+        return found
+    why = f"{freed.why} As a run starts off the equilibrium, the state at each start was estimated."
+    return replace(freed, why=why)
+
+
+def compared(
+    data: IOData,
+    models: Sequence[Model | str],
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+) -> Comparison:
+    """:func:`compare` with the fit's ``options`` as they are."""
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
     first: InputError | None = None
     train, test, from_s = divide(data, held_out)
-    for entry in models:
+    for number, entry in enumerate(models, 1):
         model = as_model(entry)
+        progress(model.name, number, len(models))
         try:
             whole = not_worse(fit(data, model, **options), fits, data, options)
             score = whole if train is None else trained(train, model, options)
@@ -115,8 +137,20 @@ def compare(
     if not fits:
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", ignore_index=True)
-    name, why = recommend(table)
+    name, why = recommend(table, overdamped(fits))
     return Comparison(table, fits, name, why)
+
+
+def overdamped(fits: Mapping[str, Fit]) -> list[str]:
+    """Models with a complex pair (U) whose poles are real, where the two lags that it is were fitted no worse: the data
+    determine them, or do not determine the pair either."""
+    return [
+        name
+        for name, found in fits.items()
+        if found.identified.theta.get("Zeta", 0.0) >= 1
+        and (plain := fits.get(name.replace("U", ""))) is not None
+        and (found.warnings or not plain.warnings)
+    ]
 
 
 def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]) -> Fit:
@@ -156,18 +190,19 @@ def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IODat
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on.
 
-    Nothing is re-estimated but a state: where the fit estimated its initial state, the same start is continued.
+    Nothing is re-estimated but a state: a record that the fit has begun is continued from the state it found; any
+    other whose state is free (after a gap, or all with "estimated") gets the state that suits it best.
     """
-    model = result.identified
+    model, problem = result.identified, result.problem
     rational = model.rational
     system = realise(rational, sensitivities=False)
-    start = "zero" if result.problem.initial == "zero" else "equilibrium"
+    start: Start = "zero" if problem.initial == "zero" else "equilibrium"
     errors, spreads = [], []
     for k, run in enumerate(test.runs):
         for s in cut(run, k, test.dt_s):
-            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset  # type: ignore
-            if result.problem.n_states:
-                y = y + continued(result, s.start_s, len(y))
+            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset
+            if s.resumed or problem.initial == "estimated":
+                y = y + free_response(result, s, s.y - y)
             late = s.seen & (s.start_s + np.arange(len(y)) * test.dt_s >= from_s)
             errors.append((s.y - y)[late])
             spreads.append(s.y[late] - np.mean(s.y[late]) if late.any() else s.y[late])
@@ -178,31 +213,43 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     return top, 100 * (1 - top / base) if base > 0 else np.nan
 
 
-def continued(result: Fit, start_s: float, n: int) -> np.ndarray:
-    """Free response of the fitted initial state when the test record begins where the training one did; else
-    zero."""
-    problem = result.problem
-    for k, s in enumerate(problem.segments):
-        if abs(s.start_s - start_s) < 0.5 * problem.dt_s:
-            at = problem.n_model + problem.n_offsets + k * problem.n_states
-            return problem.free_response(result.identified.rational, result.x[at : at + problem.n_states], n)[0]
-    return np.zeros(n)
+def free_response(result: Fit, piece: Segment, left: Array) -> Array:
+    """What the initial state of ``piece`` leaves in its output (N,): that of the fitted segment with which it begins,
+    else the one that explains most of ``left`` (N,), its output less the response to its input."""
+    problem, rational = result.problem, result.identified.rational
+    for k in problem.loose:
+        s = problem.segments[k]
+        m = min(len(s.y), len(piece.y))
+        if s.start_s == piece.start_s and np.array_equal(s.y[:m], piece.y[:m], equal_nan=True):
+            return np.asarray(problem.free_response(rational, result.x[problem.state_slice(k)], len(left))[0])
+    rows = problem.state_rows(problem.free_response(rational, np.ones(problem.n_states), len(left)))
+    state = np.linalg.lstsq(rows[:, piece.seen].T, left[piece.seen], rcond=1e-10)[0]
+    return np.asarray(state @ rows)
 
 
-def recommend(table: pd.DataFrame) -> tuple[str, str]:
-    """The row to use and a sentence why."""
-    good = table[table["BIC"].notna()]
+def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, str]:
+    """The row to use and a sentence why.
+
+    The lowest BIC among models without complaint (no parameter on a bound or undetermined) whose residuals do not
+    follow the input; failing that, among those that the data do not determine but whose residuals do not follow the
+    input; then among those without complaint. A model is passed over for another kind only where that one's BIC is
+    less than 10 above it: what explains decisively less of the output passes the tests for want of power. Within a
+    kind the best gives way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
+    held-out error is better by more than 5 %. ``left_out`` are names that are not considered.
+    """
+    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
     sound = good[good["remark"] == ""]
     passing = sound[[not follows_input(row) for _, row in sound.iterrows()]]
     explaining = good[[not follows_input(row) for _, row in good.iterrows()]]
-    pool = next(p for p in (passing, explaining, sound, good) if len(p))
+    limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
+    pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
     best = pool.iloc[0]
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
     reason = f"{best['model']} has the lowest BIC"
     if len(near):
         best = near.sort_values("parameters").iloc[0]
         reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"
-    rival = pool.sort_values("held_out_rms").iloc[0]
+    rival = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE].sort_values("held_out_rms").iloc[0]
     if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
         reason = (
             f"{rival['model']} simulates the held-out part better ({rival['held_out_rms']:.4g} against "
@@ -211,7 +258,7 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
         best = rival
     elif len(pool) > 1:
         reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
-        if not best["held_out_rms"] > rival["held_out_rms"]:
+        if not best["held_out_rms"] > pool["held_out_rms"].min():
             reason += ", the least of all"
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
     if len(ties) and not len(near):
@@ -224,6 +271,10 @@ def recommend(table: pd.DataFrame) -> tuple[str, str]:
     if len(missing):
         verb = "misses" if len(missing) == 1 else "miss"
         reason += f"; {', '.join(missing['model'])} would score better but {verb} dynamics"
+    real = table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)]["model"]
+    if len(real):
+        verb = "is" if len(real) == 1 else "are"
+        reason += f"; {', '.join(real)} {verb} left out, for the pair does not oscillate and is two lags"
     return str(best["model"]), reason + "."
 
 

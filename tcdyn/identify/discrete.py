@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from calibration.errors import InputError
+from calibration.estimate import with_u
+from calibration.result import Result
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.noise import inverse
 from tcdyn.identify.optimise import least_squares
@@ -15,7 +18,7 @@ from tcdyn.identify.realise import Array
 
 
 @dataclass(frozen=True)
-class DiscreteFit:
+class DiscreteFit(Result):
     """y = q^-nk B(q)/A(q) u + offset; ``a`` = (1, a1, ..), ``b`` = (b0, ..); covariance of (a1.., b0..,
     offset)."""
 
@@ -44,6 +47,20 @@ class DiscreteFit:
         """-dt/ln|p| of every pole [s]."""
         with np.errstate(divide="ignore"):
             return np.asarray(-self.dt_s / np.log(np.abs(self.poles)))
+
+    def summary(self) -> str:
+        """Coefficients with their standard uncertainties, gain, time constants and the simulated fit."""
+        names = [*(f"a{i + 1}" for i in range(len(self.a) - 1)), *(f"b{i}" for i in range(len(self.b)))]
+        values = [*self.a[1:], *self.b]
+        lines = [f"{self.kind}, {self.nk} samples of dead time, dt = {self.dt_s:g} s"]
+        lines += [f"  {n} {with_u(v, u)}" for n, v, u in zip(names, values, np.sqrt(np.diag(self.covariance)))]
+        lines.append(f"  offset {self.offset:.4g}, gain {self.gain:.4g}")
+        lines.append(f"  time constants {', '.join(f'{t:.4g}' for t in self.time_constants_s)} s")
+        return "\n".join([*lines, f"  fit {self.fit_percent:.2f} % (simulated), rms {self.rms:.4g}"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields, the gain and the time constants."""
+        return {**super().to_dict(), "gain": self.gain, "time_constants_s": self.time_constants_s.tolist()}
 
     def simulate(self, u: Array) -> Array:
         """Output from the input alone, started in equilibrium with ``u[0]``."""

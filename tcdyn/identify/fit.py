@@ -16,7 +16,7 @@ from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.noise import Noise, fit_arma, inverse, sandwich, stretches
+from tcdyn.identify.noise import Noise, coarse_step, fit_arma, inverse, rounding_covariance, sandwich, stretches
 from tcdyn.identify.optimise import Optimum, Status
 from tcdyn.identify.problem import Initial, Problem, pose
 from tcdyn.identify.realise import Array
@@ -136,7 +136,7 @@ def fit(
         x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1]
     optimum = search(problem, start=x0)
     problem = replace(problem, time_scale_s=max(problem.dt_s, abs(first_moment(problem, optimum.x))))
-    if problem.n_states:
+    if problem.loose:
         optimum = search(problem, start=rescaled(problem, optimum.x))
     parts = stretches(problem)
     weights = np.ones(problem.n_seen)
@@ -222,6 +222,9 @@ def assemble(
         found = problem.evaluate(x)
         assert found is not None
         cov_x = robust_covariance(found[0], found[1], loss)
+    step = coarse_step(problem)
+    if np.sqrt(np.mean(residual**2)) < step:
+        cov_x, kind = cov_x + rounding_covariance(problem, jacobian, step), 1.0
     scale = problem.natural_scale(x)[: problem.n_model]
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     theta = problem.theta(x)
@@ -236,7 +239,7 @@ def assemble(
             warnings.append(
                 f"{name} equals another lag: only their sum is determined; complex poles (U) may fit better"
             )
-        elif model.positive(name) and u[i] > 0.5 * theta[name]:
+        elif undetermined(model, name, theta, u[i]):
             warnings.append(f"{name} is hardly determined by these data (u = {u[i]:.2g} for {theta[name]:.2g})")
     if not full_rank:
         warnings.append(f"the data cannot tell all parameters of {model.name} apart: some intervals are meaningless")
@@ -287,6 +290,17 @@ def assemble(
         "robust_covariance": kind,
     }
     return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+
+
+def undetermined(model: Model, name: str, theta: Mapping[str, float], u: float) -> bool:
+    """Whether the uncertainty is more than half of a parameter's size; a zero may be nought, and is measured by the
+    lags beside it."""
+    size = abs(theta[name])
+    if name == "Tz":
+        size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc")))
+    elif name != "Kp" and not model.positive(name):
+        return False
+    return u > 0.5 * size
 
 
 def twin(model: Model, theta: Mapping[str, float], name: str) -> bool:

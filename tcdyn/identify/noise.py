@@ -10,6 +10,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
+from calibration.noise import rounding_sd
 from tcdyn.identify.optimise import least_squares
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.realise import Array
@@ -136,7 +137,30 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice]) -> Array:
     for s in parts:
         shaped[s] = lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
     bread, _ = inverse(jacobian)
-    return np.asarray(variance * bread @ (shaped.T @ shaped) @ bread)
+    half = shaped @ bread  # squared as a whole: between lags that nearly coincide the product of three loses all digits
+    return np.asarray(variance * half.T @ half)
+
+
+def coarse_step(problem: Problem) -> float:
+    """The step in which the output's logger counts, where neighbours are often equal; else zero."""
+    y = np.concatenate([s.y[s.seen] for s in problem.segments])
+    if rounding_sd(y) == 0:
+        return 0.0
+    moved = np.abs(np.diff(y))
+    return float(moved[moved > 1e-9 * moved.max()].min())
+
+
+def rounding_covariance(problem: Problem, jacobian: Array, step: float) -> Array:
+    """Covariance (P, P) that rounding to ``step`` leaves where no noise shakes it: readings in a row that are equal
+    share one error of variance step^2/12.
+
+    ``jacobian`` (N, P) is that of the measured samples.
+    """
+    y = np.concatenate([s.y[s.seen] for s in problem.segments])
+    edges = [part.start for part in stretches(problem)]
+    new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(y)) > 0.5 * step) + 1).astype(int)
+    half = np.add.reduceat(jacobian, new, axis=0) @ inverse(jacobian)[0]
+    return np.asarray(step**2 / 12 * half.T @ half)
 
 
 def inverse(jacobian: Array) -> tuple[Array, bool]:

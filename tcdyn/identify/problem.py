@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -19,19 +20,24 @@ Initial = Literal["equilibrium", "zero", "estimated"]
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured."""
+    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured.
+
+    ``resumed``: it follows a gap of its run, so that nothing is known of the state it begins from.
+    """
 
     u: Array
     y: Array
     seen: np.ndarray
     run: int
     start_s: float
+    resumed: bool = False
 
 
 @dataclass(frozen=True)
 class Problem:
     """One input, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
-    the offset(s), then the initial states of every segment when they are estimated."""
+    the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
+    ``initial`` is "estimated"."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -47,20 +53,37 @@ class Problem:
 
     @property
     def n_offsets(self) -> int:
-        """Free output offsets."""
-        return {"free": 1, "per run": len(self.segments), "none": 0}[self.model.offset]
+        """Free output offsets; none where an integrator's free state is one already."""
+        if self.model.integrators and len(self.loose) == len(self.segments):
+            return 0
+        return {"free": 1, "per run": len({s.run for s in self.segments}), "none": 0}[self.model.offset]
+
+    def offset_at(self, k: int) -> int:
+        """Where in x the offset of segment ``k`` is."""
+        runs = sorted({s.run for s in self.segments})
+        return self.n_model + (runs.index(self.segments[k].run) if self.model.offset == "per run" else 0)
 
     @property
     def n_states(self) -> int:
-        """Free initial-state coefficients of one segment."""
-        if self.initial != "estimated":
-            return 0
+        """Initial-state coefficients of a segment whose state is free."""
         return self.model.order + self.model.integrators + len(self.model.known.den) - 1
+
+    @cached_property
+    def loose(self) -> tuple[int, ...]:
+        """Indices of the segments whose initial state is free."""
+        return tuple(k for k, s in enumerate(self.segments) if s.resumed or self.initial == "estimated")
+
+    def state_slice(self, k: int) -> slice:
+        """Where in x the initial state of segment ``k`` is; empty where it is not free."""
+        if k not in self.loose:
+            return slice(0, 0)
+        at = self.n_model + self.n_offsets + self.n_states * self.loose.index(k)
+        return slice(at, at + self.n_states)
 
     @property
     def size(self) -> int:
         """Length of x."""
-        return self.n_model + self.n_offsets + self.n_states * len(self.segments)
+        return self.n_model + self.n_offsets + self.n_states * len(self.loose)
 
     @property
     def n_seen(self) -> int:
@@ -117,14 +140,14 @@ class Problem:
             rows = simulate_rows(system, segment.u, self.dt_s, rational.delay_s, self.hold, start)
             y = rows[0]
             if self.n_offsets:
-                y = y + x[self.n_model + (k if self.model.offset == "per run" else 0)]
+                y = y + x[self.offset_at(k)]
             j = np.zeros((len(y), self.size if jacobian else 0))
-            free, at = None, self.n_model + self.n_offsets + k * self.n_states
-            if self.n_states:
-                free = self.free_response(rational, x[at : at + self.n_states], len(y))
+            free, state = None, x[self.state_slice(k)]
+            if len(state):
+                free = self.free_response(rational, state, len(y))
                 y = y + free[0]
             if jacobian:
-                self.fill(j, rows, free, theta, x, k, at)
+                self.fill(j, rows, free, theta, x, k)
             answers.append((y, j))
         return answers
 
@@ -134,20 +157,21 @@ class Problem:
         system: Realisation = realise(model)
         return free_rows(system, n, self.dt_s)
 
-    def fill(
-        self, j: Array, rows: Array, free: Array | None, theta: Mapping[str, float], x: Array, k: int, at: int
-    ) -> None:
+    def fill(self, j: Array, rows: Array, free: Array | None, theta: Mapping[str, float], x: Array, k: int) -> None:
         """Write the Jacobian of one segment into ``j``."""
         rule = self.model.chain_rule(theta)
         j[:, : self.n_model] = rows[1:].T @ rule
         if free is not None:
             skip = rule.shape[0] - 1 - (len(free) - 2 - self.n_states)
             j[:, : self.n_model] += free[1 + self.n_states : -1].T @ rule[skip:-1]
-            scale = self.state_polynomial(np.ones(self.n_states))
-            j[:, at : at + self.n_states] = (free[1 : 1 + self.n_states] * scale[:, None]).T
+            j[:, self.state_slice(k)] = self.state_rows(free).T
         j[:, : self.n_model] *= self.natural_scale(x)[: self.n_model]
         if self.n_offsets:
-            j[:, self.n_model + (k if self.model.offset == "per run" else 0)] = 1.0
+            j[:, self.offset_at(k)] = 1.0
+
+    def state_rows(self, free: Array) -> Array:
+        """d(output)/d(initial-state coefficients), (n_states, N), among the rows of :meth:`free_response`."""
+        return np.asarray(free[1 : 1 + self.n_states] * self.state_polynomial(np.ones(self.n_states))[:, None])
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
         """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian."""
@@ -161,6 +185,9 @@ class Problem:
         return residual, np.vstack([j[s.seen] for s, (_, j) in zip(self.segments, answers)])
 
 
+SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
+
+
 def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
     """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
     known = np.isfinite(run.u[:, 0])
@@ -168,9 +195,22 @@ def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
     pieces = []
     for a, b in edges.reshape(-1, 2):
         y = run.y[a:b, 0]
-        if b - a >= min(8, run.n) and np.isfinite(y).any():
-            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s))
+        if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
+            pieces.append(
+                Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, bool(known[:a].any()))
+            )
     return pieces
+
+
+def nothing_left(data: IOData) -> str:
+    """Which column is to blame where no stretch of the data can be used."""
+    for name, columns in (
+        (data.input_names[0], [r.u[:, 0] for r in data.runs]),
+        (data.output_names[0], [r.y[:, 0] for r in data.runs]),
+    ):
+        if not any(np.isfinite(c).any() for c in columns):
+            return f"column {name} holds no number at all (NaN everywhere)"
+    return f"column {data.input_names[0]} has no {SHORTEST} samples in a row, with the output measured, without a gap"
 
 
 def pose(data: IOData, model: Model, initial: Initial) -> Problem:
@@ -185,8 +225,7 @@ def pose(data: IOData, model: Model, initial: Initial) -> Problem:
         )
     segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
     if not segments:
-        column = data.output_names[0] if all(np.isfinite(r.u).any() for r in data.runs) else data.input_names[0]
-        raise InputError(f"column {column} holds no number at all (NaN everywhere)", where=where)
+        raise InputError(nothing_left(data), where=where, remedy="see whether the right column was taken")
     if all(np.ptp(s.u) == 0 for s in segments) and len({float(s.u[0]) for s in segments}) == 1:
         raise InputError(
             f"input {data.input_names[0]} is constant ({segments[0].u[0]:g})",

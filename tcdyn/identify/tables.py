@@ -115,6 +115,7 @@ def from_csv(path: str | Path, **options: object) -> IOData:
         frame = pd.read_csv(StringIO(text), sep=separator, decimal=decimal, skiprows=above)
     except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise InputError(f"is not a table ({error})", where=path.name, expected="a CSV file with a header") from error
+    frame = frame.drop(columns=[c for c in frame if str(c).startswith("Unnamed:") and frame[c].isna().all()])
     frame.columns = [str(c).strip() for c in frame.columns]
     if all(is_number(c.replace(",", ".") if decimal == "," else c) for c in frame.columns):
         raise InputError(
@@ -217,7 +218,7 @@ def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str,
             f"{dt_s:g} s grid",
             where=where,
             expected="one sampling interval",
-            remedy=f"resample it (resample_s={dt_s:.3g})",
+            remedy=f"resample it (--resample {dt_s:.3g}, resample_s={dt_s:.3g})",
         )
     n = index[-1] + 1
     if n == len(t):

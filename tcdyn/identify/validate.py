@@ -9,19 +9,20 @@ the directions of U that the fit has not used up already.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
 
-from tcdyn.identify.noise import Noise, autocovariance, fit_ar, orthonormal, stretches
+from tcdyn.identify.noise import Noise, autocovariance, coarse_step, fit_ar, orthonormal, stretches
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.realise import Array
 
 if TYPE_CHECKING:
     from tcdyn.identify.fit import Fit
 
+DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
 ALARM = 0.01  # p below which the sentence speaks up; the bounds themselves are at 5 %
 
 
@@ -39,7 +40,7 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Validation:
-    """What the residuals say about a model."""
+    """What the residuals say about a model; ``troubles`` of the record are put as what to do about them."""
 
     whiteness: Correlation
     input: Correlation
@@ -49,6 +50,7 @@ class Validation:
     largest_spike: float
     coloured: bool
     sentence: str
+    troubles: tuple[str, ...] = ()
 
     @property
     def dynamics_missing(self) -> bool:
@@ -65,7 +67,11 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     extra = fit_ar(e, parts) if coloured else Noise()
     u, taus = lagged_inputs(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
     u = extra.whiten(fit.noise.whiten(u, parts), parts)
-    cross = input_correlation(extra.whiten(e, parts), extra.whiten(j, parts), u, taus)
+    ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
+    cross = input_correlation(ew, jw, u, taus)
+    ahead = extra.whiten(fit.noise.whiten(coming_inputs(problem, lags // 2), parts), parts)
+    if explained_by_rounding(fit):
+        white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
     r = fit.residual
     raw = r if fit.noise.white else e
     scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
@@ -73,6 +79,18 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     standard = np.abs(raw) / scale
     spikes, largest = int(np.sum(standard > limit)), float(standard.max())
     percent = fit_percent(problem, r)
+    unsettled = start_advice(fit)
+    troubles = {
+        "let the runs start off equilibrium (--initial estimated)": unsettled,
+        "take the drift out of the output": drift_advice(problem, r) if coloured else "",
+    }
+    doubts = {
+        "log the output in finer steps": rounding_advice(fit),
+        "see whether the input answers the output (a closed loop)": feedback_advice(ew, jw, ahead, u[:, 1:]),
+    }
+    told = troubles | doubts
+    counted = told if cross.p < ALARM else troubles
+    said = sentence(fit, white, cross, coloured, 0 if unsettled else spikes, percent)
     return Validation(
         whiteness=white,
         input=cross,
@@ -81,7 +99,8 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         spikes=spikes,
         largest_spike=largest,
         coloured=coloured,
-        sentence=sentence(fit, white, cross, coloured, spikes, percent),
+        sentence=said + "".join(told.values()),
+        troubles=tuple(what for what, why in counted.items() if why),
     )
 
 
@@ -128,6 +147,15 @@ def lagged_inputs(problem: Problem, lag_s: float, lags: int) -> tuple[Array, Arr
     return np.vstack(tables), problem.dt_s * shifts
 
 
+def coming_inputs(problem: Problem, count: int) -> Array:
+    """Input of the present sample and of the next ones, (N, count); after the end of a segment it stays."""
+    tables = []
+    for s in problem.segments:
+        padded = np.concatenate([s.u, np.full(count, s.u[-1])]) - s.u[0]
+        tables.append(np.array([padded[k : k + len(s.u)] for k in range(count)]).T[s.seen])
+    return np.vstack(tables)
+
+
 def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Correlation:
     """F test of ``e`` against the columns of ``u`` (N, M) beyond what ``jacobian`` explains, and each
     correlation."""
@@ -169,13 +197,15 @@ def colour_advice(fit: Fit) -> str:
     """What to do about coloured residuals, given what was done already."""
     if not fit.noise.white:
         return "Try a noise model of higher order, or one lag more."
-    return "Intervals are the robust ones; try one lag more, and if the colour stays, noise=(2, 1)."
+    return "Intervals are the robust ones; try one lag more, and if the colour stays, noise=(2, 1) from Python."
 
 
 def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, spikes: int, percent: float) -> str:
     """One or two sentences: what is wrong with the model, or that the record holds nothing against it."""
     name = fit.problem.model.name
-    if cross.p < ALARM:
+    if explained_by_rounding(fit):
+        said = f"{name} repeats every reading to within half a step of the output's rounding: no test can say more."
+    elif cross.p < ALARM:
         worst = float(cross.lags_s[int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))])
         said = (
             f"{name} misses dynamics although it fits {percent:.1f} %: its residuals still follow the input "
@@ -183,9 +213,8 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
         )
     elif coloured:
         said = (
-            f"{name} leaves nothing of the input in its residuals ({p_text(cross.p)}), but they are coloured "
-            f"(Ljung-Box {p_text(white.p)}): disturbances, or dynamics this input shows too weakly to tell. "
-            f"{colour_advice(fit)}"
+            f"Residuals of {name} are coloured (Ljung-Box {p_text(white.p)}), by disturbances or by dynamics; whatever "
+            f"of the input lies beneath that colour, the test cannot see ({p_text(cross.p)}). {colour_advice(fit)}"
         )
     else:
         said = (
@@ -193,20 +222,69 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
             f"({p_text(cross.p)}): this record holds nothing against the model."
         )
     if spikes and cross.p >= ALARM:
-        advice = "; fit with loss='huber'" if fit.loss == "linear" else ", held down by the robust loss"
+        advice = "; fit with --robust (loss='huber')" if fit.loss == "linear" else ", held down by the robust loss"
         said += f" {spikes} sample{'s' if spikes > 1 else ''} stand out as spikes{advice}."
-    if fit.problem.initial == "equilibrium":
-        said += start_advice(fit)
+    resumed = sum(s.resumed for s in fit.problem.segments)
+    if resumed:
+        said += f" After {resumed} gap{'s' if resumed > 1 else ''} of the input the state was estimated anew."
     return said
+
+
+def explained_by_rounding(fit: Fit) -> bool:
+    """Whether the output's rounding alone could leave these residuals."""
+    return bool(np.max(np.abs(fit.residual)) <= 0.5 * coarse_step(fit.problem))
+
+
+def rounding_advice(fit: Fit) -> str:
+    """A sentence when the residuals are smaller than the steps in which the output is rounded, else ""."""
+    step, rms = coarse_step(fit.problem), float(np.sqrt(np.mean(fit.residual**2)))
+    if rms >= step:
+        return ""
+    return (
+        f" The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include the "
+        "rounding, which the tests cannot tell from dynamics."
+    )
 
 
 def start_advice(fit: Fit) -> str:
     """A sentence when a run begins 4 rms or more off the assumed equilibrium (median of 3 samples), else ""."""
+    problem = fit.problem
+    if problem.initial != "equilibrium":
+        return ""
     rms = float(np.sqrt(np.mean(fit.residual**2)))
-    first = max((float(np.median(fit.residual[s][:3])) for s in stretches(fit.problem)), key=abs)
+    at = np.cumsum([0, *(s.seen.sum() for s in problem.segments)])
+    starts = [fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if k not in problem.loose]
+    first = max((float(np.median(r)) for r in starts), key=abs, default=0.0)
     if abs(first) <= 4 * rms:
         return ""
     return (
         f" A run starts {abs(first):.3g} off the equilibrium that was assumed, {abs(first) / rms:.0f} times the "
-        "rms: fit with initial='estimated' (--initial estimated)."
+        "rms: fit with --initial estimated (initial='estimated')."
+    )
+
+
+def drift_advice(problem: Problem, residual: Array) -> str:
+    """A sentence when more than a quarter of the residual's variance is a straight line in time, else ""."""
+    rt = rr = tt = 0.0
+    at = 0
+    for s in problem.segments:
+        t = np.flatnonzero(s.seen).astype(float)
+        r = residual[at : at + len(t)]
+        at += len(t)
+        t, r = t - t.mean(), r - r.mean()
+        rt, rr, tt = rt + float(r @ t), rr + float(r @ r), tt + float(t @ t)
+    correlation = rt / np.sqrt(max(rr * tt, 1e-300))
+    if abs(correlation) <= DRIFT:
+        return ""
+    return f" The residuals drift (correlation with time {correlation:.2f}): take the trend out of the output first."
+
+
+def feedback_advice(e: Array, jacobian: Array, ahead: Array, behind: Array) -> str:
+    """A sentence when the residuals tell of the input still to come and not of the past one (1 % level), else ""."""
+    future, past = (input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind))
+    if past < ALARM or future >= ALARM:
+        return ""
+    return (
+        f" They tell of the input still to come ({p_text(future)}) and not of the past one: the input answers the "
+        "output (feedback, a closed loop, which biases the fit), or the two are not sampled at the same instants."
     )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.identify import IOData, compare
+from tcdyn.identify import CANDIDATES, IOData, compare, simulate
 from tcdyn.identify.advice import advice, as_chain, order_table
 from tcdyn.identify.choose import recommend
 from tcdyn.identify.models import process
@@ -50,7 +52,9 @@ def test_none_is_recommended_where_all_miss_dynamics() -> None:
 
 def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
     assert "hold nothing against it" in told(row("P1", 0.0))
-    assert "coloured" in told(row("P1", 0.0, p_white=1e-5))
+    said = told(row("P1", 0.0, p_white=1e-5))
+    assert "coloured" in said
+    assert "cannot see what is left of the input" in said
     assert told(row("P1", 0.0, remark="Td is hardly determined")).startswith("Use P1 with care.")
 
 
@@ -79,7 +83,8 @@ def test_models_as_good_as_the_recommended_one_are_named() -> None:
 
 def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6)])
-    assert "Next, let the runs start off equilibrium" in advice(table, *recommend(table), unsettled=True)
+    troubles = ("let the runs start off equilibrium (--initial estimated)",)
+    assert "Next, let the runs start off equilibrium" in advice(table, *recommend(table), troubles=troubles)
 
 
 def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> None:
@@ -94,3 +99,84 @@ def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_
     assert chain.conditioning == b
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)  # noise of 0.1 % over four steps
     assert as_chain(best, NO_CONDITIONING) == ""  # identified with a filter: without it, it is another chain
+    plain = compare(data, [process("P2")]).best.identified
+    assert "conditioning=Conditioning(poles=0)" in as_chain(plain)  # and no cut-off of a filter that is not there
+
+
+def test_a_held_out_part_in_which_nothing_happens_does_not_overrule_a_decisive_bic() -> None:
+    assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 30.0, held_out_rms=0.05)]))[0] == "P1D"
+    assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 8.0, held_out_rms=0.05)]))[0] == "P1"
+
+
+def test_a_test_passed_for_want_of_power_does_not_overrule_a_decisive_bic() -> None:
+    """What explains decisively less has coarser residuals, beneath which the test sees no input."""
+    for remark in ("", "Tp1 equals another lag"):
+        table = pd.DataFrame([row("P2U", 0.0, p_input=1e-4), row("P2D", 200.0, remark=remark)])
+        assert recommend(table)[0] == "P2U"
+        assert told(*table.to_dict("records")).startswith("None of these models")
+
+
+def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_there() -> None:
+    bad = row("P1", 0.0, held_out_percent=-64.0, held_out_rms=0.5)
+    assert told(bad).startswith("None of these models")
+    assert told(row("P1", 0.0, held_out_percent=-1.0)).startswith("Recommended")  # 0.1 rms, as in the fit: all noise
+    assert "nan" not in told(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
+    assert "nan" not in order_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
+    assert told(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith("None of these models")
+    assert "30 % of the output" in told(row("P1", 0.0, fit_percent=30.0))  # white noise may be large
+
+
+def test_troubles_of_the_record_come_before_any_recommendation() -> None:
+    for other in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
+        table = pd.DataFrame([row("P1", 0.0, **other)])
+        said = advice(table, *recommend(table), troubles=("take the drift out of the output",))
+        assert "But first take the drift out of the output." in said
+        assert "Recommended" not in said
+
+
+def off_equilibrium() -> IOData:
+    """One lag of 3 s that begins 5 units above its equilibrium."""
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.choice([0.0, 1.0], 24), 25)
+    y = simulate(process("P1").rational({"Kp": 4.0, "Tp1": 3.0}), u, 0.2, "zoh") + 10
+    y = y + 5 * np.exp(-0.2 * np.arange(len(u)) / 3) + 0.05 * rng.normal(size=len(u))
+    return IOData.from_arrays(u, y, 0.2, hold="zoh")
+
+
+def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated() -> None:
+    found = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
+    assert found.advice.startswith("Recommended: P1.")
+    assert "the state at each start was estimated" in found.why
+    assert found.best.estimates["Tp1"].value == pytest.approx(3.0, abs=4 * found.best.estimates["Tp1"].u)
+    asked = compare(off_equilibrium(), ["P1", "P2", "P2Z"], initial="equilibrium")
+    assert "Recommended" not in asked.advice
+    assert "--initial estimated" in asked.advice
+    assert "spikes" not in asked.best.identified.sentence
+
+
+def test_two_real_lags_are_not_stated_as_an_oscillating_pair() -> None:
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.choice([0.0, 10.0], 20), 60)
+    y = Chain((50.0, 5.0), conditioning=NO_CONDITIONING).response(u, 1.0, hold="zoh")
+    data = IOData.from_arrays(u, np.ravel(y) + 0.05 * rng.normal(size=len(u)), 1.0, hold="zoh")
+    found = compare(data, ["P2U", "P2"])
+    assert found.recommended == "P2"
+    assert "P2U is left out" in found.why
+
+
+def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are_offered() -> None:
+    assert "P2DU" in CANDIDATES
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
+    y = simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh") + 0.01 * rng.normal(size=len(u))
+    data = IOData.from_arrays(u, y, 0.5, hold="zoh")
+    said = compare(data, CANDIDATES[:2]).advice
+    assert said.startswith("None of these models")
+    table = pd.DataFrame([row(name, 0.0, p_input=1e-9) for name in CANDIDATES])
+    assert "--models P1I" in replace(compare(data, ["P1"]), table=table).advice
+
+
+def test_each_model_is_told_before_it_is_fitted() -> None:
+    told_of: list[tuple[str, int, int]] = []
+    compare(off_equilibrium(), ["P1", "P1D"], initial="estimated", progress=lambda *what: told_of.append(what))
+    assert told_of == [("P1", 1, 2), ("P1D", 2, 2)]

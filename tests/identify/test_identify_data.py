@@ -9,7 +9,7 @@ from identify_cases import case_a
 from nptdms import ChannelObject, TdmsWriter
 
 from calibration.errors import InputError
-from tcdyn.identify import IOData, fit, from_csv, from_frame
+from tcdyn.identify import IOData, compare, fit, from_csv, from_frame, process, simulate
 
 
 def table(n: int = 200) -> pd.DataFrame:
@@ -104,6 +104,10 @@ BAD = {
     "two samples": (lambda: fit(IOData.from_arrays([0.0, 1.0], [0.0, 0.5], 0.1)), "2 measured samples"),
     "NaN everywhere": (lambda: fit(IOData.from_arrays(np.arange(50.0), np.full(50, np.nan), 0.1)), "NaN everywhere"),
     "NaN input": (lambda: fit(IOData.from_arrays(np.full(50, np.nan), np.arange(50.0), 0.1)), "NaN everywhere"),
+    "NaN in turns": (
+        lambda: fit(IOData.from_arrays(np.where(np.arange(50) % 2, 1.0, np.nan), np.arange(50.0), 0.1)),
+        "column u has no 8 samples in a row",
+    ),
     "uneven time": (uneven, "not evenly spaced"),
     "backward time": (backwards, "runs backwards"),
     "exchanged columns": (exchanged, "before the input"),
@@ -149,6 +153,9 @@ def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
     (tmp_path / "bare.csv").write_text("0;299,53\n1;299,6\n")
     with pytest.raises(InputError, match="first row holds numbers"):
         from_csv(tmp_path / "bare.csv", input="u", output="y")
+    (tmp_path / "bare.csv").write_text("0\t299.53\t\n1\t299.6\t\n2\t299.7\t\n")  # a separator ends each line
+    with pytest.raises(InputError, match=r"first row holds numbers \(0, 299.53\)"):
+        from_csv(tmp_path / "bare.csv", input="u", output="y")
 
 
 def test_a_missing_time_column_names_the_options_of_both_ways_in():
@@ -185,3 +192,61 @@ def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
     for path in (matlab, labview):
         with pytest.raises(InputError, match="did you mean 'y_°C'"):
             from_csv(path, input="u", output="y_C")
+
+
+def single_step(tau_s: float, noise: float = 0.2) -> IOData:
+    """One lag's answer to a step of 60 at 4 s, by its closed form; 30 s at 75 Hz."""
+    t = np.arange(2250) / 75
+    y = 20 + 60 * (1 - np.exp(-np.clip(t - 4, 0, None) / tau_s))
+    y = y + noise * np.random.default_rng(3).normal(size=len(t))
+    return IOData.from_arrays(20 + 60.0 * (t > 4), y, 1 / 75, hold="zoh")
+
+
+def test_a_lag_between_the_trial_lags_is_not_taken_for_an_output_that_moves_first():
+    """The trial lags are a factor 2.6 apart, so that 8 of these 25 were refused; exchanged, all still are."""
+    for tau in np.geomspace(0.3, 6, 25):
+        data = single_step(float(tau))
+        fit(data, "P1", intervals="quadratic")
+        run = data.runs[0]
+        with pytest.raises(InputError, match=r"before the input.*closed loop.*--no-check"):
+            fit(IOData.from_arrays(run.y, run.u, 1 / 75), "P1", intervals="quadratic")
+
+
+def gappy(n: int = 600) -> IOData:
+    """One lag of 20 s, its input changing every 30 s, and ten rows lost in each answer, as if a logger had stalled."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.choice([0.0, 10.0], n // 30), 30)
+    y = simulate(process("P1").rational({"Kp": 1.0, "Tp1": 20.0}), u, 1.0, "zoh") + 0.05 * rng.normal(size=n)
+    frame = pd.DataFrame({"time_s": np.arange(n) * 1.0, "u": u, "y": y})
+    lost = [k + i for k in np.flatnonzero(np.diff(u)) for i in range(4, 14)]
+    return from_frame(frame.drop(index=lost), input="u", output="y", hold="zoh")
+
+
+def test_a_piece_after_lost_rows_begins_from_a_state_of_its_own():
+    """Begun in equilibrium, the pieces made the gain 0.8 and the lag 16 s, with one percent claimed."""
+    found = fit(gappy(), "P1")
+    assert len(found.problem.loose) == len(found.problem.segments) - 1
+    for name, truth in (("Kp", 1.0), ("Tp1", 20.0)):
+        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
+    assert found.estimates["Tp1"].u < 0.2
+    shared = compare(gappy(), ["P1"])  # pieces of the part held out are given their states, too
+    assert shared.table["held_out_percent"].iloc[0] > 95
+
+
+def test_an_offset_per_run_is_one_for_all_pieces_of_the_run():
+    found = fit(gappy().merge(gappy()), process("P1", offset="per run"))
+    assert found.problem.n_offsets == 2
+    assert found.estimates["Kp"].value == pytest.approx(1.0, abs=4 * found.estimates["Kp"].u)
+
+
+def test_a_run_held_out_is_simulated_from_its_own_state_and_not_from_another_run_s():
+    """Two runs begin at the same clock time, one above its equilibrium and one below."""
+    parts = []
+    for seed, off in ((0, 6.0), (1, -8.0)):
+        rng = np.random.default_rng(seed)
+        u = np.repeat(rng.choice([0.0, 1.0], 14), 30)
+        y = simulate(process("P1").rational({"Kp": 3.0, "Tp1": 10.0}), u, 0.5, "zoh")
+        y = y + off * np.exp(-0.05 * np.arange(len(u))) + 0.05 * rng.normal(size=len(u))
+        parts.append(IOData.from_arrays(u, y, 0.5, hold="zoh"))
+    both = compare(parts[0].merge(parts[1]), ["P1"], initial="estimated")
+    assert both.table["held_out_rms"].iloc[0] == pytest.approx(0.05, rel=0.2)  # the noise: 400 samples

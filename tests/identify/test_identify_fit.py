@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
+from scipy.signal import lfilter
 
 from calibration.disk import Conditioning
 from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer
@@ -145,3 +146,28 @@ def test_json_and_control_give_the_same_model_back():
 def test_the_same_fit_twice_is_the_same_fit():
     data = case_a("plunge", 7)
     assert fit(data, "P2D").identified.to_json() == fit(data, "P2D").identified.to_json()
+
+
+def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
+    """One lag behind a dead time under coloured noise, fitted by two: twins, and '+- 0 s' was said."""
+    t = np.arange(1200.0)
+    for seed in (4, 8, 10):
+        noise = lfilter([1.0], [1.0, -0.98], np.random.default_rng(seed).normal(0, 0.02, len(t)))
+        y = 10 * (1 - np.exp(-np.clip(t - 260, 0, None) / 100)) + noise
+        data = IOData.from_arrays((t >= 200) * 1.0, y, 1.0, hold="zoh")
+        found = fit(data, "P2", intervals="quadratic").identified
+        assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
+        assert 4 < found.lag_s.u < 10  # eight such records gave 5 to 8 s; before, 0 to 31 s
+        assert np.linalg.eigvalsh(found.covariance).min() > 0
+
+
+def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
+    """Its free state holds the level, so that an offset beside it could not be told from it."""
+    rng = np.random.default_rng(9)
+    u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
+    y = 7 + simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh", "zero")
+    data = IOData.from_arrays(u, y + 0.01 * rng.normal(size=len(u)), 0.5, hold="zoh")
+    found = fit(data, "P1I", initial="estimated")
+    assert not found.warnings
+    for name, truth in (("Kp", 0.05), ("Tp1", 2.0)):
+        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)

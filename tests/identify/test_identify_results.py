@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -147,6 +149,72 @@ def test_discrete_output_error_agrees_with_the_sampled_truth_and_arx_does_not():
     assert out.fit_percent > 90 > regression.fit_percent  # white output noise biases the equation error
 
 
+def test_discrete_models_say_themselves_and_go_into_json():
+    found = oe(case_a("PRBS", 0), 1, 1, 8)
+    assert found.summary().startswith("OE, 8 samples of dead time")
+    assert "+-" in found.summary()
+    assert json.loads(json.dumps(found.to_dict()))["gain"] == found.gain
+
+
+def quantised(seed: int) -> IOData:
+    """A step of 6 K behind one lag and a dead time, logged in steps of 0.1 K with next to no noise."""
+    rng = np.random.default_rng(seed)
+    u = (np.arange(240) >= 20) * 1.0
+    y = 20 + 0.1 * rng.random() + simulate(process("P1D").rational(QUANTISED), u, 0.5, "zoh")
+    return IOData.from_arrays(u, 0.1 * np.round(10 * (y + 0.01 * rng.normal(size=240))), 0.5, hold="zoh")
+
+
+QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
+
+
+def test_intervals_of_a_rounded_output_include_its_rounding():
+    fits = [fit(quantised(seed), "P1D") for seed in range(40)]
+    covered = [[f.estimates[n].covers(v) for n, v in QUANTISED.items()] for f in fits]
+    # 40 % for Tp1 before; 95 % less two standard errors over 40 records, and not by being useless
+    assert np.all(np.mean(covered, axis=0) > 0.95 - 2 * 0.035)
+    assert np.mean([f.estimates["Tp1"].u for f in fits]) < 0.1
+    assert all("steps of 0.1" in f.identified.sentence for f in fits)
+    assert "steps" not in fit(case_a("PRBS", 0), "P2D").identified.sentence
+
+
+def test_a_drift_of_the_output_is_told():
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.choice([0.0, 10.0], 25), 60)
+    plant = process("P1D").rational({"Kp": 1.0, "Tp1": 15.0, "Td": 4.0})
+    y = simulate(plant, u, 1.0, "zoh") + 0.1 * rng.normal(size=1500)
+    for slope in (0.0, 0.004):
+        data = IOData.from_arrays(u, y + slope * np.arange(1500), 1.0, hold="zoh")
+        v = fit(data, "P1D", intervals="quadratic").validation
+        assert ("take the trend out" in v.sentence) == (slope > 0)
+        assert v.troubles == (("take the drift out of the output",) if slope else ())
+
+
+def test_feedback_is_told_from_missing_dynamics():
+    """A controller answers the noise, which the input therefore follows; open, the same plant raises no question."""
+    rng = np.random.default_rng(3)
+    n, lag, gain = 2000, np.exp(-1 / 20), 2.0
+    wanted = np.repeat(rng.choice([0.0, 5.0, 10.0], n // 100), 100)
+    for closed in (True, False):
+        u, y, x, noise, total = np.zeros(n), np.zeros(n), 0.0, 0.0, 0.0
+        for k in range(n):
+            noise = 0.97 * noise + 0.12 * rng.normal()
+            y[k] = x + noise
+            error = wanted[k] - (y[k] if closed else x)
+            total += error / 15
+            u[k] = 1.5 * (error + total)
+            x = lag * x + (1 - lag) * gain * u[max(k - 3, 0)]
+        said = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D", initial="estimated").identified.sentence
+        assert ("feedback" in said) == closed
+
+
+def test_a_gain_the_data_do_not_determine_is_remarked_on():
+    """The record ends after a tenth of the lag: only gain over lag is seen."""
+    t = np.arange(200) * 0.05
+    y = 5 * (1 - np.exp(-np.clip(t - 1, 0, None) / 100)) + 0.1 * np.random.default_rng(0).normal(size=200)
+    found = fit(IOData.from_arrays((t > 1) * 1.0, y, 0.05, hold="zoh"), "P1")
+    assert any(w.startswith("Kp is hardly determined") for w in found.warnings)
+
+
 def test_arx_refuses_gaps_and_names_the_remedy():
     data = case_a("PRBS", 0)
     y = data.runs[0].y.copy()
@@ -196,6 +264,10 @@ def test_command_writes_model_and_page(tmp_path, capsys):
     page = (tmp_path / "data.identified.html").read_text(encoding="utf-8")
     assert "Residuals" in page
     assert page.count("data:image/png") == 3
+    swapped = {"input": "y", "output": "u", "hold": "zoh", "models": "P1D", "quiet": True}
+    with pytest.raises(InputError, match="--no-check"):
+        identify(path, **swapped)
+    identify(path, **swapped, check=False)
     with pytest.raises(InputError, match="--hold"):
         identify(path, "u", "y", hold="linear")
 
