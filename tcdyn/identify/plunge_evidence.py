@@ -17,7 +17,7 @@ from tcdyn.identify.plunge_structures import POSSIBLE, StructureComparison, Stru
 
 Array = NDArray[np.float64]
 LONG_S, SHORT_S = 0.8, 0.5  # beyond the first a second start is made, at the other
-HOPELESS = 12.0  # log evidence below the likeliest, by Laplace, at which no scan of the lag can bring a structure back
+UNLIKELY = 5.0  # log evidence below the likeliest: Laplace is good enough, and the scan of the lag is spared
 
 
 def compare_structures(
@@ -49,7 +49,7 @@ def compare_structures(
                 cost = float(min(scan.cost.min(), final.cost))
                 modes.append(_Mode(s, final, scan.estimate(own_lag_s, extra_u_s), cost, log_evidence(scan, final)))
                 continue
-            if s != chosen and laplace(fit) < likeliest - HOPELESS:
+            if s != chosen and laplace(fit) < likeliest - UNLIKELY:
                 modes.append(_Mode(s, fit, _roughly(fit, own_lag_s), fit.cost, laplace(fit), False))
                 continue
             walked, at, start = settled_scan(fit, step=1.2, drop=7.0)
