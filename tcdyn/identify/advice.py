@@ -58,7 +58,11 @@ def advice(
         said = f"It explains {row['fit_percent']:.0f} % of the output, the rest is white noise."
     else:
         said = "Its residuals hold nothing against it."
-    return f"{f'Provisionally {recommended}' if troubles else f'Recommended: {recommended}'}. {why} {said}{first}"
+    unconfirmed = coloured and known(row) and row["held_out_percent"] < 0
+    if unconfirmed:
+        said += f" The held-out part does not confirm it: worse than the mean there ({row['held_out_percent']:.1f} %)."
+    name = f"Provisionally {recommended}" if troubles or unconfirmed else f"Recommended: {recommended}"
+    return f"{name}. {why} {said}{first}"
 
 
 def objection(row: pd.Series, coloured: bool) -> str:

@@ -87,7 +87,11 @@ def compare(
     found = compared(data, models, held_out, progress, options)
     if "initial" in options or not start_advice(found.best):
         return found
-    freed = compared(data, models, held_out, progress, {**options, "initial": "estimated"})
+
+    def again(name: str, number: int, count: int) -> None:
+        progress(f"{name}, initial state estimated", number, count)
+
+    freed = compared(data, models, held_out, again, {**options, "initial": "estimated"})
     if freed.table["BIC"].min() >= found.table["BIC"].min():
         return found
     why = f"{freed.why} As a run starts off the equilibrium, the state at each start was estimated."
@@ -245,7 +249,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
     best = pool.iloc[0]
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
-    reason = f"{best['model']} has the lowest BIC"
+    lowest = "the lowest BIC" if best["BIC"] == good["BIC"].min() else "the lowest BIC of those that qualify"
+    reason = f"{best['model']} has {lowest}"
     if len(near):
         best = near.sort_values("parameters").iloc[0]
         reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -59,7 +60,7 @@ class Fit(Result):
         """What the user should know."""
         return self.identified.warnings
 
-    @property
+    @cached_property
     def validation(self) -> Validation:
         """The residual tests (:func:`tcdyn.identify.validate.validate`)."""
         return validate(self)

@@ -29,7 +29,7 @@ def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | No
         raise InputError(
             f"no stable {problem.model.name} was found from any start",
             expected="data in which the output follows the input",
-            remedy="plot the record, check that input and output are not exchanged, or give start=",
+            remedy="plot the record, check that input and output are not exchanged, or give start= from Python",
         )
     final = least_squares(evaluate, best.x, lower, upper, max_iterations=80)
     assert final is not None

@@ -221,9 +221,9 @@ def sentence(fit: Fit, white: Correlation, cross: Correlation, coloured: bool, s
             f"Residuals of {name} are white (Ljung-Box {p_text(white.p)}) and unrelated to the input "
             f"({p_text(cross.p)}): this record holds nothing against the model."
         )
-    if spikes and cross.p >= ALARM:
+    if spikes and cross.p >= ALARM and not explained_by_rounding(fit):
         advice = "; fit with --robust (loss='huber')" if fit.loss == "linear" else ", held down by the robust loss"
-        said += f" {spikes} sample{'s' if spikes > 1 else ''} stand out as spikes{advice}."
+        said += f" {spikes} sample{'s stand' if spikes > 1 else ' stands'} out as spikes{advice}."
     resumed = sum(s.resumed for s in fit.problem.segments)
     if resumed:
         said += f" After {resumed} gap{'s' if resumed > 1 else ''} of the input the state was estimated anew."

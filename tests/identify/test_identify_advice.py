@@ -120,6 +120,7 @@ def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_the
     bad = row("P1", 0.0, held_out_percent=-64.0, held_out_rms=0.5)
     assert told(bad).startswith("None of these models")
     assert told(row("P1", 0.0, held_out_percent=-1.0)).startswith("Recommended")  # 0.1 rms, as in the fit: all noise
+    assert told(row("P1", 0.0, held_out_percent=-8.0, p_white=1e-9)).startswith("Provisionally P1.")
     assert "nan" not in told(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
     assert "nan" not in order_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
     assert told(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith("None of these models")
