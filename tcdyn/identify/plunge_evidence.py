@@ -52,7 +52,7 @@ def compare_structures(
             if s != chosen and laplace(fit) < likeliest - UNLIKELY:
                 modes.append(_Mode(s, fit, _roughly(fit, own_lag_s), fit.cost, laplace(fit), False))
                 continue
-            walked, at, start = settled_scan(fit, step=1.2, drop=7.0)
+            walked, at, start = settled_scan(fit, step=1.8, drop=7.0)
             if any(m.structure == s and _close(m.at, at) for m in modes):
                 continue
             own = s == chosen and _close(at, final)

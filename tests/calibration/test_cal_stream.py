@@ -239,4 +239,4 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
     out = subprocess.run([sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True)
     rows, peak_MB = map(int, out.stdout.split())
     assert rows == k * len(frame)
-    assert peak_MB < 500, peak_MB  # the log's numbers alone are 900 MB, the interpreter and its libraries 130
+    assert peak_MB < 600, peak_MB  # the log's numbers alone are 900 MB, the interpreter and its libraries 130

@@ -13,6 +13,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from calibration.errors import InputError
+from tcdyn.pipeline import calibrate_disk
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 from tests.report.test_browser import BROWSER
@@ -118,6 +120,7 @@ def test_an_unknown_structure_names_the_known_ones(campaign: Campaign, capsys: p
     assert "P1, P2, P1D, P2D, P2Z" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Campaign) -> None:
     from tcdyn.pipeline import calibrate_disk
 
@@ -143,6 +146,7 @@ def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(campaign: C
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [f.plunges["fast"][0], again], ["mobil-jet-ii"])
 
 
+@pytest.mark.slow
 def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> None:
     from tcdyn.pipeline import calibrate_disk
 
@@ -181,3 +185,20 @@ def test_fluids_are_given_once_or_once_for_each_plunge(campaign: Campaign, fluid
     f = campaign.files
     with pytest.raises(InputError, match=rf"{len(fluids)} fluids for 3 plunge\(s\); expected one fluid for all"):
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [f.plunges["fast"][0]] * 3, fluids)
+
+
+def test_a_plunge_saved_again_in_another_dialect_is_still_the_same_plunge(campaign: Campaign, tmp_path: Path) -> None:
+    f = campaign.files
+    plunges = [f.plunges["fast"][0], tmp_path / "again.csv"]
+    pd.read_csv(plunges[0], comment="#").round(2).to_csv(plunges[1], index=False, sep=";", decimal=",")
+    with pytest.raises(InputError, match="holds the same samples as"):
+        calibrate_disk(campaign.rig, "fast", f.ovens["fast"], plunges, ["mobil-jet-ii"])
+
+
+def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_path: Path) -> None:
+    """It gave a common lag of seconds and sixteen warnings; the reader had seen the swap."""
+    f = campaign.files
+    names = {"a_degC": "b_degC", "b_degC": "a_degC"}
+    pd.read_csv(f.plunges["fast"][0], comment="#").rename(columns=names).to_csv(tmp_path / "P1.csv", index=False)
+    with pytest.raises(InputError, match="a_degC and b_degC.*swapped"):
+        calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [tmp_path / "P1.csv"], ["mobil-jet-ii"])
