@@ -19,7 +19,6 @@ from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Segment, cut
 from tcdyn.identify.realise import Array, realise
-from tcdyn.identify.simulate import Start, simulate_rows
 from tcdyn.identify.validate import start_advice
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
@@ -197,14 +196,13 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     Nothing is re-estimated but a state: a record that the fit has begun is continued from the state it found; any
     other whose state is free (after a gap, or all with "estimated") gets the state that suits it best.
     """
-    model, problem = result.identified, result.problem
+    model, problem = result.identified, replace(result.problem, dt_s=test.dt_s, hold=test.hold)
     rational = model.rational
     system = realise(rational, sensitivities=False)
-    start: Start = "zero" if problem.initial == "zero" else "equilibrium"
     errors, spreads = [], []
     for k, run in enumerate(test.runs):
         for s in cut(run, k, test.dt_s):
-            y = simulate_rows(system, s.u, test.dt_s, rational.delay_s, test.hold, start)[0] + model.offset
+            y = problem.driven(system, s, rational.delay_s)[0] + model.offset
             if s.resumed or problem.initial == "estimated":
                 y = y + free_response(result, s, s.y - y)
             late = s.seen & (s.start_s + np.arange(len(y)) * test.dt_s >= from_s)

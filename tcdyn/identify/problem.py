@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.models import Model
 from tcdyn.identify.realise import Array, Rational, Realisation, realise
-from tcdyn.identify.simulate import free_rows, simulate_rows
+from tcdyn.identify.simulate import Start, free_rows, simulate_rows
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
@@ -22,7 +22,8 @@ Initial = Literal["equilibrium", "zero", "estimated"]
 class Segment:
     """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured.
 
-    ``resumed``: it follows a gap of its run, so that nothing is known of the state it begins from.
+    ``past`` (M,) is the input of its run before it, gaps bridged by straight lines. A segment that has a past follows
+    a gap: nothing is known of the state it begins from, but what a dead time holds back is.
     """
 
     u: Array
@@ -30,7 +31,18 @@ class Segment:
     seen: np.ndarray
     run: int
     start_s: float
-    resumed: bool = False
+    past: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def resumed(self) -> bool:
+        """Whether it follows a gap of its run."""
+        return len(self.past) > 0
+
+    def history(self, count: int) -> Array:
+        """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
+        first = np.concatenate([self.past, self.u])[0]
+        padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
+        return np.asarray(padded[len(padded) - count :])
 
 
 @dataclass(frozen=True)
@@ -102,6 +114,21 @@ class Problem:
             x[i] = np.log(max(theta[n], 1e-12)) if self.model.positive(n) else theta[n]
         return x
 
+    @cached_property
+    def reach(self) -> int:
+        """Samples by which a dead time can hold the input back."""
+        if "Td" not in self.model.names:
+            return 0
+        longest = max(len(s.u) for s in self.segments) * self.dt_s
+        return int(np.ceil(self.model.fixed.get("Td", self.model.delay_max_s or 0.5 * longest) / self.dt_s)) + 1
+
+    def driven(self, system: Realisation, segment: Segment, delay_s: float) -> Array:
+        """Rows (R, N) of the response to a segment's input, and to what a dead time brings in from before a gap."""
+        start: Start = "zero" if self.initial == "zero" else "equilibrium"
+        past = segment.history(self.reach) if segment.resumed else segment.past
+        u = np.concatenate([past, segment.u])
+        return simulate_rows(system, u, self.dt_s, delay_s, self.hold, start)[:, len(past) :]
+
     def natural_scale(self, x: Array) -> Array:
         """d(natural parameter)/dx along the diagonal."""
         scale = np.ones(self.size)
@@ -134,10 +161,9 @@ class Problem:
         if not rational.stable:
             return None
         system = realise(rational, jacobian)
-        start: Literal["equilibrium", "zero"] = "zero" if self.initial == "zero" else "equilibrium"
         answers = []
         for k, segment in enumerate(self.segments):
-            rows = simulate_rows(system, segment.u, self.dt_s, rational.delay_s, self.hold, start)
+            rows = self.driven(system, segment, rational.delay_s)
             y = rows[0]
             if self.n_offsets:
                 y = y + x[self.offset_at(k)]
@@ -196,9 +222,9 @@ def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
     for a, b in edges.reshape(-1, 2):
         y = run.y[a:b, 0]
         if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
-            pieces.append(
-                Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, bool(known[:a].any()))
-            )
+            t = np.flatnonzero(known[:b])
+            past = np.interp(np.arange(t[0], a), t, run.u[t, 0])
+            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
     return pieces
 
 

@@ -140,8 +140,9 @@ def lagged_inputs(problem: Problem, lag_s: float, lags: int) -> tuple[Array, Arr
     shifts = np.unique(np.round(shifts).astype(int))
     tables = []
     for s in problem.segments:
-        before = 0.0 if problem.initial == "zero" else s.u[0]
-        padded = np.concatenate([np.full(shifts[-1], before), s.u]) - before
+        past = s.history(int(shifts[-1]))
+        before = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
+        padded = np.concatenate([past if s.resumed else np.full(shifts[-1], before), s.u]) - before
         n = len(s.u)
         tables.append(np.array([padded[shifts[-1] - k : shifts[-1] - k + n] for k in shifts]).T[s.seen])
     return np.vstack(tables), problem.dt_s * shifts

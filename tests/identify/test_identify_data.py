@@ -233,6 +233,18 @@ def test_a_piece_after_lost_rows_begins_from_a_state_of_its_own():
     assert shared.table["held_out_percent"].iloc[0] > 95
 
 
+def test_what_a_dead_time_holds_back_reaches_across_a_gap():
+    """The input's change, its last sample before the gap, comes out of the dead time after the gap."""
+    rng = np.random.default_rng(2)
+    u = np.repeat(rng.choice([0.0, 10.0], 30), 50)
+    plant = process("P1D").rational({"Kp": 1.0, "Tp1": 20.0, "Td": 6.3})
+    y = simulate(plant, u, 1.0, "zoh") + 0.05 * rng.normal(size=len(u))
+    u[np.flatnonzero(np.diff(u)) + 2] = np.nan
+    found = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D")
+    for name, truth in (("Kp", 1.0), ("Tp1", 20.0), ("Td", 6.3)):
+        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
+
+
 def test_an_offset_per_run_is_one_for_all_pieces_of_the_run():
     found = fit(gappy().merge(gappy()), process("P1", offset="per run"))
     assert found.problem.n_offsets == 2
