@@ -73,6 +73,7 @@ FORMS = {
     "contact missing here and there": at([400, 1100, 2300], "contact", np.nan),
     "clock time through midnight": clock,
     "three decimals of a second": lambda f: f.assign(time_s=f["time_s"].round(3)),
+    "two decimals of a second": lambda f: f.assign(time_s=f["time_s"].round(2)),
     "time that jitters": jittered,
     "time that starts late": lambda f: f.assign(time_s=f["time_s"] + 86400.0),
     "a time missing": at([1500], "time_s", np.nan),
