@@ -130,7 +130,7 @@ def _straight(time: FloatArray) -> tuple[float, NDArray[np.int32]] | None:
     """
     grid = np.arange(len(time), dtype=np.int32)
     dt = _interval_s(time, grid)
-    line = (grid - float(grid.mean())) * dt + float(time.mean())
+    line = np.asarray((grid - float(grid.mean())) * dt + float(time.mean()), dtype=np.float64)
     return (dt, grid) if float(np.max(_away(time, line))) < 0.45 * dt else None
 
 

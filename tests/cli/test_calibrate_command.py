@@ -200,5 +200,5 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
     f = campaign.files
     names = {"a_degC": "b_degC", "b_degC": "a_degC"}
     pd.read_csv(f.plunges["fast"][0], comment="#").rename(columns=names).to_csv(tmp_path / "P1.csv", index=False)
-    with pytest.raises(InputError, match="a_degC and b_degC.*swapped"):
+    with pytest.raises(InputError, match=r"a_degC and b_degC.*swapped"):
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [tmp_path / "P1.csv"], ["mobil-jet-ii"])
