@@ -71,7 +71,7 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     band = 1.96 * static_u(line, t)
     ax.fill_between(t, -band, band, color="0.85", zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    ax.set_xlabel("PRT [degC]")
+    ax.set_xlabel("PRT [°C]")
     ax.set_ylabel("PRT minus line [K]")
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
     return finish(ax)

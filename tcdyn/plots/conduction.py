@@ -25,7 +25,7 @@ def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str
     depth = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
     z = np.linspace(0.0, rim.width_m, field.shape[1]) * 1e3
     filled = ax.contourf(z, depth, field, levels=14, cmap="inferno")
-    ax.figure.colorbar(filled, ax=ax, label="temperature [degC]")
+    ax.figure.colorbar(filled, ax=ax, label="temperature [°C]")
     for name, (d, at) in (points or {}).items():
         ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor="black", markersize=5)
         ax.annotate(name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white")
@@ -47,7 +47,7 @@ def draw_profiles(
         ax.plot(z * 1e3, line, style, label=kind)
     ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="d, b, f")
     ax.set_xlabel("z [mm]")
-    ax.set_ylabel("temperature at R_i [degC]")
+    ax.set_ylabel("temperature at R_i [°C]")
     ax.legend()
     return ax
 
@@ -58,7 +58,7 @@ def draw_comparison(check: Comparison, ax: Axes) -> Axes:
     step = max(len(check.x) // 25, 1)
     ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
     ax.set_xlabel(check.x_label)
-    ax.set_ylabel("temperature [degC]")
+    ax.set_ylabel("temperature [°C]")
     ax.set_title(check.title)
     right = ax.twinx()
     right.plot(check.x, check.error_percent, ":", color="0.4", linewidth=1.0)

@@ -27,7 +27,7 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
         ax.plot(result.block_time_s, result.fitted_degC[:, k], color=colour, ls=_LINES[k % 6], lw=1.1, label=name)
     ax.set_xlim(-2, min(20.0, float(result.block_time_s[-1])))
     ax.legend(fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
 
 
 def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
@@ -40,7 +40,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     ax.plot(t[shown][::every], run.fluid_degC[shown][::every], color=GREY, lw=0.8, label="bath")
     ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
     ax.legend(ncol=4, fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
 
 
 def draw_entry(
@@ -62,7 +62,7 @@ def draw_entry(
             ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)
     ax.axvspan(-run.entry.u_s, run.entry.u_s, color=GREY, alpha=0.25, lw=0)
     ax.legend(fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [degC]")
+    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
 
 
 def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:

@@ -35,7 +35,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
         )  # fmt: skip
     ax.axvline(0.0, color=TRUTH, lw=0.7, ls=":")
     ax.set_xlabel("time after the entry [s]")
-    ax.set_ylabel("temperature [degC]")
+    ax.set_ylabel("temperature [°C]")
     ax.set_title(fit.runs[run].name, fontsize="medium")
     ax.legend(fontsize="small", frameon=False, loc="upper left")
     return finish(ax)
