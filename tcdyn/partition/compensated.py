@@ -13,7 +13,7 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.cooling import CoolingFit
 from tcdyn.partition.lines import DiskLine
-from tcdyn.partition.nuisance import Nuisances
+from tcdyn.partition.nuisance import Nuisances, with_common_u
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.shift import FitShift
 from tcdyn.partition.window import DiskWindow, disk_window
@@ -27,9 +27,6 @@ def compensate_stretch(
     """The six traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
     y = disk.measured_degC[rows]
     start = test.time_s[rows][0]
-    m = y.shape[1]
-    centre = np.eye(m) - 1.0 / m
-    covariance = centre @ disk.lag_covariance_s2 @ centre.T + lag_u_s**2
     return smooth(
         y,
         test.dt_s,
@@ -37,7 +34,7 @@ def compensate_stretch(
         noise_sd=disk.noise_K,
         events_s=tuple(float(kink - start) for kink in test.events.kinks_s),
         event_u_s=test.events.unload_u_s,
-        lag_covariance=covariance,
+        lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
     )
 

@@ -179,6 +179,15 @@ def _other_split(
 
 def differential_lag_u_s(covariance_s2: NDArray[np.float64]) -> NDArray[np.float64]:
     """Standard uncertainty of each channel's lag less the mean of all, from their covariance; (M, M) -> (M,)."""
-    m = len(covariance_s2)
-    centre = np.eye(m) - 1.0 / m
-    return np.sqrt(np.clip(np.diag(centre @ covariance_s2 @ centre.T), 0.0, None))
+    return np.sqrt(np.clip(np.diag(with_common_u(covariance_s2, 0.0)), 0.0, None))
+
+
+def with_common_u(covariance_s2: NDArray[np.float64], common_u_s: float) -> NDArray[np.float64]:
+    """Covariance (M, M) of lags whose differences are known as ``covariance_s2`` says and their mean to ``common_u_s``.
+
+    >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
+    array([[0.01, 0.01],
+           [0.01, 0.01]])
+    """
+    centre = np.eye(len(covariance_s2)) - 1.0 / len(covariance_s2)
+    return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)

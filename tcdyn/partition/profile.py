@@ -38,7 +38,7 @@ from tcdyn.partition.profile_interval import LEVEL
 from tcdyn.partition.profile_interval import intervals as intervals
 
 if TYPE_CHECKING:
-    from tcdyn.partition.analyse import Partition
+    pass
 
 Array = NDArray[np.float64]
 STEP_U, LEAST_STEP_U, REACH_U, FARTHEST_U = 0.3, 0.05, 3.0, 6.0  # in standard uncertainties
@@ -60,16 +60,12 @@ class Pin:
     high: float
 
 
-def profiles(partition: Partition) -> pd.DataFrame:
+def joint_profiles(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     """Profiles of all numbers of the joint fits: fit, parameter, value, deviance, gaussian, estimate, u.
 
-    ``deviance``: sum of squares above its least, all else refitted [1]; ``gaussian`` = ((value - estimate)/u)^2.
+    ``deviance``: sum of squares above its least, all else refitted [1]; ``gaussian`` = ((value - estimate)/u)^2. The
+    fits' own windows serve, nothing is filtered again.
     """
-    return partition.profiles
-
-
-def joint_profiles(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
-    """``profiles`` of the fits of each disk and of both; the fits' own windows serve, nothing is filtered again."""
     shares_h = {"fast": (both.beta, both.h_fast), "slow": (1 - both.beta, both.h_slow)}
     together = {d: _point(*shares_h[d], both.chains[d]) for d in DISKS}
     tables = {}

@@ -26,6 +26,7 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.events import find_events
 from tcdyn.partition.inner_row import at_one_radius
 from tcdyn.partition.joint import DiskFit
+from tcdyn.partition.nuisance import with_common_u
 from tcdyn.partition.prepare import (
     coarse_sentence,
     coarse_step_K,
@@ -129,9 +130,7 @@ def compensate_log(
         if disk in fits:
             lag = fits[disk].estimates["lag_s"]
             chains = refined_chains(chains, fits[disk].chain)
-            m = len(covariance)
-            centre = np.eye(m) - 1.0 / m
-            covariance = centre @ covariance @ centre.T + lag.u**2
+            covariance = with_common_u(covariance, lag.u)
             notes[f"{disk}_common_lag_s"] = f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
         else:
             common = record.chain.common_lag_s

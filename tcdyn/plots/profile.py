@@ -53,7 +53,7 @@ def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
 
 
 def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
-    """All profiles of ``tcdyn.partition.profile.profiles`` on three rows of four axes, a legend in the corner."""
+    """All profiles of ``tcdyn.partition.profile.joint_profiles`` on three rows of four axes, a legend in the corner."""
     for k, (which, ax) in enumerate(zip(ORDER, axes, strict=True)):
         if which is None:
             ax.set_axis_off()
