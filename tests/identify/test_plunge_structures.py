@@ -67,6 +67,7 @@ def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
     assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
 
 
+@pytest.mark.slow
 def test_one_lag_is_not_contradicted_where_there_is_one() -> None:
     found = fitted("P1", 0.3, second_lag=False)[1].structures
     assert found is not None

@@ -217,6 +217,7 @@ def test_lag_that_the_data_hardly_tell_has_a_skewed_profile_and_a_sentence(rig: 
     assert lag.low95 < truth < lag.high95
 
 
+@pytest.mark.slow
 def test_lag_that_the_data_do_not_tell_is_called_unbounded(rig: StudyRig) -> None:
     """Four samples of cooling and no prior: any lag fits, and the sentence and the null in the file say so."""
     test, joint, both = fitted(rig, 0.05, without_lag_prior(rig.test))

@@ -196,7 +196,10 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     assert np.sign(suspect.size.value) == np.sign(deeper_mm)
 
 
-@pytest.mark.parametrize(("fast", "slow"), [("a", "a"), ("e", "c"), ("b", "d")])
+@pytest.mark.parametrize(
+    ("fast", "slow"),
+    [pytest.param("a", "a", marks=pytest.mark.slow), ("e", "c"), pytest.param("b", "d", marks=pytest.mark.slow)],
+)
 def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, slow: str) -> None:
     wrong = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})
     wrong = with_readings(wrong, "slow", {slow: column(b3, "fast", fast)})
