@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Set
 from datetime import date
 from os import PathLike, fspath
@@ -17,7 +18,7 @@ from pydantic import BaseModel
 MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
 
 
-class Result:
+class Result(ABC):
     """Base of results: a class gives :meth:`summary`, and :meth:`to_dict` and :meth:`card` where it has more to say.
 
     >>> @dataclasses.dataclass(frozen=True)
@@ -31,9 +32,9 @@ class Result:
 
     __slots__ = ()
 
+    @abstractmethod
     def summary(self) -> str:
         """The result in a few lines of words, units included."""
-        raise NotImplementedError
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, texts, lists and dicts, ready for ``json.dumps``; keys carry units."""
