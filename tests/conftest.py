@@ -35,9 +35,13 @@ class Campaign:
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """Ovens, two plunges a disk and test B3, loaded for 300 s only, so that it is quick."""
+    return small_campaign(tmp_path_factory.mktemp("campaign"))
+
+
+def small_campaign(folder: Path) -> Campaign:
+    """The campaign of the fixture, written into ``folder``."""
     from tcdyn.pipeline import calibrate_disk
 
-    folder = tmp_path_factory.mktemp("campaign")
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
     files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
     rig = load_rig(files.rig)

@@ -1,0 +1,92 @@
+"""The numbers that a rebuilt house must still give: two records, a compensated log, beta.json, an identification.
+
+``python -m tests.golden.answers`` writes ``answers.json`` from the code at hand; the test beside it compares.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.disk import CHANNELS, DISKS
+from calibration.record import DiskRecord
+from tcdyn.identify import fit
+from tcdyn.pipeline import compensate_log, estimate_beta
+from tests.identify.identify_cases import case_a
+
+KEPT = Path(__file__).with_name("answers.json")
+EVERY = 500  # rows of the compensated log between two that are kept; all of the second after the parting is kept
+
+
+def answers(campaign: Any) -> dict[str, dict[str, float]]:
+    """Every golden number by group and name, from the small campaign of ``tests/conftest.py``."""
+    beta = estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records).to_dict()
+    return {
+        **{f"record {d}": record_numbers(campaign.records[d]) for d in DISKS},
+        "beta.json": numbers(beta),
+        "compensated": compensated_numbers(campaign),
+        "case A": case_a_numbers(),
+    }
+
+
+def record_numbers(record: DiskRecord) -> dict[str, float]:
+    """Static lines, the fitted plunges' lags with their covariance, in seconds and kelvin."""
+    chain = record.chain
+    assert chain is not None
+    found: dict[str, Any] = {"common": chain.common_lag_s.value, "common_u": chain.common_lag_s.u}
+    for c in CHANNELS:
+        line = record.static[c]
+        found |= {f"{c} gain": line.gain, f"{c} offset": line.offset, f"{c} covariance": line.covariance}
+        found |= {f"{c} lag": chain.channels[c].lag_s.value, f"{c} lag u": chain.channels[c].lag_s.u}
+        found |= {f"{c} differential": chain.differential_lag_s[c].value, f"{c} diff u": chain.differential_lag_s[c].u}
+    return numbers({**found, "lag covariance": chain.covariance})
+
+
+def compensated_numbers(campaign: Any) -> dict[str, float]:
+    """Temperatures and standard uncertainties of every channel, thinly over the test and fully after the parting."""
+    done = compensate_log(campaign.files.ehl["B3"], campaign.records, campaign.rig)
+    time = done.frame["time_s"].to_numpy()
+    off = campaign.truth["tests"]["B3"]["unload_s"]
+    kept = np.flatnonzero((np.arange(len(time)) % EVERY == 0) | ((time > off - 0.2) & (time < off + 1.0)))
+    columns = [f"{d}_{c}_{unit}" for d in DISKS for c in CHANNELS for unit in ("degC", "u_K")]
+    return {f"{name} row {i}": float(done.frame[name].iloc[i]) for name in columns for i in kept[:: len(columns) // 3]}
+
+
+def case_a_numbers() -> dict[str, float]:
+    """Case A, plunge and PRBS, seed 1: parameters and standard uncertainties."""
+    found = {}
+    for kind in ("plunge", "prbs"):
+        m = fit(case_a(kind, 1), "P2D")
+        found[kind] = {n: [e.value, e.u] for n, e in m.estimates.items()}
+    return numbers(found)
+
+
+def numbers(value: Any, path: str = "") -> dict[str, float]:
+    """All finite numbers in nested dicts and lists, by their path."""
+    if isinstance(value, bool | str) or value is None:
+        return {}
+    if isinstance(value, Mapping):
+        return {k: v for key, part in value.items() for k, v in numbers(part, f"{path}/{key}").items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return {k: v for i, part in enumerate(value) for k, v in numbers(part, f"{path}/{i}").items()}
+    return {path: float(value)} if math.isfinite(value) else {}
+
+
+def main() -> None:
+    """Write the numbers of the code at hand."""
+    from tests.conftest import small_campaign
+
+    with tempfile.TemporaryDirectory() as folder:
+        kept = answers(small_campaign(Path(folder)))
+    KEPT.write_text(json.dumps(kept, indent=0) + "\n", encoding="utf-8")
+    print({group: len(values) for group, values in kept.items()})
+
+
+if __name__ == "__main__":
+    main()
