@@ -1,8 +1,8 @@
 """How noisy a trace is, whatever it does slowly and however many spikes stand in it: one estimate for every room.
 
-Spikes are looked for in four places, which are not one job: the reader (``calibration.checktemp``) marks what no
-junction can do, in raw readings, with a floor in kelvin; the partition bridges spikes of calibrated traces, since its
-filters need every sample; the plunge drops them from block means; the compensators flag them bit by bit.
+Spikes are looked for in four places, which are not one job: the reader marks what no junction can do, in raw
+readings, with a floor in kelvin; the partition bridges spikes of calibrated traces, since its filters need every
+sample; the plunge drops them from block means; the compensators flag them bit by bit.
 """
 
 from __future__ import annotations

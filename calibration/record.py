@@ -16,11 +16,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.files.write import sha256, write_text
+from calibration.lines.static import StaticLine, lines_table
 from calibration.recordupgrade import SCHEMA, upgraded
 from calibration.result import Result
-from calibration.rigfile import ConditioningTable, RigTables, setup_from_tables
-from calibration.static import StaticLine, lines_table
-from calibration.write import sha256, write_text
+from calibration.rig import ConditioningTable, RigTables, setup_from_tables
 
 LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
 

@@ -12,12 +12,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from pandas.api.types import union_categoricals
 
-from calibration.checkkind import two_level
-from calibration.checktemp import LONGEST_NAN_S, Place, PlainCheck, TemperatureCheck
-from calibration.checktime import Sampling, check_time
+from calibration.checks.kind import two_level
+from calibration.checks.sampling import Sampling, check_time
+from calibration.checks.temperature import LONGEST_NAN_S, Place, PlainCheck, TemperatureCheck
+from calibration.checks.thin import Thinned
 from calibration.columns import Kind
 from calibration.errors import InputError
-from calibration.logs import (
+from calibration.files.table import FloatArray, RowNumbers, Table, shown
+from calibration.log import (
     SWITCHES,
     check_course,
     check_edges,
@@ -27,9 +29,7 @@ from calibration.logs import (
     not_there,
     open_log,
 )
-from calibration.rigfile import Rig
-from calibration.table import FloatArray, RowNumbers, Table, shown
-from calibration.thin import Thinned
+from calibration.rig import Rig
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.disk import DISKS
 from calibration.record import read_record
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.pipeline import estimate_beta
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure

@@ -14,23 +14,23 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibration.errors import InputError
-    from calibration.logs import read_log, write_log
+    from calibration.log import read_log, write_log
     from calibration.record import read_record, write_record
-    from calibration.rigfile import load_rig
+    from calibration.rig import load_rig
     from tcdyn.chain import Chain
     from tcdyn.compensate import smooth
     from tcdyn.identify import IOData, compare, fit
     from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, run_demo
-    from tcdyn.rig.campaign import simulate_campaign
+    from tcdyn.simulate.campaign import simulate_campaign
 
 __version__ = "0.1.0"
 
 _HOMES = {
     "InputError": "calibration.errors",
-    "load_rig": "calibration.rigfile",
-    "read_log": "calibration.logs",
-    "write_log": "calibration.logs",
-    "simulate_campaign": "tcdyn.rig.campaign",
+    "load_rig": "calibration.rig",
+    "read_log": "calibration.log",
+    "write_log": "calibration.log",
+    "simulate_campaign": "tcdyn.simulate.campaign",
     "calibrate_disk": "tcdyn.pipeline",
     "read_record": "calibration.record",
     "write_record": "calibration.record",

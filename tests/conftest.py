@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from calibration.record import DiskRecord, read_record, write_record
-from calibration.rigfile import Rig, load_rig
-from tcdyn.rig.campaign import CampaignFiles, simulate_campaign
-from tcdyn.rig.script import EhlOptions
+from calibration.rig import Rig, load_rig
+from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
+from tcdyn.simulate.script import EhlOptions
 
 if TYPE_CHECKING:
     from tcdyn.pipeline import CalibrationRun

@@ -13,7 +13,7 @@ import pytest
 import tcdyn
 from calibration.columns import KNOWN
 from calibration.disk import CHANNELS, DISKS
-from calibration.rigfile import load_rig, rig_toml
+from calibration.rig import load_rig, rig_toml
 from tests.conftest import Campaign
 
 PAGE = (Path(__file__).parent.parent / "docs" / "files.md").read_text(encoding="utf-8")

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import tcdyn
+from calibration.compare import diff_records
 from calibration.errors import InputError
-from calibration.recorddiff import diff_records
 from calibration.result import Result
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.pipeline.campaign import CampaignRun, steady_degC
@@ -33,8 +33,8 @@ def results(campaign: Campaign) -> dict[str, Any]:
     from tcdyn.compensate import before_use, proper_inverse, remove_noise
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plunge_plan import PlungePlan
-    from tcdyn.identify.hole import compare_holes
-    from tcdyn.rig.hole import simulate_hole
+    from tcdyn.plunge.hole import compare_holes
+    from tcdyn.simulate.hole import simulate_hole
 
     rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
     chain = tcdyn.Chain((0.6, 0.1))

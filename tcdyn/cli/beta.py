@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from calibration.rigfile import load_rig
-from calibration.write import write_text
+from calibration.files.write import write_text
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, dump, say, spare_inputs, stages, warn
 
 

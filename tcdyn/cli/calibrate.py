@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.record import write_record
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, say, spare_inputs, stages, warn
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, counted, dump, say, spare_inputs, warn
 
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from calibration.logs import write_log
-from calibration.rigfile import load_rig
+from calibration.log import write_log
+from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
     OwnRigFile,

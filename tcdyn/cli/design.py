@@ -10,7 +10,7 @@ import typer
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, check_choice, dump, say, spare_inputs, within
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def design(
 
 
 def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
-    from calibration.write import write_text
+    from calibration.files.write import write_text
 
     if out.suffix.lower() == ".csv":
         write_text(out, result.table().to_csv(index=False))

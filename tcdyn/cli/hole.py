@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from calibration.logs import read_log
-from calibration.rigfile import load_rig
-from calibration.write import write_text
+from calibration.files.write import write_text
+from calibration.log import read_log
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, spare_inputs, warn, within
 
 
@@ -37,8 +37,8 @@ def hole(
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
-    from tcdyn.identify.hole import compare_holes
-    from tcdyn.identify.plunge_run import bath_filled
+    from tcdyn.plunge.hole import compare_holes
+    from tcdyn.plunge.run import bath_filled
 
     spare_inputs([log, rig], out=out, report=report)
     setup = load_rig(rig)

@@ -11,7 +11,7 @@ import typer
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
-from calibration.write import write_text
+from calibration.files.write import write_text
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified

@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from calibration.compare import RecordDiff, check_record, diff_records
 from calibration.estimate import Estimate, with_u
+from calibration.lines.static import static_u
 from calibration.record import DiskRecord, read_record
-from calibration.recorddiff import RecordDiff, check_record, diff_records
-from calibration.static import static_u
 from tcdyn.cli.common import Json, Quiet, dump, say
 
 app = typer.Typer(

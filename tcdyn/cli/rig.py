@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from calibration.rigfile import load_rig, rig_toml
+from calibration.rig import load_rig, rig_toml
 from tcdyn.cli.common import Json, Quiet, dump
 
 

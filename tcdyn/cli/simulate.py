@@ -10,17 +10,17 @@ import typer
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
-from tcdyn.rig.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
-from tcdyn.rig.convection import FLUIDS, FluidName
-from tcdyn.rig.ehl import simulate_ehl
-from tcdyn.rig.files import write_json, write_log, write_traces
-from tcdyn.rig.hole import simulate_hole
-from tcdyn.rig.oven import simulate_oven
-from tcdyn.rig.plunge import PlungeOptions, simulate_plunge
-from tcdyn.rig.script import EhlOptions
-from tcdyn.rig.truth import CLEAN, RigTruth, draw_truth
+from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
+from tcdyn.simulate.convection import FLUIDS, FluidName
+from tcdyn.simulate.ehl import simulate_ehl
+from tcdyn.simulate.files import write_json, write_log, write_traces
+from tcdyn.simulate.hole import simulate_hole
+from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
+from tcdyn.simulate.script import EhlOptions
+from tcdyn.simulate.truth import CLEAN, RigTruth, draw_truth
 
 app = typer.Typer(
     name="simulate",

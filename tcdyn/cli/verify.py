@@ -35,7 +35,7 @@ def verify(
     elif not quiet:
         _print(rows, why)
     if csv is not None:
-        from calibration.write import write_text
+        from calibration.files.write import write_text
 
         write_text(csv, _frame(rows).to_csv(index=False))
     if report is not None:

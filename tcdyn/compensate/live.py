@@ -12,9 +12,9 @@ from scipy.linalg import expm
 
 from calibration.errors import InputError
 from tcdyn.chain import Chain
+from tcdyn.chain.state_space import Sensor, stacked
 from tcdyn.compensate.model import DIFFUSE
 from tcdyn.compensate.result import MISSING, SPIKE
-from tcdyn.compensate.sensor import Sensor, stacked
 
 Array = NDArray[np.float64]
 SPIKE_SD = 6.0

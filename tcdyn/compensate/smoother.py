@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
 from tcdyn.chain import Chain
+from tcdyn.chain.state_space import stacked
 from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
 from tcdyn.compensate.grid import Grid, readings
 from tcdyn.compensate.intensity import choose
@@ -18,7 +19,6 @@ from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.profile import Intensity
 from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn, spoken
 from tcdyn.compensate.result import SPIKE, Compensated
-from tcdyn.compensate.sensor import stacked
 from tcdyn.compensate.sweep import Smoothed, backward, forward
 
 Array = NDArray[np.float64]

@@ -230,7 +230,7 @@ def rim_gains(
     ``split_ambient`` gives seven inputs, with the air at the running surface and behind each washer apart.
     Raises InputError for points outside the rim or a rim slower than the bank.
 
-    >>> from calibration.rigfile import load_rig
+    >>> from calibration.rig import load_rig
     >>> from tcdyn.conduction.bank import node_rates
     >>> from tcdyn.conduction.rim import points_of
     >>> setup = load_rig().disk_setup("fast")

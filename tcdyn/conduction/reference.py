@@ -113,7 +113,7 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
 
     The thesis quotes the one-dimensional form alpha dt / dx^2 <= 1/2; in two dimensions the sum over both counts.
 
-    >>> from calibration.rigfile import load_rig
+    >>> from calibration.rig import load_rig
     >>> round(explicit_limit_s(Rim.from_setup(load_rig().disk_setup("fast")), Mesh()) * 1e3, 3)   # mesh IV: [ms]
     0.193
     """

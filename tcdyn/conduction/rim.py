@@ -40,7 +40,7 @@ class Rim:
 
     ``washer_W_m2K`` is K_c / w_c, the washers' conductance (section 3.4.4.3).
 
-    >>> from calibration.rigfile import load_rig
+    >>> from calibration.rig import load_rig
     >>> Rim.from_setup(load_rig().disk_setup("fast")).inner_radius_m
     0.0321
     """

@@ -53,7 +53,7 @@ def rim_sensitivities(
     Eigenvalues and eigenvectors of the two tridiagonals are differentiated in closed form and carried through the
     weights by the chain rule (``dual``). ``slopes[name].respond(banks, inputs)`` is dT/d(name) over a record.
 
-    >>> from calibration.rigfile import load_rig
+    >>> from calibration.rig import load_rig
     >>> from tcdyn.conduction.bank import node_rates
     >>> rim = Rim.from_setup(load_rig().disk_setup("fast"))
     >>> s = rim_sensitivities(rim, 700.0, [(3e-3, 4.765e-3)], 1.62e-3, node_rates(1 / 75), mesh=Mesh(17, 27))

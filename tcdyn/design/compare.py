@@ -11,13 +11,13 @@ import pandas as pd
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from calibration.result import Result, jsonable
-from calibration.rigfile import UncertaintyTable
+from calibration.rig import UncertaintyTable
 from tcdyn.design.advice import MEANING, common, differences, headline, sentence
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, table
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, predict_touches
-from tcdyn.identify.plunge_prior import PlungePriors
+from tcdyn.plunge.prior import PlungePriors
 
 LEAST_OWN_LAG_S = 0.01
 

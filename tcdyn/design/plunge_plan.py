@@ -13,13 +13,13 @@ from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design.prediction import Prediction, from_covariances
-from tcdyn.identify.plunge import full_prior
-from tcdyn.identify.plunge_layout import Layout, Structure
-from tcdyn.identify.plunge_map import Problem, inverse, normal_equations
-from tcdyn.identify.plunge_model import build_run_model
-from tcdyn.identify.plunge_noise import Inflation
-from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_run import Blocks, PlungeRun, make_averages
+from tcdyn.plunge.fit import full_prior
+from tcdyn.plunge.layout import Layout, Structure
+from tcdyn.plunge.map import Problem, inverse, normal_equations
+from tcdyn.plunge.model import build_run_model
+from tcdyn.plunge.noise import Inflation
+from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.run import Blocks, PlungeRun, make_averages
 
 Array = NDArray[np.float64]
 

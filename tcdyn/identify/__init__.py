@@ -9,6 +9,7 @@
 0.75
 """
 
+from tcdyn.chain.simulate import simulate
 from tcdyn.identify.bands import bode_band, percent_times, step_band
 from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
 from tcdyn.identify.data import IOData, Run
@@ -17,7 +18,6 @@ from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.identified import Identified, read_identified
 from tcdyn.identify.likelihood import profile
 from tcdyn.identify.models import Known, Model, chain_model, process, transfer
-from tcdyn.identify.simulate import simulate
 from tcdyn.identify.tables import from_csv, from_frame
 from tcdyn.identify.validate import Validation, validate
 

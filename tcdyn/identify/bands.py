@@ -8,9 +8,9 @@ import numpy as np
 
 from calibration.errors import InputError
 from calibration.estimate import Z95, Estimate
+from tcdyn.chain.factors import Array, realise
+from tcdyn.chain.simulate import simulate_rows
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.realise import Array, realise
-from tcdyn.identify.simulate import simulate_rows
 
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 

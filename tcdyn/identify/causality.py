@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import InputError
+from tcdyn.chain.factors import Array
 from tcdyn.identify.models import process
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array
 from tcdyn.identify.srivc import filled
 from tcdyn.identify.start import lag_bank
 

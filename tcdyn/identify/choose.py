@@ -12,13 +12,13 @@ import pandas as pd
 
 from calibration.errors import InputError
 from calibration.result import Result, jsonable
+from tcdyn.chain.factors import Array, realise
 from tcdyn.identify.advice import COLUMNS, advice, follows_input, order_table
 from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Segment, cut
-from tcdyn.identify.realise import Array, realise
 from tcdyn.identify.validate import start_advice
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")

@@ -13,15 +13,15 @@ import pandas as pd
 
 from calibration.estimate import Estimate, rounded
 from calibration.result import Result
+from tcdyn.chain.factors import Array
+from tcdyn.fitting.optimise import Optimum, Status
+from tcdyn.fitting.robust import Loss, reweight, robust_covariance
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.noise import Noise, coarse_step, fit_arma, inverse, rounding_covariance, sandwich, stretches
-from tcdyn.identify.optimise import Optimum, Status
 from tcdyn.identify.problem import Initial, Problem, pose
-from tcdyn.identify.realise import Array
-from tcdyn.identify.robust import Loss, reweight, robust_covariance
 from tcdyn.identify.search import search
 from tcdyn.identify.validate import ALARM, Validation, validate, whiteness
 
@@ -120,7 +120,7 @@ def fit(
     can be learnt from.
 
     >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
-    >>> from tcdyn.identify.simulate import simulate
+    >>> from tcdyn.chain.simulate import simulate
     >>> truth = as_model("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13})
     >>> data = IOData.from_arrays(u, simulate(truth, u, 0.1, "zoh"), 0.1, hold="zoh")
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)

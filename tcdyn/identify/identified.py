@@ -16,10 +16,10 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.factors import Array, Rational
+from tcdyn.chain.simulate import Start, simulate
 from tcdyn.identify.data import Hold
 from tcdyn.identify.models import Known, Model
-from tcdyn.identify.realise import Array, Rational
-from tcdyn.identify.simulate import Start, simulate
 
 if TYPE_CHECKING:
     import control

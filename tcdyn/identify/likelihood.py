@@ -9,9 +9,9 @@ import numpy as np
 from scipy import stats
 
 from calibration.estimate import Z95, Estimate
-from tcdyn.identify.optimise import least_squares
+from tcdyn.chain.factors import Array
+from tcdyn.fitting.optimise import least_squares
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array
 
 if TYPE_CHECKING:
     from tcdyn.identify.fit import Fit

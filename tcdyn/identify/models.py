@@ -12,7 +12,7 @@ import numpy as np
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, cement_lags, conditioning_polynomials
-from tcdyn.identify.realise import Array, Factor, Rational
+from tcdyn.chain.factors import Array, Factor, Rational
 
 UNITS = {"Kp": "", "Tp1": "s", "Tp2": "s", "Tp3": "s", "Tw": "s", "Zeta": "", "Tz": "s", "Tc": "s", "Td": "s"}
 POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")

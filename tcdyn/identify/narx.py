@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import InputError
+from tcdyn.chain.factors import Array
 from tcdyn.identify.data import IOData
 from tcdyn.identify.discrete import complete
-from tcdyn.identify.realise import Array
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from calibration.noise import rounding_sd
-from tcdyn.identify.optimise import least_squares
+from tcdyn.chain.factors import Array
+from tcdyn.fitting.optimise import least_squares
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array
 
 
 @dataclass(frozen=True)

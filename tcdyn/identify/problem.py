@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from calibration.errors import InputError
+from tcdyn.chain.factors import Array, Rational, Realisation, realise
+from tcdyn.chain.simulate import Start, free_rows, simulate_rows
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.models import Model
-from tcdyn.identify.realise import Array, Rational, Realisation, realise
-from tcdyn.identify.simulate import Start, free_rows, simulate_rows
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 

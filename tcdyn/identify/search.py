@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.errors import InputError
-from tcdyn.identify.optimise import Evaluate, Optimum, least_squares
+from tcdyn.chain.factors import Array
+from tcdyn.fitting.optimise import Evaluate, Optimum, least_squares
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array
 from tcdyn.identify.start import starts
 
 

@@ -11,10 +11,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from tcdyn.chain.factors import Array, Factor, Rational, realise
+from tcdyn.chain.simulate import simulate_rows
 from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Problem, Segment
-from tcdyn.identify.realise import Array, Factor, Rational, realise
-from tcdyn.identify.simulate import simulate_rows
 
 
 def filled(segment: Segment) -> Array:

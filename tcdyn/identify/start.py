@@ -9,10 +9,10 @@ from itertools import product
 
 import numpy as np
 
+from tcdyn.chain.factors import Array, Factor, Rational, realise
+from tcdyn.chain.simulate import simulate_rows
 from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array, Factor, Rational, realise
-from tcdyn.identify.simulate import simulate_rows
 from tcdyn.identify.srivc import filled, srivc, transfer_starts
 
 

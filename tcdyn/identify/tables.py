@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
-from calibration.table import open_table
+from calibration.files.table import open_table
 from tcdyn.identify.data import Array, Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from tcdyn.chain.factors import Array
 from tcdyn.identify.noise import Noise, autocovariance, coarse_step, fit_ar, orthonormal, stretches
 from tcdyn.identify.problem import Problem
-from tcdyn.identify.realise import Array
 
 if TYPE_CHECKING:
     from tcdyn.identify.fit import Fit

@@ -33,7 +33,7 @@ from tcdyn.partition.nuisance import nuisances
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, refined_chains, steady_lines
-from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tcdyn.partition.sensors.check import SensorCheck, check_sensors
 from tcdyn.partition.steady import SpeedLawPoint
 from tcdyn.partition.surface import Surface, surface_temperatures
 from tcdyn.partition.tension import tensions

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
-from calibration.rigfile import UncertaintyTable
+from calibration.rig import UncertaintyTable
 from tcdyn.chain import discretised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.modal import RimGains

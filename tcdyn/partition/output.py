@@ -11,7 +11,7 @@ from calibration.estimate import Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.crosscheck import Tension
 from tcdyn.partition.profile_interval import profiles_file
-from tcdyn.partition.sensor_depths import DepthTest
+from tcdyn.partition.sensors.depths import DepthTest
 
 SCHEMA = "tcdyn.beta/1"
 

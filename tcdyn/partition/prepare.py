@@ -11,19 +11,19 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from calibration.compare import changed_keys
 from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
-from calibration.logs import COMPENSATED, Log
+from calibration.lines.static import apply_static, extrapolated, static_u
+from calibration.log import COMPENSATED, Log
 from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
-from calibration.recorddiff import changed_keys
-from calibration.rigfile import Rig, UncertaintyTable
-from calibration.static import apply_static, extrapolated, static_u
+from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import Chain
+from tcdyn.contact import equal_radius_m, half_width_m
+from tcdyn.kinematics import surface_speed_m_s
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
-from tcdyn.rig.contact import equal_radius_m, half_width_m
-from tcdyn.rig.kinematics import surface_speed_m_s
 
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0

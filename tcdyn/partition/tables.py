@@ -9,7 +9,7 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.estimate import Estimate, rounded, with_u
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.sensor_depths import DepthTest
+from tcdyn.partition.sensors.depths import DepthTest
 
 
 def ways_table(p: Partition) -> pd.DataFrame:

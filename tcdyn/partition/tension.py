@@ -12,8 +12,8 @@ from calibration.estimate import Estimate
 from tcdyn.partition.crosscheck import Tension
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensor_depths import chance_of, largest_pulls
-from tcdyn.partition.sensors import SensorCheck, Suspect
+from tcdyn.partition.sensors.check import SensorCheck, Suspect
+from tcdyn.partition.sensors.depths import chance_of, largest_pulls
 
 WORDS = {"parting": "the instant of parting, or the chain's shape (a dead time, a third lag)"}
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests

@@ -130,7 +130,7 @@ def perturbed_gains(
 def deeper_than_b_m(setup: DiskSetup) -> NDArray[np.float64]:
     """How much deeper d, b and f are stated to lie than b, (3,) [m].
 
-    >>> from calibration.rigfile import load_rig
+    >>> from calibration.rig import load_rig
     >>> deeper_than_b_m(load_rig().disk_setup("fast"))
     array([0., 0., 0.])
     """

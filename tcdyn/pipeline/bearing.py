@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.bearing import BearingFriction, fit_bearing_friction
 from calibration.errors import InputError
-from calibration.write import sha256
+from calibration.files.write import sha256
+from calibration.lines.bearing import BearingFriction, fit_bearing_friction
 from tcdyn.partition.friction import FrictionAdded
 
 COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")

@@ -10,10 +10,10 @@ from typing import Any
 import pandas as pd
 
 from calibration.errors import InputError
-from calibration.logs import Log, read_log
+from calibration.log import Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
-from calibration.rigfile import Rig
+from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.output import beta_file
 from tcdyn.partition.prepare import prepare

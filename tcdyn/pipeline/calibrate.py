@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.checkkind import SWAPPED
+from calibration.checks.kind import SWAPPED
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.logs import Log, read_log
+from calibration.lines.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
+from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.result import Result
-from calibration.rigfile import Rig
-from calibration.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
+from calibration.rig import Rig
 from immersion.fluids import fluid
-from tcdyn.identify.plunge import PlungeFit, identify_plunges
-from tcdyn.identify.plunge_doubt import with_structure_doubt
-from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_run import PlungeRun, bath_filled, run_from_log
-from tcdyn.identify.plunge_words import COLOURED
+from tcdyn.plunge.doubt import with_structure_doubt
+from tcdyn.plunge.fit import PlungeFit, identify_plunges
+from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
+from tcdyn.plunge.words import COLOURED
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
 

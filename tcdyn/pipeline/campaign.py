@@ -16,10 +16,10 @@ import pandas as pd
 import tcdyn
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
+from calibration.files.write import sha256, write_text
 from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
-from calibration.rigfile import Rig
-from calibration.write import sha256, write_text
+from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import steady_start_s

@@ -12,9 +12,9 @@ from scipy import signal
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.lines.static import StaticLine, apply_static, static_u
 from calibration.record import DiskRecord
-from calibration.rigfile import Rig
-from calibration.static import StaticLine, apply_static, static_u
+from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.before_use import BeforeUse, before_use
 from tcdyn.compensate.inverse import proper_inverse

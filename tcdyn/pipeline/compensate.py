@@ -14,12 +14,12 @@ from calibration.columns import KNOWN, recognise
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.logs import COMPENSATED, Log, read_log
+from calibration.files.table import open_table, shown
+from calibration.lines.static import apply_static, extrapolated, static_u
+from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
-from calibration.rigfile import Rig
-from calibration.static import apply_static, extrapolated, static_u
-from calibration.table import open_table, shown
+from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
@@ -69,7 +69,7 @@ class CompensatedLog(Result):
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
     def as_log(self) -> Log:
-        """The compensated log as :func:`calibration.logs.read_log` would give it, standard deviations left out."""
+        """The compensated log as :func:`calibration.log.read_log` would give it, standard deviations left out."""
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
         return replace(self.raw, frame=frame, metadata=dict(self.metadata), warnings=self.warnings)
 

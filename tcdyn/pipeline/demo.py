@@ -13,15 +13,15 @@ import pandas as pd
 
 from calibration.disk import DISKS
 from calibration.estimate import rounded
-from calibration.logs import write_log
+from calibration.files.write import write_text
+from calibration.log import write_log
 from calibration.record import read_record, write_record
 from calibration.result import Result, jsonable
-from calibration.rigfile import load_rig
-from calibration.write import write_text
+from calibration.rig import load_rig
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
-from tcdyn.rig.campaign import CampaignFiles, simulate_campaign
+from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 
 AFTER_S = 5.0
 FLUID = "mobil-jet-ii"

@@ -12,11 +12,11 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.logs import COMPENSATED, Log, read_log
+from calibration.lines.static import apply_static, extrapolated
+from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
-from calibration.rigfile import Rig
-from calibration.static import apply_static, extrapolated
+from calibration.rig import Rig
 from immersion.events import find_entry
 from tcdyn.compensate.denoise import METHODS, Denoised, remove_noise
 from tcdyn.partition.events import find_events

@@ -13,14 +13,14 @@ from typing import IO, Any
 import numpy as np
 
 from calibration.columns import KNOWN, match_columns
-from calibration.csvtable import CsvTable
-from calibration.dialect import ABSENT, FLAGS, HEAD_BYTES, is_number, split
 from calibration.errors import InputError
-from calibration.logs import COMPENSATED
+from calibration.files.csvtable import CsvTable
+from calibration.files.dialect import ABSENT, FLAGS, HEAD_BYTES, is_number, split
+from calibration.files.table import open_table, shown
+from calibration.files.write import write_text
+from calibration.log import COMPENSATED
 from calibration.record import DiskRecord
-from calibration.rigfile import Rig
-from calibration.table import open_table, shown
-from calibration.write import write_text
+from calibration.rig import Rig
 from tcdyn.pipeline.causal import Causal, CausalState, Settings, begin
 from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
 from tcdyn.pipeline.records import rig_of

@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.record import DiskRecord, read_record
-from calibration.rigfile import Rig
+from calibration.rig import Rig
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibration.logs import COMPENSATED, Log
+from calibration.log import COMPENSATED, Log
 from tcdyn.chain import Chain
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.bearing import BearingFriction
-from calibration.oven import error_histogram
+from calibration.lines.bearing import BearingFriction
+from calibration.lines.oven import error_histogram
+from calibration.lines.static import OvenFit, static_u
+from calibration.lines.transducers import TransducerLine
 from calibration.record import ChainRecord
-from calibration.static import OvenFit, static_u
-from calibration.transducers import TransducerLine
-from tcdyn.identify.plunge_result import LagShare
 from tcdyn.plots.style import GREY, SLOW, TRUTH, figure, finish
+from tcdyn.plunge.result import LagShare
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from calibration.estimate import Z95
 from tcdyn.design.advice import COMMON, DIFFERENCES
 from tcdyn.design.compare import Design
-from tcdyn.identify.hole import HoleComparison
-from tcdyn.identify.plunge_compare import JunctionTraces
-from tcdyn.identify.plunge_result import PlungeFit
-from tcdyn.identify.plunge_run import PlungeRun
 from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, finish
+from tcdyn.plunge.compare import JunctionTraces
+from tcdyn.plunge.hole import HoleComparison
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.run import PlungeRun
 
 _LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from calibration.bearing import BearingFriction
 from calibration.errors import InputError
-from calibration.logs import Log
+from calibration.lines.bearing import BearingFriction
+from calibration.lines.static import OvenFit
+from calibration.log import Log
 from calibration.record import DiskRecord
-from calibration.static import OvenFit
 from tcdyn import plots
 from tcdyn.chain import Chain
 from tcdyn.compensate.before_use import BeforeUse
@@ -17,12 +17,12 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.design.compare import Design
 from tcdyn.identify.choose import Comparison
 from tcdyn.identify.fit import Fit
-from tcdyn.identify.hole import HoleComparison
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.plunge_result import PlungeFit
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.plunge.hole import HoleComparison
+from tcdyn.plunge.result import PlungeFit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.identify.plunge_noise import block_sd
-from tcdyn.identify.plunge_result import PlungeFit
 from tcdyn.plots.style import CHANNEL_STYLE, GREY, SLOW, TRUTH, figure, finish
+from tcdyn.plunge.noise import block_sd
+from tcdyn.plunge.result import PlungeFit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from calibration.compare import check_record
 from calibration.estimate import with_u
+from calibration.lines.static import OvenFit, static_u
 from calibration.record import DiskRecord
-from calibration.recorddiff import check_record
-from calibration.static import OvenFit, static_u
-from tcdyn.identify.plunge_result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
 from tcdyn.plots.plunges import plunge_figure, standardised
 from tcdyn.plots.plunges import residual_figure as left_over_figure
+from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 
 FIT = "fit to use"

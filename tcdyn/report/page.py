@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
+from calibration.files.write import write_text
 from calibration.grade import graded
-from calibration.write import write_text
 from tcdyn.report.tables import table_html, typeset
 
 if TYPE_CHECKING:

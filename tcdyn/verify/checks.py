@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.conduction.closed_forms import product_decay_K, ring_steady_degC, ring_transient_degC, semi_infinite
 from tcdyn.conduction.exact import free_decay, step_fields
 from tcdyn.conduction.rim import Mesh, Rim

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from immersion.fluids import fluid
-from tcdyn.rig.contact import YOUNG_Pa, hertz_contact
-from tcdyn.rig.interference import contact_conductance_W_m2K, interference_pressure_Pa
-from tcdyn.rig.kinematics import entraining_speed_m_s, sliding_speed_m_s
-from tcdyn.rig.programme import PROGRAMME, EhlCondition
+from tcdyn.contact import YOUNG_Pa, hertz_contact
+from tcdyn.interference import contact_conductance_W_m2K, interference_pressure_Pa
+from tcdyn.kinematics import entraining_speed_m_s, sliding_speed_m_s
+from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify.row import VerifyRow, numbers, row, within
 
 SPEEDS = {"A": (10.0, 8.06), "B": (13.0, 10.5), "C": (16.0, 12.9), "D": (20.0, 16.3)}  # table 6.1: u_s, u_m

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.oven import error_statistics
-from calibration.static import fit_static_lines
+from calibration.lines.oven import error_statistics
+from calibration.lines.static import fit_static_lines
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
-from tcdyn.rig.oven import simulate_oven
-from tcdyn.rig.truth import draw_truth
+from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.truth import draw_truth
 from tcdyn.verify.row import VerifyRow, numbers, row
 
 TABLE_2_6 = {"raw": (1.9, 117.0, 0.40, 0.56), "calibrated": (0.8, 66.5, 0.23, 0.29)}

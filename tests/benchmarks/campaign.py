@@ -9,11 +9,11 @@ from pathlib import Path
 from time import perf_counter
 
 from calibration.record import read_record, write_record
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.pipeline import calibrate_disk
 from tcdyn.pipeline.campaign import CampaignSettings, run_campaign
-from tcdyn.rig.campaign import simulate_campaign
-from tcdyn.rig.script import STUDY_MESH, EhlOptions
+from tcdyn.simulate.campaign import simulate_campaign
+from tcdyn.simulate.script import STUDY_MESH, EhlOptions
 
 
 def main(count: int = 4) -> None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.engine import Drive, map_beta_h
 from tcdyn.conduction.modal import rim_gains, spectrum

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration.logs import read_log, write_log
+from calibration.log import read_log, write_log
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 from cal_cases import ehl_frame

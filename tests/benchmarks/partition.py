@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from tcdyn.rig.campaign import ALL_TESTS
-from tcdyn.rig.script import EhlOptions
+from tcdyn.simulate.campaign import ALL_TESTS
+from tcdyn.simulate.script import EhlOptions
 from tests.partition.study_rigs import study_rig
 
 

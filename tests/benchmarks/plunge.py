@@ -15,16 +15,16 @@ from plunge_simulator import same_pairs, simulate
 from plunge_study import make_runs
 
 from calibration.disk import CHANNELS
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
-from tcdyn.identify.plunge import identify_plunges
-from tcdyn.identify.plunge_layout import Layout
-from tcdyn.identify.plunge_model import build_run_model, predict_run
-from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_run import make_blocks
+from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.layout import Layout
+from tcdyn.plunge.model import build_run_model, predict_run
+from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.run import make_blocks
 
 SETUP = load_rig().disk_setup("fast")
 DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])

@@ -13,8 +13,8 @@ import numpy as np
 import pandas as pd
 from cal_cases import csv_text, ehl_frame, hole_frame, immersion_frame, lvm_text, oven_frame, write
 
-from calibration.logwrite import write_log
-from calibration.typej import emf_mV
+from calibration.files.logwrite import write_log
+from calibration.lines.typej import emf_mV
 
 REFUSED, FLAGGED = "refused", "flagged"
 

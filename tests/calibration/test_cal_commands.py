@@ -10,7 +10,7 @@ from cal_cases import immersion_frame, oven_frame
 from cal_corpus import CORPUS, REFUSED
 from test_cal_record import RECORD
 
-from calibration.logs import write_log
+from calibration.log import write_log
 from calibration.record import read_record, write_record
 from tcdyn.cli.app import app, run
 from tcdyn.report.certificate import plunge_sections
@@ -71,11 +71,11 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
 
 @pytest.mark.slow
 def test_the_certificate_shows_the_plunges(tmp_path):
-    from calibration.rigfile import load_rig
+    from calibration.rig import load_rig
     from tcdyn.pipeline import calibrate_disk
-    from tcdyn.rig.files import write_log as write_rig_log
-    from tcdyn.rig.oven import simulate_oven
-    from tcdyn.rig.plunge import simulate_plunge
+    from tcdyn.simulate.files import write_log as write_rig_log
+    from tcdyn.simulate.oven import simulate_oven
+    from tcdyn.simulate.plunge import simulate_plunge
 
     write_rig_log(simulate_oven("fast", seed=3)[0], tmp_path / "oven.csv")
     write_rig_log(simulate_plunge("fast", seed=3, bath_degC=95.0)[0], tmp_path / "p.csv")

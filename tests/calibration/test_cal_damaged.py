@@ -10,7 +10,7 @@ from cal_cases import FRAMES
 from cal_corpus import CORPUS, FLAGGED, REFUSED
 
 from calibration.errors import InputError
-from calibration.logs import read_log
+from calibration.log import read_log
 
 
 def test_the_corpus_holds_at_least_sixty_files():

@@ -10,8 +10,8 @@ from nptdms import ChannelObject, TdmsWriter
 
 from calibration.columns import LAYOUTS, match_columns
 from calibration.errors import InputError
-from calibration.logs import read_log, write_log
-from calibration.rigfile import parse_rig
+from calibration.log import read_log, write_log
+from calibration.rig import parse_rig
 
 FRAME = ehl_frame()
 

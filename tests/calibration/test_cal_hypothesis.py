@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calibration.errors import InputError
-from calibration.logs import read_log, write_log
-from calibration.table import open_table
+from calibration.files.table import open_table
+from calibration.log import read_log, write_log
 
 CALM = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 CELLS = st.floats(allow_nan=True, allow_infinity=False, width=64)

@@ -10,9 +10,11 @@ import pytest
 from cal_cases import oven_frame, oven_truth, write
 from typer.testing import CliRunner
 
+from calibration.compare import check_record, diff_records
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.lines.static import fit_static_lines
 from calibration.record import (
     ChainRecord,
     ChannelChain,
@@ -23,9 +25,7 @@ from calibration.record import (
     read_record,
     write_record,
 )
-from calibration.recorddiff import check_record, diff_records
-from calibration.rigfile import load_rig
-from calibration.static import fit_static_lines
+from calibration.rig import load_rig
 from tcdyn.chain import conditioning_polynomials
 from tcdyn.cli.record import app
 from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict

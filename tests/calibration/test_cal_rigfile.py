@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from calibration.errors import InputError
-from calibration.rigfile import load_rig, rig_toml
+from calibration.rig import load_rig, rig_toml
 
 
 def test_the_printed_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> None:

@@ -12,10 +12,9 @@ from cal_cases import oven_frame, oven_truth
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.linefit import fit_line
-from calibration.logs import read_log, write_log
-from calibration.oven import error_histogram, error_statistics, steady_minutes
-from calibration.static import (
+from calibration.lines.linefit import fit_line
+from calibration.lines.oven import error_histogram, error_statistics, steady_minutes
+from calibration.lines.static import (
     PRT_U_DEGC,
     StaticLine,
     apply_static,
@@ -23,7 +22,8 @@ from calibration.static import (
     outside_range,
     static_u,
 )
-from tcdyn.rig.oven import simulate_oven
+from calibration.log import read_log, write_log
+from tcdyn.simulate.oven import simulate_oven
 
 DATA = Path(os.environ.get("TCDYN_DATA", Path(__file__).parents[2] / "../shared/data"))
 OVENS = 200

@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
-from calibration import thin
+from calibration.checks import thin
 from calibration.errors import InputError
-from calibration.logs import read_log, write_log
+from calibration.log import read_log, write_log
 from calibration.stream import iter_log
 
 

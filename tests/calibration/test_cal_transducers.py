@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.bearing import fit_bearing_friction, speed_from_counts_rpm, speed_from_pulses_rpm
 from calibration.errors import InputError
-from calibration.transducers import check_zero, fit_transducer
+from calibration.lines.bearing import fit_bearing_friction, speed_from_counts_rpm, speed_from_pulses_rpm
+from calibration.lines.transducers import check_zero, fit_transducer
 
 LOADS = np.linspace(0, 2400, 9)
 

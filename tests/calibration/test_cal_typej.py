@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.errors import InputError
-from calibration.typej import emf_mV, sensitivity_mV_K, temperature_degC
+from calibration.lines.typej import emf_mV, sensitivity_mV_K, temperature_degC
 
 
 def test_emf_agrees_with_the_published_table():

@@ -12,13 +12,13 @@ import pytest
 from cal_cases import ehl_frame
 
 from calibration.errors import InputError
-from calibration.logs import write_log
-from calibration.write import atomic_path, sha256, write_text
+from calibration.files.write import atomic_path, sha256, write_text
+from calibration.log import write_log
 
 WRITER = """
 import sys
 import numpy as np, pandas as pd
-from calibration.logs import write_log
+from calibration.log import write_log
 frame = pd.DataFrame({f"c{i}": np.arange(400_000.0) + i for i in range(8)})
 print("ready", flush=True)
 while True:

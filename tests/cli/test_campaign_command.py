@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from calibration.logs import read_log
+from calibration.log import read_log
 from tcdyn.cli.app import app, run
 from tcdyn.partition.prepare import prepare
 from tcdyn.pipeline import campaign as stage

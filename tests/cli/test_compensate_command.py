@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.logs import read_log, write_log
+from calibration.log import read_log, write_log
 from tcdyn.cli.app import app, run
 from tcdyn.pipeline import compensate_log
 from tests.conftest import Campaign

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 import typer
 
-from calibration.logs import read_log
+from calibration.log import read_log
 from tcdyn.cli.app import COMMANDS, load_command
 from tcdyn.pipeline import denoise
 from tests.cli.test_main_job import tcdyn

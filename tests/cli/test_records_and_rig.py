@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.logs import write_log
+from calibration.log import write_log
 from calibration.record import read_record, write_record
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.pipeline import compensate_log, estimate_beta
 from tcdyn.pipeline.records import rig_of
@@ -78,7 +78,7 @@ def test_uncertainties_of_one_disk_widen_that_disk(campaign: Campaign, tmp_path:
 
 def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: Path) -> None:
     """A slow disk twice as crowned: the track is that of two equal disks with the mean of both curvatures."""
-    from tcdyn.rig.contact import half_width_m
+    from tcdyn.contact import half_width_m
 
     (tmp_path / "rig.toml").write_text("[slow.disk]\ncrown_radius_mm = 152.4\n")
     rig = load_rig(tmp_path / "rig.toml")

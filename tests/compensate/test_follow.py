@@ -172,7 +172,7 @@ def read_text(text: str) -> pd.DataFrame:
 
 
 def test_columns_by_other_names_decimal_commas_and_notes_above(campaign: Campaign, tmp_path: Path, text: str) -> None:
-    from calibration.rigfile import load_rig
+    from calibration.rig import load_rig
 
     whole = whole_run(campaign, tmp_path, text)
     toml = campaign.files.rig.read_text(encoding="utf-8")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.conduction.rim import Rim, points_of
 
 

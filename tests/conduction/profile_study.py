@@ -14,9 +14,9 @@ from tcdyn.conduction.bank import Switch, node_rates
 from tcdyn.conduction.engine import Drive
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.rim import Mesh, Profile, Rim, points_of
-from tcdyn.rig.implicit import Stepping, integrate, steady_state
-from tcdyn.rig.mesh import DiskMesh, build_system
-from tcdyn.rig.truth import DiskTruth, draw_truth
+from tcdyn.simulate.implicit import Stepping, integrate, steady_state
+from tcdyn.simulate.mesh import DiskMesh, build_system
+from tcdyn.simulate.truth import DiskTruth, draw_truth
 
 DT_S, OFF_S, AMBIENT = 1 / 75, 400.0, 55.0
 

@@ -6,11 +6,11 @@ import numpy as np
 from plunge_simulator import Draws, simulate
 
 from calibration.disk import CHANNELS
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from immersion.events import EntryEvent
 from immersion.fluids import fluid
-from tcdyn.identify.plunge import identify_plunges
-from tcdyn.identify.plunge_run import PlungeRun
+from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.run import PlungeRun
 
 OWN_LAG_S = 2 / (2 * np.pi * 4.0)
 

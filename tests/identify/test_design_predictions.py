@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.rigfile import UncertaintyTable, load_rig
+from calibration.rig import UncertaintyTable, load_rig
 from tcdyn.design.advice import COMMON, DIFFERENCES, MEANING, grade, headline
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges

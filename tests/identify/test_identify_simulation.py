@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm as general_expm
 
-from tcdyn.identify.realise import Factor, Rational, realise
-from tcdyn.identify.simulate import expm, simulate, simulate_rows
+from tcdyn.chain.factors import Factor, Rational, realise
+from tcdyn.chain.simulate import expm, simulate, simulate_rows
 
 U = np.random.default_rng(1).normal(size=200).cumsum()
 

@@ -14,16 +14,16 @@ from plunge_study import OWN_LAG_S, describe, make_runs, study
 from calibration.disk import CHANNELS, Conditioning
 from calibration.errors import InputError
 from calibration.noise import white_noise_sd
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from immersion.correlations import correlation
 from tcdyn.chain import Chain
-from tcdyn.identify.plunge import identify_plunges
-from tcdyn.identify.plunge_grid import Reading, conditioned, lag_on_grid
-from tcdyn.identify.plunge_layout import COMPARED, Layout, Structure, stages
-from tcdyn.identify.plunge_model import build_run_model, chain_on_grid, predict_run
-from tcdyn.identify.plunge_prior import PlungePriors
-from tcdyn.identify.plunge_result import PlungeFit
-from tcdyn.identify.plunge_run import PlungeRun, make_blocks
+from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.grid import Reading, conditioned, lag_on_grid
+from tcdyn.plunge.layout import COMPARED, Layout, Structure, stages
+from tcdyn.plunge.model import build_run_model, chain_on_grid, predict_run
+from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.run import PlungeRun, make_blocks
 
 SETUP = load_rig().disk_setup("fast")
 

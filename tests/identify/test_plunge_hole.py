@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.identify.hole import compare_holes
-from tcdyn.rig.hole import simulate_hole
+from tcdyn.plunge.hole import compare_holes
+from tcdyn.simulate.hole import simulate_hole
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -11,17 +11,17 @@ from plunge_simulator import same_pairs, simulate
 from plunge_study import make_runs
 
 from calibration.errors import InputError
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.cli.design import design
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan
-from tcdyn.identify.hole import compare_holes
-from tcdyn.identify.plunge import identify_plunges
-from tcdyn.identify.plunge_compare import junction_traces, uncalibrated_traces
-from tcdyn.identify.plunge_result import PlungeFit
 from tcdyn.plots import immersion as pictures
 from tcdyn.plots.style import figure
-from tcdyn.rig.hole import simulate_hole
+from tcdyn.plunge.compare import junction_traces, uncalibrated_traces
+from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.hole import compare_holes
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.simulate.hole import simulate_hole
 
 SETUP = load_rig().disk_setup("fast")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.logs import Log
-from tcdyn.identify.plunge_run import bath_filled, despiked, make_blocks, run_from_log
-from tcdyn.rig.plunge import simulate_plunge
+from calibration.log import Log
+from tcdyn.plunge.run import bath_filled, despiked, make_blocks, run_from_log
+from tcdyn.simulate.plunge import simulate_plunge
 
 
 def test_the_steps_of_a_coarse_logger_are_no_spikes() -> None:

@@ -11,14 +11,14 @@ from plunge_simulator import same_pairs, simulate
 from plunge_study import OWN_LAG_S, make_runs
 
 from calibration.estimate import Z95, Estimate
-from calibration.rigfile import load_rig
-from tcdyn.identify.plunge import identify_plunges
-from tcdyn.identify.plunge_doubt import with_structure_doubt
-from tcdyn.identify.plunge_evidence import held_out, laplace, log_evidence
-from tcdyn.identify.plunge_layout import COMPARED
-from tcdyn.identify.plunge_result import PlungeFit
-from tcdyn.identify.plunge_scan import LagScan
-from tcdyn.identify.plunge_structures import StructureComparison, StructureRow, percent
+from calibration.rig import load_rig
+from tcdyn.plunge.doubt import with_structure_doubt
+from tcdyn.plunge.evidence import held_out, laplace, log_evidence
+from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.layout import COMPARED
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.scan import LagScan
+from tcdyn.plunge.structures import StructureComparison, StructureRow, percent
 
 SETUP = load_rig().disk_setup("fast")
 TRUE_S = 0.75 + OWN_LAG_S

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder, influence
 from immersion.fluids import fluid

@@ -17,8 +17,8 @@ from joblib import Parallel, delayed
 
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.errors import InputError
-from calibration.rigfile import load_rig
-from tcdyn.rig.truth import RigTruth, draw_truth
+from calibration.rig import load_rig
+from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import study_rig
 
 FIRST_SEED = 5000

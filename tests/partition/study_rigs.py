@@ -14,16 +14,16 @@ import numpy as np
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Estimate
-from calibration.logs import Log
+from calibration.lines.static import fit_static_lines
+from calibration.log import Log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, now_utc
-from calibration.rigfile import Rig, load_rig
-from calibration.static import fit_static_lines
+from calibration.rig import Rig, load_rig
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.prepare import EhlTest, prepare
-from tcdyn.rig.ehl import simulate_ehl
-from tcdyn.rig.oven import simulate_oven
-from tcdyn.rig.script import STUDY_MESH, EhlOptions
-from tcdyn.rig.truth import RigTruth, draw_truth
+from tcdyn.simulate.ehl import simulate_ehl
+from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.script import STUDY_MESH, EhlOptions
+from tcdyn.simulate.truth import RigTruth, draw_truth
 
 COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives
 QUICK = EhlOptions(load_on_s=20.0, unload_s=320.0, duration_s=336.0, mesh=STUDY_MESH)

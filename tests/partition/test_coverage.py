@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from scipy import stats
 
-from calibration.rigfile import load_rig
-from tcdyn.rig.truth import draw_truth
+from calibration.rig import load_rig
+from tcdyn.simulate.truth import draw_truth
 from tests.partition.coverage_study import report, study
 from tests.partition.junction_study import moved_junction
 from tests.partition.study_rigs import study_rig

@@ -10,12 +10,12 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from calibration.logs import read_log
+from calibration.log import read_log
 from tcdyn.partition.crosscheck import Tension, cross_check
 from tcdyn.partition.friction import FrictionAdded
 from tcdyn.partition.prepare import EhlTest, prepare
-from tcdyn.partition.sensor_depths import DepthTest, chance_of, largest_pulls
-from tcdyn.partition.sensors import check_sensors
+from tcdyn.partition.sensors.check import check_sensors
+from tcdyn.partition.sensors.depths import DepthTest, chance_of, largest_pulls
 from tcdyn.partition.tension import DEPTH_ALARM, OTHER_ALARM, tensions
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig

@@ -15,7 +15,7 @@ from tcdyn.partition.pinned import joint_surface, minimum, table_of
 from tcdyn.partition.profile import theta_of
 from tcdyn.partition.refine import joint_start, steady_lines
 from tcdyn.partition.window import stretch_of
-from tcdyn.rig.truth import RigTruth, draw_truth
+from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
 
 

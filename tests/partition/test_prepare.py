@@ -11,9 +11,9 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.record import DiskRecord
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.partition.prepare import disk_traces, record_chains
-from tcdyn.rig.truth import draw_truth
+from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import _record
 
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from calibration.disk import CHANNELS
-from calibration.logs import read_log
+from calibration.log import read_log
 from calibration.record import read_record, write_record
-from calibration.rigfile import load_rig
+from calibration.rig import load_rig
 from tcdyn.partition.prepare import DiskTraces, EhlTest, prepare
-from tcdyn.partition.sensor_pairs import angle_groups, demand
-from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tcdyn.partition.sensors.check import SensorCheck, check_sensors
+from tcdyn.partition.sensors.pairs import angle_groups, demand
 from tests.conftest import Campaign
 
 
@@ -151,8 +151,8 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
 @pytest.mark.parametrize("seed", range(20, 26))
 def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
     from tcdyn.pipeline import calibrate_disk
-    from tcdyn.rig.campaign import simulate_campaign
-    from tcdyn.rig.script import STUDY_MESH, EhlOptions
+    from tcdyn.simulate.campaign import simulate_campaign
+    from tcdyn.simulate.script import STUDY_MESH, EhlOptions
 
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     files = simulate_campaign(tmp_path, seed, ("A1", "D4"), ehl_options=options, uncertain=True)
@@ -172,10 +172,10 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
 ) -> None:
     """The true disks have the junction elsewhere, so that the whole field is right; the rig file does not know."""
-    from tcdyn.rig.ehl import simulate_ehl
-    from tcdyn.rig.files import write_log
-    from tcdyn.rig.script import STUDY_MESH, EhlOptions
-    from tcdyn.rig.truth import draw_truth
+    from tcdyn.simulate.ehl import simulate_ehl
+    from tcdyn.simulate.files import write_log
+    from tcdyn.simulate.script import STUDY_MESH, EhlOptions
+    from tcdyn.simulate.truth import draw_truth
 
     true = draw_truth(3, campaign.rig)  # the fixture's rig
     setup = true.fast.setup

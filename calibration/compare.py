@@ -1,0 +1,164 @@
+"""Two records of one disk side by side: what drifted, and whether that is more than their uncertainties."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from calibration.errors import InputError
+from calibration.grade import graded
+from calibration.lines.static import apply_static, outside_range, static_u
+from calibration.record import DiskRecord, moment, now_utc
+from calibration.result import Result, jsonable
+
+SIGNIFICANT = 0.05
+
+
+@dataclass(frozen=True)
+class RecordDiff(Result):
+    """One row a quantity: old, new, change, its standard uncertainty, z and two-sided p.
+
+    ``significant`` is at the 5 % level after Holm's correction over all rows.
+    """
+
+    table: pd.DataFrame
+    notes: tuple[str, ...]
+
+    @property
+    def significant(self) -> pd.DataFrame:
+        """The rows whose change is significant."""
+        return self.table[self.table["significant"]]
+
+    def sentence(self) -> str:
+        """The verdict in words."""
+        drifted = list(self.significant["quantity"])
+        if not drifted:
+            return f"No significant drift in {len(self.table)} quantities."
+        return f"{len(drifted)} of {len(self.table)} quantities drifted significantly: {', '.join(drifted)}."
+
+    def summary(self) -> str:
+        """The verdict and the notes."""
+        return "\n".join([self.sentence(), *(f"note: {note}" for note in self.notes)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Sentence, notes and every row of the table."""
+        return {"sentence": self.sentence(), "notes": list(self.notes), "quantities": jsonable(self.table)}
+
+    def card(self) -> pd.DataFrame:
+        """What drifted."""
+        return self.significant
+
+
+def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
+    """Changes from ``old`` to ``new``: each channel's reading at both ends of the common range [degC], and its lag
+    [s].
+
+    The two calibrations are taken as independent. Raises InputError for records of different disks.
+    """
+    if old.disk != new.disk:
+        raise InputError(
+            f"records of disk {old.disk!r} and of disk {new.disk!r}", expected="two calibrations of one disk"
+        )
+    rows: list[tuple[str, float, float, float]] = []
+    notes: list[str] = []
+    for c in sorted(set(old.static) & set(new.static)):
+        a, b = old.static[c], new.static[c]
+        low = max(a.range_degC[0], b.range_degC[0])
+        high = min(a.range_degC[1], b.range_degC[1])
+        if low >= high:
+            notes.append(f"channel {c}: the calibrated ranges do not overlap")
+            continue
+        for t in (low, high):
+            logged = (t - a.offset) / a.gain
+            u = float(np.hypot(static_u(a, t), static_u(b, t)))
+            rows.append((f"{c} at {t:.0f} degC", t, float(apply_static(logged, b)), u))
+    if old.chain is not None and new.chain is not None:
+        for c in sorted(set(old.chain.channels) & set(new.chain.channels)):
+            before, after = old.chain.channels[c].lag_s, new.chain.channels[c].lag_s
+            rows.append((f"{c} lag_s", before.value, after.value, float(np.hypot(before.u, after.u))))
+            first, second = old.chain.differential_lag_s[c], new.chain.differential_lag_s[c]
+            rows.append((f"{c} differential lag_s", first.value, second.value, float(np.hypot(first.u, second.u))))
+    notes += _changed_tables(old, new)
+    gone = sorted(set(old.static) ^ set(new.static))
+    if gone:
+        notes.append(f"channels {', '.join(gone)} stand in one record only")
+    return RecordDiff(_holm(rows), tuple(notes))
+
+
+def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
+    """Keys of rig.toml that the records were made with and that differ; names of columns have no part in a lag."""
+    before, after = (r.setup.model_dump(exclude={"columns"}) for r in (old, new))
+    before["conditioning"], after["conditioning"] = (r.conditioning.model_dump() for r in (old, new))
+    return [f"{key} was {was}, is {now}" for key, was, now in changed_keys(before, after)]
+
+
+def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Keys of two sets of rig tables whose values differ: (key, value before, value after).
+
+    >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
+    [('[disk] width_mm', 9.53, 10.0)]
+    """
+    one, other = ({f"[{t}] {k}": v for t, keys in d.items() for k, v in _flat(keys)} for d in (before, after))
+    return [(key, value, other.get(key)) for key, value in one.items() if value != other.get(key)]
+
+
+def _flat(keys: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in keys.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{inner}", x) for inner, x in _flat(value))
+        else:
+            yield key, value
+
+
+def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
+    table = pd.DataFrame(rows, columns=["quantity", "old", "new", "u"])
+    table.insert(3, "change", table["new"] - table["old"])
+    size = table["u"].to_numpy()
+    change = table["change"].to_numpy()
+    certain = np.where(change == 0.0, 0.0, np.copysign(np.inf, change))
+    z = np.divide(change, size, out=certain, where=size > 0)
+    table["z"] = z
+    table["p"] = 2 * stats.norm.sf(np.abs(z))
+    p = table["p"].to_numpy()
+    order = np.argsort(p, kind="stable")
+    adjusted = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1))
+    flags = np.zeros(len(order), dtype=bool)
+    flags[order] = adjusted < SIGNIFICANT
+    table["significant"] = flags
+    return table
+
+
+def check_record(record: DiskRecord) -> list[str]:
+    """What a careful reader would ask about a sound record: one sentence each, empty when nothing.
+
+    Its warnings are among them; its notes, which tell of what was mended in full, are not.
+    """
+    doubts = graded(record.warnings)[0]
+    missing = [c for c in "abcdef" if c not in record.static]
+    if missing:
+        doubts.append(f"static: channels {', '.join(missing)} are missing")
+    if moment(record.created) > moment(now_utc()):
+        doubts.append(f"created: {record.created} lies in the future")
+    if record.chain is None:
+        doubts.append("chain: the record holds no chain; it can correct steady readings only")
+    for c, line in record.static.items():
+        if abs(line.gain - 1) > 0.05:
+            doubts.append(f"static.{c}.gain: {line.gain:.4f} is more than 5 % from 1")
+        if outside_range(line, [20.0, 160.0], margin_K=10.0).any():
+            doubts.append(f"static.{c}.range_degC: {line.range_degC} leaves part of 20..160 degC to extrapolation")
+        u = float(np.max(static_u(line, np.array(line.range_degC))))
+        if u > 0.5:
+            doubts.append(f"static.{c}: the line is known to {u:.2g} degC only")
+    if record.chain is not None:
+        for c, chain in record.chain.channels.items():
+            if chain.lag_s.u > 0.5 * chain.lag_s.value:
+                doubts.append(f"chain.{c}: the lag {chain.lag_s} s is hardly known")
+            spread = record.chain.differential_lag_s[c]
+            if abs(spread.value) > 0.5 * record.chain.common_lag_s.value and abs(spread.value) > 2 * spread.u:
+                doubts.append(f"chain.{c}: its lag is {spread} s off the others'; badly cemented?")
+    return doubts

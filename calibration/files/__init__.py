@@ -1,0 +1,1 @@
+"""Any file of a logger to named columns."""

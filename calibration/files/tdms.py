@@ -1,0 +1,159 @@
+"""TDMS logs: channels that may differ in start and rate, or lack a time track."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nptdms import TdmsFile
+from nptdms.log import log_manager
+
+from calibration.errors import InputError
+from calibration.files.align import Track, align
+from calibration.files.table import Columns, FloatArray, RowNumbers
+
+log_manager.set_level(logging.ERROR)
+
+_EPOCH = np.datetime64("2000-01-01", "us")
+
+
+@dataclass
+class TdmsTable:
+    """A TDMS file; where it has no channel ``time_s``, one made from the channels' own tracks stands in."""
+
+    path: Path
+    where: str
+    names: tuple[str, ...] = ()
+    metadata: dict[str, str] = field(default_factory=dict)
+    made_time: bool = False
+
+    def __post_init__(self) -> None:
+        with self._open() as file:
+            self._check_size(file)
+            channels = [c for group in file.groups() for c in group.channels()]
+            names = [str(c.name).strip() for c in channels]
+            timed = any("wf_increment" in c.properties for c in channels)
+            for owner in (file, *file.groups()):
+                for key, value in owner.properties.items():
+                    self.metadata.setdefault(str(key)[:200], str(value)[:2000])
+        if not names:
+            raise InputError("holds no channels", where=self.where, expected="a TDMS log")
+        own = "time_s" in names or "time" in names
+        self.made_time = timed and not own
+        self.names = tuple(["time_s", *names] if self.made_time else names)
+
+    def read(self, wanted: Sequence[str]) -> Columns:
+        """The wanted channels on one time grid; see ``align``."""
+        with self._open() as file:
+            channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
+            tracks = {n: self._track(channels[n]) for n in wanted if n in channels}
+        made = self.made_time and "time_s" in wanted
+        clock = [n for n in tracks if n in ("time_s", "time")]
+        if clock:
+            lengths = {len(t.values) for t in tracks.values()}
+            if len(lengths) > 1:
+                raise InputError(
+                    f"channels have {min(lengths)} to {max(lengths)} samples beside one column {clock[0]}",
+                    where=self.where,
+                    expected="channels as long as the time, or a wf_increment on each",
+                )
+            return Columns({n: t.values for n, t in tracks.items()})
+        time, data, notes = align(tracks, self.where)
+        if made:
+            if time is None:
+                raise InputError(
+                    "no channel has a time track (wf_increment)",
+                    where=self.where,
+                    expected="a channel time_s or wf_increment",
+                )
+            data = {"time_s": time, **data}
+        return Columns(data, tuple(notes))
+
+    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
+        """The wanted channels piece by piece, in bounded memory; they must share one start, rate and length."""
+        with self._open() as file:
+            channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
+            tracks = {n: self._track(channels[n], 0, 1) for n in wanted if n in channels}
+            lengths = {len(channels[n]) for n in tracks}
+            timed = any(n in ("time_s", "time") for n in tracks)
+            if len(lengths) > 1 or (not timed and len({t.same_as for t in tracks.values()}) > 1):
+                raise InputError(
+                    "channels differ in start, rate or length: such a log cannot be read in pieces",
+                    where=self.where,
+                    remedy="read it whole, with read_log",
+                )
+            track = next(iter(tracks.values()))
+            for start in range(0, lengths.pop(), rows):
+                parts = {n: self._track(channels[n], start, start + rows).values for n in tracks}
+                if self.made_time and "time_s" in wanted:
+                    if track.dt_s is None:
+                        raise InputError("no channel has a time track (wf_increment)", where=self.where)
+                    count = len(next(iter(parts.values())))
+                    parts["time_s"] = np.asarray((start + np.arange(count)) * track.dt_s, dtype=np.float64)
+                yield Columns(parts, (), RowNumbers(start + 1))
+
+    @contextmanager
+    def _open(self) -> Iterator[Any]:
+        with open(self.path, "rb") as stream:
+            try:
+                file = TdmsFile.open(stream)
+            except Exception as problem:  # npTDMS raises many kinds on damaged files
+                raise self._damaged(problem) from None
+            yield file
+
+    def _damaged(self, problem: BaseException) -> InputError:
+        text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
+        return InputError(f"not readable as TDMS ({text})", where=self.where, expected="a whole TDMS file")
+
+    def _check_size(self, file: Any) -> None:
+        status = getattr(file, "file_status", None)
+        if status is not None and status.incomplete_final_segment:
+            raise InputError(
+                "the last segment is cut: the file is truncated", where=self.where, remedy="copy the file again"
+            )
+        promised = 0
+        for group in file.groups():
+            for channel in group.channels():
+                size = getattr(channel.data_type, "size", None) or 1
+                promised += len(channel) * int(size)
+        if promised > 16 * self.path.stat().st_size + 4096:
+            raise InputError(
+                f"promises {promised} bytes of samples but has {self.path.stat().st_size}: it is damaged",
+                where=self.where,
+            )
+
+    def _track(self, channel: Any, start: int = 0, stop: int | None = None) -> Track:
+        try:
+            values, first = channel[start:stop], channel[:1]
+            props = channel.properties
+        except Exception as problem:  # npTDMS raises many kinds on damaged files
+            raise self._damaged(problem) from None
+        numbers = _floats(values, first, str(channel.name), self.where)
+        try:
+            offset = float(props.get("wf_start_offset", 0.0) or 0.0)
+            begun = props.get("wf_start_time")
+            if begun is not None:
+                offset += (np.datetime64(begun, "us") - _EPOCH) / np.timedelta64(1, "us") * 1e-6
+            step = float(props.get("wf_increment", 0.0))
+        except (TypeError, ValueError) as problem:
+            raise InputError(
+                f"channel {channel.name}: its time track is damaged ({problem})", where=self.where
+            ) from None
+        good = np.isfinite(step) and step > 0
+        return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
+
+
+def _floats(values: Any, first: Any, name: str, where: str) -> FloatArray:
+    array = np.asarray(values)
+    if np.issubdtype(array.dtype, np.datetime64):
+        return np.asarray((array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
+    if array.dtype.kind not in "fiub":
+        raise InputError(f"channel {name} holds {array.dtype}, not numbers", where=where)
+    if len(array) == 0:
+        raise InputError(f"channel {name} is empty", where=where)
+    return np.asarray(array, dtype=np.float64)

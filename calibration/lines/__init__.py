@@ -1,0 +1,1 @@
+"""Straight lines of sensors: static lines, bearing friction, transducers; type J."""

@@ -1,0 +1,238 @@
+"""Static lines of the thermocouples against the oven's PRT, with a covariance that simulation bears out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
+from calibration.lines.oven import ErrorStatistics, error_statistics, hold_means
+from calibration.result import Result
+
+PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
+SIGNIFICANT = 0.01
+FAR_K = 10.0  # beyond the oven's range
+
+
+class StaticLine(BaseModel):
+    """T_degC = gain * logged + offset_degC, and how well it is known.
+
+    ``covariance`` is that of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties
+    are the 95 % interval at the degrees of freedom at hand. ``range_degC`` is the span of the PRT readings.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    gain: float = Field(gt=0.3, lt=3.0)
+    offset: float = Field(gt=-100.0, lt=100.0)
+    covariance: tuple[tuple[float, float], tuple[float, float]]
+    range_degC: tuple[float, float]
+    residual_sd_degC: float = Field(default=0.0, ge=0.0, lt=50.0)
+    repeatability_sd_degC: float | None = Field(default=None, ge=0.0, lt=50.0)
+    n: int = Field(default=2, ge=2)
+    r_squared: float | None = Field(default=None, ge=0.0, le=1.0)
+    lack_of_fit_p: float | None = Field(default=None, ge=0.0, le=1.0)
+    quadratic_p: float | None = Field(default=None, ge=0.0, le=1.0)
+
+    @model_validator(mode="after")
+    def _sound(self) -> StaticLine:
+        (a, b), (c, d) = self.covariance
+        if a < 0 or d < 0 or abs(b - c) > 1e-9 * (abs(b) + abs(c)) or b * b > a * d * (1 + 1e-6) + 1e-30:
+            raise ValueError("covariance must be symmetric and positive semidefinite")
+        if self.range_degC[0] >= self.range_degC[1]:
+            raise ValueError("range_degC must be (low, high)")
+        return self
+
+    @property
+    def gain_estimate(self) -> Estimate:
+        """Gain with its 95 % interval."""
+        return Estimate.normal(self.gain, float(np.sqrt(self.covariance[0][0])))
+
+    @property
+    def offset_estimate(self) -> Estimate:
+        """Offset [degC] with its 95 % interval."""
+        return Estimate.normal(self.offset, float(np.sqrt(self.covariance[1][1])))
+
+
+@dataclass(frozen=True)
+class OvenFit(Result):
+    """Static lines of one disk and what the oven said about them.
+
+    ``residuals`` holds one row for each hold: repeat, setpoint_degC, prt_degC and the residual [K] of each channel.
+    """
+
+    lines: dict[str, StaticLine]
+    statistics: pd.DataFrame
+    residuals: pd.DataFrame
+    raw_errors_K: NDArray[np.float64]
+    calibrated_errors_K: NDArray[np.float64]
+    warnings: tuple[str, ...] = ()
+
+    def summary(self) -> str:
+        """The lines as people write them."""
+        return "\n".join(
+            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f} K"
+            for c, line in self.lines.items()
+        )
+
+    def card(self) -> pd.DataFrame:
+        """Gain and offset with their standard uncertainties, one row a channel."""
+        return lines_table(self.lines)
+
+
+def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0) -> OvenFit:
+    """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
+
+    Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
+    PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the logged
+    means both err; the slope is corrected for the noise of the logged side (errors in variables, method of
+    moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit and a
+    shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
+    rows by name.
+
+    Raises InputError when a channel has fewer than 3 rows.
+    """
+    frame = hold_means(frame)
+    prt = frame["prt_degC"].to_numpy(dtype=float)
+    names = [c for c in CHANNELS if f"{c}_degC" in frame]
+    lines: dict[str, StaticLine] = {}
+    residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
+    notes: list[str] = []
+    for channel in names:
+        logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
+        ok = np.isfinite(logged) & np.isfinite(prt)
+        if ok.sum() < 3:
+            raise InputError(f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3")
+        fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
+        groups, repeats = (frame[k].to_numpy()[ok] for k in ("setpoint_degC", "repeat"))
+        lines[channel], said = _line(channel, fit, prt[ok], groups, repeats, prt_shared_u_degC, frame[ok])
+        notes += said
+        residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
+    raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
+    after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
+    table = _table(error_statistics(raw), error_statistics(after))
+    return OvenFit(lines, table, residuals, raw, after, tuple(notes))
+
+
+def _line(
+    channel: str,
+    fit: LineFit,
+    prt: NDArray[np.float64],
+    groups: NDArray[np.float64],
+    repeats: NDArray[np.float64],
+    shared_u: float,
+    rows: pd.DataFrame,
+) -> tuple[StaticLine, list[str]]:
+    notes: list[str] = []
+    lack = lack_of_fit_p(fit, groups)
+    curve = quadratic_p(fit)
+    within, shift_u, shift_p = repeat_shift(fit, repeats)
+    if lack is not None and lack < SIGNIFICANT:
+        notes.append(f"channel {channel}: the line does not fit within the scatter of the repeats (p = {lack:.2g})")
+    if curve is not None and curve < SIGNIFICANT:
+        notes.append(f"channel {channel}: a quadratic term is significant (p = {curve:.2g})")
+    extra = shared_u**2
+    if shift_p is not None and shift_p < SIGNIFICANT:
+        extra += shift_u**2
+        notes.append(f"channel {channel}: the repeats shift by {shift_u:.2g} degC (u of their mean, p = {shift_p:.2g})")
+    for i in outlying(fit):
+        row = rows.iloc[i]
+        notes.append(
+            f"channel {channel}: repeat {row['repeat']:g} at {row['setpoint_degC']:g} degC lies "
+            f"{fit.residuals[i]:+.2f} degC off the line; it is kept"
+        )
+    covariance = fit.covariance_95 + np.diag([0.0, extra])
+    line = StaticLine(
+        gain=fit.slope,
+        offset=fit.intercept,
+        covariance=_pair(covariance),
+        range_degC=(float(prt.min()), float(prt.max())),
+        residual_sd_degC=fit.sd,
+        repeatability_sd_degC=within,
+        n=len(prt),
+        r_squared=fit.r_squared,
+        lack_of_fit_p=lack,
+        quadratic_p=curve,
+    )
+    return line, notes
+
+
+def _pair(matrix: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
+
+
+def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
+    """Static lines as people read them, one row a channel, each number with its standard uncertainty."""
+    return pd.DataFrame(
+        [
+            {
+                "channel": name,
+                "gain": str(line.gain_estimate),
+                "offset [degC]": str(line.offset_estimate),
+                "range [degC]": f"{line.range_degC[0]:.0f} to {line.range_degC[1]:.0f}",
+                "u at mid-range [K]": f"{float(static_u(line, 0.5 * sum(line.range_degC))):.2g}",
+                "residual sd [K]": f"{line.residual_sd_degC:.2g}",
+            }
+            for name, line in sorted(lines.items())
+        ]
+    )
+
+
+def _table(raw: ErrorStatistics, after: ErrorStatistics) -> pd.DataFrame:
+    return pd.DataFrame({"raw": raw.rows(), "calibrated": after.rows()})
+
+
+def apply_static(logged: ArrayLike, line: StaticLine) -> NDArray[np.float64]:
+    """T [degC] = gain * logged + offset; any shape, NaN stays NaN.
+
+    >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
+    >>> apply_static([100.0], line).tolist()
+    [100.5]
+    """
+    return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
+
+
+def static_u(line: StaticLine, temperature_degC: ArrayLike) -> NDArray[np.float64]:
+    """Standard uncertainty [K] of the line at T [degC]: u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g."""
+    y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
+    (gg, go), (_, oo) = line.covariance
+    return np.asarray(np.sqrt(np.maximum(y * y * gg + 2 * y * go + oo, 0.0)))
+
+
+def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> NDArray[np.bool_]:
+    """Which temperatures lie more than ``margin_K`` outside the calibrated range: there the line extrapolates."""
+    t = np.asarray(temperature_degC, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
+
+
+def extrapolated(where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]) -> list[str]:
+    """One sentence for all channels of one calibrated range that a log took far outside it.
+
+    Far: more than ``FAR_K`` for more than half a per cent of the samples; a straight line bears a few kelvin more.
+
+    ``temperature_degC``: after the static lines, (N,) each, NaN where missing.
+
+    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
+    >>> extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line})
+    ['B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there']
+    """
+    left: dict[tuple[float, float], list[tuple[str, float, float]]] = {}
+    for channel, values in temperature_degC.items():
+        low, high = (float(v) for v in np.nanquantile(np.asarray(values, dtype=float), [0.005, 0.995]))
+        if outside_range(lines[channel], [low, high], margin_K=FAR_K).any():
+            left.setdefault(lines[channel].range_degC, []).append((channel, low, high))
+    return [
+        f"{where}: {', '.join(c for c, _, _ in group)} read {min(low for _, low, _ in group):.0f} to "
+        f"{max(high for *_, high in group):.0f} degC, calibrated from {span[0]:.0f} to {span[1]:.0f} degC: static "
+        "lines extrapolate there"
+        for span, group in left.items()
+    ]

@@ -1,0 +1,1 @@
+"""Least squares: residual, Jacobian and priors to optimum, covariance and intervals."""

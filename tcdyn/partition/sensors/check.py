@@ -1,0 +1,270 @@
+"""Are all twelve junctions where rig.toml says, wired as their columns say, and alive? Section 6.4, before any beta."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+
+from calibration.disk import CHANNELS, DISKS, OUTER_ROW
+from calibration.estimate import Estimate
+from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.sensors.depths import DepthTest, depth_test
+from tcdyn.partition.sensors.faults import H_GRID_W_M2K, MISPLACED_M, Fault, Verdict, hypotheses, judge
+from tcdyn.partition.sensors.features import DiskFeatures, disk_features
+from tcdyn.partition.sensors.pairs import angle_groups, pair_matrix, pair_table
+
+NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
+RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
+BLIND_LOG_ODDS = 4.0
+UNSOUND_P = 1e-4
+DEAD_REL = 0.25  # of the median rise of the disk's channels
+LEAST_RISE_K = 3.0
+LEAST_DEPTH_M = 0.3e-3
+SETTLED_M = 0.03e-3
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset", "side" or "unknown".
+
+    A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
+    ``size``: how much deeper the junction lies than stated [m], or how much it or the side reads too high [K];
+    ``log_odds`` against a sound disk.
+    """
+
+    disk: str
+    kind: str
+    channels: tuple[str, ...]
+    size: Estimate | None
+    log_odds: float
+    sentence: str
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The suspected channels as the log names them."""
+        return tuple(f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels)
+
+
+@dataclass(frozen=True)
+class SensorCheck:
+    """``table``: a row for each pair of junctions of each disk; ``verdicts``: a sentence for each disk.
+
+    ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``asymmetry_K``: d less f; ``side_K``: how much hotter
+    the second group of ``groups`` reads than the first, beyond what conduction explains; ``responses``: steady level,
+    rise after loading and fall after unloading of each junction; ``blind``: swaps that this test could not tell;
+    ``depths``: where the test places the junctions of each disk that shows no fault.
+    """
+
+    table: pd.DataFrame
+    verdicts: dict[str, str]
+    suspects: tuple[Suspect, ...]
+    warnings: tuple[str, ...]
+    bulk_degC: dict[str, float]
+    asymmetry_K: dict[str, Estimate]
+    groups: dict[str, tuple[tuple[str, ...], ...]]
+    side_K: dict[str, Estimate | None]
+    responses: pd.DataFrame
+    blind: dict[str, tuple[tuple[str, str], ...]]
+    depths: dict[str, DepthTest]
+    disks: Mapping[str, DiskTraces]
+
+    @property
+    def sound(self) -> bool:
+        """Whether no channel is suspected."""
+        return not self.suspects
+
+    def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
+        """The pairs of one disk as the thesis prints them (table 6.2); ``column``: "steady" or "unloading"."""
+        return pair_matrix(self.table, self.disks[disk], column)
+
+
+@dataclass(frozen=True)
+class _DiskCheck:
+    suspects: tuple[Suspect, ...]
+    side: Estimate | None
+    blind: tuple[tuple[str, str], ...]
+    depths: DepthTest | None
+    log_likelihood: float
+
+
+def check_sensors(test: EhlTest) -> SensorCheck:
+    """Look for dead, swapped, misplaced or offset channels in the steady pattern and in both transients of a test.
+
+    The outer row is predicted from the inner row by the
+    rim model, steady, after unloading and after loading, with share and h free; a fault is named when it explains all
+    three far better than a sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be told
+    apart: ``blind`` lists such pairs.
+    """
+    features = {d: disk_features(test, test.disks[d]) for d in DISKS}
+    checks = {d: _check(test, test.disks[d], features[d]) for d in DISKS}
+    crossed = _crossed(test, features, checks)
+    if crossed is not None:
+        checks = {d: replace(checks[d], suspects=(crossed,)) for d in DISKS}
+    pairs = pd.concat([pair_table(test, test.disks[d], features[d]) for d in DISKS], ignore_index=True)
+    suspects = (crossed,) if crossed is not None else tuple(s for d in DISKS for s in checks[d].suspects)
+    return SensorCheck(
+        table=pairs,
+        verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
+        suspects=suspects,
+        warnings=tuple(s.sentence for s in suspects),
+        bulk_degC={d: float(f.x[f.of("steady")][0, 1:7].mean()) for d, f in features.items()},
+        asymmetry_K={d: _asymmetry(pairs, d) for d in DISKS},
+        groups={d: angle_groups(test.disks[d].setup) for d in DISKS},
+        side_K={d: checks[d].side for d in DISKS},
+        responses=pd.concat([_responses(test.disks[d], features[d]) for d in DISKS], ignore_index=True),
+        blind={d: checks[d].blind for d in DISKS},
+        depths={d: t for d in DISKS if (t := checks[d].depths) is not None},
+        disks=test.disks,
+    )
+
+
+def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
+    dead = _dead(test, disk, f)
+    if dead:
+        return _DiskCheck(tuple(dead), None, (), None, np.inf)
+    gains = [f.gains(float(h)) for h in H_GRID_W_M2K]
+    sound = judge(f, disk, Fault("none"), gains)
+    found = [judge(f, disk, h, gains) for h in hypotheses(angle_groups(disk.setup))]
+    side = next((v.size for v in found if v.fault.kind == "side"), None)
+    odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
+    best = max(odds.values())
+    if best > NAMED_LOG_ODDS:
+        found = [_settled(f, disk, v) for v in found]
+        odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
+        ranked = sorted(found, key=lambda v: -v.log_likelihood)
+        best = odds[ranked[0].fault]
+        rivals = [v for v in ranked[1:] if odds[v.fault] > best - RIVAL_LOG_ODDS]
+        return _DiskCheck((_named(disk.name, ranked[0], best, rivals),), side, (), None, ranked[0].log_likelihood)
+    if sound.p_value < UNSOUND_P:
+        words = (
+            f"{disk.name} disk: its six junctions do not read as the rim model says (chi-square {sound.chi2:.0f} for "
+            f"{sound.dof} data), and no single swap, misplacement or offset explains it"
+        )
+        return _DiskCheck((Suspect(disk.name, "unknown", (), None, best, words),), side, (), None, sound.log_likelihood)
+    blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
+    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
+
+
+def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck]) -> Suspect | None:
+    """A channel of one disk exchanged with one of the other, where that explains both disks' faults better."""
+    if any(not checks[d].suspects or checks[d].suspects[0].kind == "dead" for d in DISKS):
+        return None
+    fast, slow = (features[d] for d in DISKS)
+    found = []
+    for i, j in product(range(len(CHANNELS)), repeat=2):
+        total = 0.0
+        for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
+            mixed = f.with_column_of(other, place, column)
+            gains = [mixed.gains(float(h)) for h in H_GRID_W_M2K]
+            fault = Fault("foreign", (CHANNELS[place],))
+            total += judge(mixed, test.disks[f.disk], fault, gains).log_likelihood
+        found.append((total, i, j))
+    best, i, j = max(found)
+    odds = best - sum(checks[d].log_likelihood for d in DISKS)
+    if odds < RIVAL_LOG_ODDS:
+        return None
+    names = (f"fast_{CHANNELS[i]}", f"slow_{CHANNELS[j]}")
+    words = (
+        f"channels {CHANNELS[i]} of the fast disk and {CHANNELS[j]} of the slow disk look swapped (log-odds {odds:.0f} "
+        "against the best fault of each disk by itself)"
+    )
+    return Suspect("both", "swapped", names, None, odds, words)
+
+
+def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
+    """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
+    channel = v.fault.channels[0]
+    if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
+        return v
+    stated = f.setup.junctions[channel]
+    deepest = f.setup.junctions["b"].depth_m - LEAST_DEPTH_M
+    size, again = v.size, v
+    for _ in range(4):
+        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
+        setup = replace(f.setup, junctions={**f.setup.junctions, channel: replace(stated, depth_m=depth)})
+        moved = f.on(setup)
+        again = judge(moved, disk, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
+        if again.size is None:
+            break
+        size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
+        if abs(again.size.value) < SETTLED_M:
+            break
+    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
+
+
+def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:
+    """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
+    before = test.time_s < test.events.load_on_s - 0.5
+    level = f.x[f.of("steady")][0, 1:7]
+    falls = -f.x[f.of("unloading")][-1, 1:7]
+    rise = level - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
+    out = []
+    for i, c in enumerate(CHANNELS):
+        usual, fall = float(np.median(rise)), float(np.median(falls))
+        if usual > LEAST_RISE_K and rise[i] < DEAD_REL * usual and falls[i] < DEAD_REL * fall:
+            words = (
+                f"{disk.name} disk: channel {c} is dead: it rises by {rise[i]:.1f} K under load and falls by "
+                f"{falls[i]:.1f} K after unloading, the others by {usual:.1f} K and {fall:.1f} K"
+            )
+            out.append(Suspect(disk.name, "dead", (c,), None, np.inf, words))
+    return out
+
+
+def _named(disk: str, v: Verdict, log_odds: float, rivals: list[Verdict]) -> Suspect:
+    names = " and ".join(v.fault.channels)
+    size = v.size
+    if v.fault.kind == "swapped":
+        words = f"channels {names} look swapped"
+    elif v.fault.kind == "misplaced" and size is not None:
+        deeper = "deeper" if size.value > 0 else "nearer the surface"
+        words = f"junction {names} looks {abs(size.value) * 1e3:.1f} mm {deeper} than rig.toml says"
+    elif v.fault.kind == "offset" and size is not None:
+        words = f"channel {names} reads {size.value:+.1f} K off: its static line or reference junction"
+    else:
+        shown = f" by {size.value:+.1f} K" if size is not None else ""
+        words = f"the side of {', '.join(v.fault.channels)} is hotter than the other{shown}, as in section 6.4.3"
+    sentence = f"{disk} disk: {words} (log-odds {log_odds:.0f} against a sound disk)"
+    if rivals:
+        sentence += "; or " + ", ".join(f"{r.fault.kind} {'-'.join(r.fault.channels)}" for r in rivals[:3])
+    return Suspect(disk, v.fault.kind, v.fault.channels, size, log_odds, sentence)
+
+
+def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> str:
+    if check.suspects:
+        return " ".join(s.sentence + "." for s in check.suspects)
+    own = pairs[pairs["disk"] == disk]
+    wrong = int((own["steady"] == "illogical").sum())
+    said = f"{disk} disk: no swapped, dead, misplaced or offset channel found; {wrong} of {len(own)} pairs illogical"
+    if check.blind:
+        said += "; a swap of " + ", ".join("-".join(p) for p in check.blind) + " could not have been told"
+    return said + "."
+
+
+def _asymmetry(pairs: pd.DataFrame, disk: str) -> Estimate:
+    row = pairs[(pairs["disk"] == disk) & (pairs["one"] == "d") & (pairs["other"] == "f")].iloc[0]
+    return Estimate.normal(float(row["steady_difference_K"]), float(row["steady_u_K"]))
+
+
+def _responses(disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
+    """Steady level and first answers of each junction, deepest last."""
+    x = {event: f.x[f.of(event)][:, 1:7] for event in ("steady", "unloading", "loading")}
+    middle = 0.5 * disk.setup.width_m
+    rows = []
+    for i, c in enumerate(CHANNELS):
+        place = disk.setup.junctions[c]
+        rows.append(
+            {
+                "disk": disk.name,
+                "channel": c,
+                "depth_mm": place.depth_m * 1e3,
+                "off_centre_mm": (place.z_m - middle) * 1e3,
+                "steady_degC": float(x["steady"][0, i]),
+                "fall_after_unloading_K": float(-x["unloading"][min(1, len(x["unloading"]) - 1), i]),
+                "rise_after_loading_K": float(x["loading"][0, i]) if len(x["loading"]) else np.nan,
+            }
+        )
+    return pd.DataFrame(rows).sort_values(["depth_mm", "channel"], ignore_index=True)

@@ -1,0 +1,200 @@
+"""One plunge as the fit takes it: despiked, cut to its useful part, averaged in blocks that widen with time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.log import Log
+from calibration.noise import white_noise_sd
+from immersion.events import EntryEvent, find_entry, useful_end
+from immersion.fluids import Fluid, fluid
+
+Array = NDArray[np.float64]
+
+
+class Line(Protocol):
+    """A static line: T_degC = gain * logged + offset."""
+
+    @property
+    def gain(self) -> float:
+        """Slope [1]."""
+        ...
+
+    @property
+    def offset(self) -> float:
+        """Temperature at a reading of zero [degC]."""
+        ...
+
+
+@dataclass(frozen=True)
+class PlungeRun:
+    """One immersion log after the static lines: ``readings_degC`` (N, C) in the order of ``channels``.
+
+    ``fluid_degC`` (N,) is the bath; ``noise_sd_K`` (C,) the white noise of one sample, found from the data when None.
+    """
+
+    time_s: Array
+    readings_degC: Array
+    channels: tuple[str, ...]
+    fluid: Fluid
+    fluid_degC: Array
+    entry: EntryEvent
+    noise_sd_K: Array | None = None
+    name: str = "plunge"
+
+    @property
+    def dt_s(self) -> float:
+        """Sampling interval [s]."""
+        return float(np.median(np.diff(self.time_s)))
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A plunge in blocks: mean time after the nominal entry (B,), mean readings (B, C), samples in each (B, C)."""
+
+    time_s: Array
+    readings_degC: Array
+    count: Array
+    noise_sd_K: Array
+    bath_time_s: Array
+    bath_degC: Array
+    duration_s: float
+    spikes: int
+
+
+def bath_filled(log: Log) -> pd.DataFrame:
+    """The log's frame, its bath and free probe bridged by straight lines; junctions keep their gaps as NaN.
+
+    A line across the first seconds of a plunge is no reading: block means leave out what is missing.
+    """
+    return log.filled().assign(**{name: log.frame[name] for name in log.channels})
+
+
+def run_from_log(
+    frame: pd.DataFrame,
+    fluid_name: str | Fluid,
+    lines: Mapping[str, Line] | None = None,
+    *,
+    channels: tuple[str, ...] = CHANNELS,
+    entry: EntryEvent | None = None,
+    name: str = "plunge",
+) -> PlungeRun:
+    """A run from an immersion log's canonical columns (time_s, switch, probe_degC, fluid_degC, a_degC .. f_degC).
+
+    NaN is a missing sample, left out of the block means. Static ``lines`` are applied to the channels that have one.
+    The entry is found from switch and probe unless given.
+    Raises InputError for missing columns, no entry, or a bath and disk of one temperature.
+    """
+    missing = [c for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels)) if c not in frame.columns]
+    if missing:
+        raise InputError(f"column {missing[0]} is missing", where=name, expected="an immersion log")
+    t = frame["time_s"].to_numpy(dtype=float)
+    readings = np.column_stack([frame[f"{k}_degC"].to_numpy(dtype=float) for k in channels])
+    for j, k in enumerate(channels):
+        if lines is not None and k in lines:
+            readings[:, j] = lines[k].gain * readings[:, j] + lines[k].offset
+    bath = frame["fluid_degC"].to_numpy(dtype=float)
+    if entry is None:
+        switch = frame["switch"].to_numpy(dtype=float) if "switch" in frame.columns else None
+        probe = frame["probe_degC"].to_numpy(dtype=float) if "probe_degC" in frame.columns else None
+        entry = find_entry(t, switch, probe, bath, where=name)
+    substance = fluid(fluid_name) if isinstance(fluid_name, str) else fluid_name
+    return PlungeRun(t, readings, channels, substance, bath, entry, None, name)
+
+
+def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> Blocks:
+    """Despike, cut and average a run.
+
+    Blocks are about 0.027 s long near entry (single samples of a slow log), then 3 % of the time since, at most
+    ``longest_s``. Raises InputError when there is too little before or after the entry.
+    """
+    t = run.time_s - run.entry.time_s
+    bridged = pd.DataFrame(run.readings_degC).interpolate(limit_direction="both").to_numpy()
+    end = useful_end(run.time_s, bridged, run.fluid_degC, run.entry.time_s) - run.entry.time_s
+    if t[0] > -0.5 or end < 10.0:
+        raise InputError(
+            f"the record runs from {t[0]:.1f} s to {end:.1f} s around the entry",
+            where=run.name,
+            expected="half a second before it and 10 s after it, at least",
+            remedy="log from before the disk goes in until it is warm, or leave this plunge out",
+        )
+    keep = (t >= max(-before_s, t[0])) & (t <= end)
+    times, values = t[keep], run.readings_degC[keep]
+    clean, spikes = despiked(values)
+    noise = white_noise_sd(clean) if run.noise_sd_K is None else np.asarray(run.noise_sd_K, dtype=float)
+    centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
+    bath_t, bath = smooth_bath(t, run.fluid_degC, end)
+    return Blocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
+
+
+def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
+    """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C).
+
+    A block without a sample of a channel counts 0 there, and its mean is only a line between its neighbours.
+    """
+    edges = _edges(float(times[0]), float(times[-1]), dt_s, longest_s)
+    index = np.searchsorted(edges, times, side="right") - 1
+    size = len(edges)
+    per_block = np.bincount(index, minlength=size)
+    used = per_block > 0
+    centre = np.bincount(index, times, minlength=size)[used] / per_block[used]
+    good = np.isfinite(values)
+    filled = np.where(good, values, 0.0)
+    columns = range(values.shape[1])
+    count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in columns])
+    total = np.column_stack([np.bincount(index, filled[:, j], minlength=size)[used] for j in columns])
+    mean = total / np.maximum(count, 1)
+    for j in columns:
+        some = count[:, j] > 0
+        mean[~some, j] = np.interp(centre[~some], centre[some], mean[some, j])
+    return np.asarray(centre), np.asarray(mean), count.astype(float)
+
+
+def _edges(start: float, end: float, dt: float, longest: float) -> Array:
+    short = max(2 * dt, 0.02)
+    if dt > short / 1.5:
+        short = dt
+    edges = [start - dt / 2]
+    while edges[-1] < -1.0:
+        edges.append(min(edges[-1] + 1.0, -1.0) if edges[-1] < -1.5 else -1.0)
+    while edges[-1] < end + dt / 2:
+        step = short + 0.03 * max(edges[-1] - 1.0, 0.0)
+        edges.append(edges[-1] + min(step, longest))
+    return np.array(edges)
+
+
+def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Array, int]:
+    """Samples further than ``threshold`` noise sd from the median of their neighbours become NaN; and how many."""
+    padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
+    with np.errstate(invalid="ignore"):
+        off = values - np.median(windows, axis=-1)
+        # on a ramp a sample is the median of its neighbours, and says nothing of the noise: so do the differences
+        sd = np.maximum(1.4826 * np.nanmedian(np.abs(off), axis=0), white_noise_sd(values))
+        bad = np.abs(off) > threshold * np.maximum(sd, 1e-9) * 1.3
+    return np.where(bad, np.nan, values), int(np.count_nonzero(bad))
+
+
+def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> tuple[Array, Array]:
+    """The bath's temperature [degC] after entry, to be joined by straight lines: times (W,) [s] and means (W,).
+
+    ``t`` (N,) is the time after entry [s]; each mean is over ``window_s``, its lowest and highest fifth left out.
+    """
+    after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
+    if not np.any(after):
+        raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
+    bins = np.floor(t[after] / window_s).astype(int)
+    times, values = [], []
+    for b in np.unique(bins):
+        inside = bins == b
+        times.append(float(np.mean(t[after][inside])))
+        values.append(float(np.mean(np.sort(bath[after][inside])[inside.sum() // 5 : -(inside.sum() // 5) or None])))
+    return np.array(times), np.array(values)

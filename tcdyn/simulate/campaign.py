@@ -1,0 +1,160 @@
+"""A whole campaign of the synthetic rig in one folder: oven, plunges, EHL tests, rig file and truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from joblib import Parallel, delayed
+
+from calibration.disk import DISKS
+from calibration.errors import InputError
+from calibration.files.write import sha256, write_text
+from calibration.result import Result
+from calibration.rig import Rig, load_rig, rig_toml
+from tcdyn.simulate.convection import FluidName
+from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
+from tcdyn.simulate.files import write_json, write_log, write_traces
+from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
+from tcdyn.simulate.programme import PROGRAMME, ehl_test
+from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
+
+Progress = Callable[[str, int, int], None]  # (what is done, jobs done, jobs in all)
+
+
+@dataclass(frozen=True)
+class Plunge:
+    """One planned plunge: the bath and its temperature [degC]."""
+
+    bath_degC: float
+    fluid: FluidName = "mobil-jet-ii"
+
+
+ALL_TESTS = tuple(PROGRAMME)
+DEFAULT_PLUNGES = (Plunge(110.0), Plunge(138.0))
+
+
+@dataclass(frozen=True)
+class CampaignFiles(Result):
+    """Where a campaign's files are; plunges and ovens by disk, EHL logs and traces by test."""
+
+    folder: Path
+    rig: Path
+    ovens: dict[str, Path]
+    plunges: dict[str, tuple[Path, ...]]
+    ehl: dict[str, Path]
+    truth: Path
+    traces: dict[str, Path]
+
+    def summary(self) -> str:
+        """What was written where."""
+        plunges = ", ".join(f"{len(p)} plunges of the {d} disk" for d, p in self.plunges.items())
+        tests = f"{len(self.ehl)} EHL test{'s' if len(self.ehl) != 1 else ''} ({', '.join(self.ehl)})"
+        return f"{self.folder}: {self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}; truth in {self.truth}"
+
+
+def simulate_campaign(
+    out_dir: str | Path,
+    seed: int = 0,
+    tests: Sequence[str] = ("B3",),
+    plunges: Sequence[Plunge] = DEFAULT_PLUNGES,
+    *,
+    rig: Rig | None = None,
+    truth: RigTruth | None = None,
+    uncertain: bool = False,
+    ehl_options: EhlOptions | None = None,
+    plunge_options: PlungeOptions | None = None,
+    n_jobs: int = 1,
+    progress: Progress | None = None,
+) -> CampaignFiles:
+    """Write a campaign into ``out_dir``: rig.toml, ovens, plunges, EHL tests and, in truth/, what really happened.
+
+    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv; the answer names those of this
+    campaign, whatever else lies in the folder. ``rig`` is what people believe (rig.toml); the true rig is ``truth``
+    or drawn from ``seed``, steel and geometry as stated unless ``uncertain``. A file depends on the seed and its own
+    name only, whatever else is written. ``progress`` is called after each job with its name and the counts. Truth is
+    there for people and tests, never for fits. Raises InputError for an unknown test, and where a rig file or a log
+    that no simulation wrote would be overwritten.
+    """
+    tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
+    folder = Path(out_dir)
+    believed = rig or load_rig()
+    true = truth or draw_truth(seed, believed, uncertain=uncertain)
+    jobs: list[_Job] = []
+    for disk in DISKS:
+        jobs.append(_Job(f"oven_{disk}", simulate_oven, (disk, seed, true)))
+        for run, plunge in enumerate(plunges, 1):
+            arguments = (disk, seed, plunge.fluid, plunge.bath_degC, run, true, plunge_options)
+            jobs.append(_Job(f"plunge_{disk}_{run}", simulate_plunge, arguments))
+    jobs += [_Job(f"EHL_{t}", simulate_ehl, (t, seed, true, ehl_options)) for t in tests]
+    for job in jobs:
+        if (folder / f"{job.name}.csv").exists() and not _traces(folder, job.name).exists():
+            raise _not_ours(folder, f"{job.name}.csv")
+    written = _write_rig(folder, believed)
+
+    scalars: dict[str, Any] = {}
+    done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(job, folder) for job in jobs)
+    for number, (name, values) in enumerate(done, 1):
+        scalars[name] = values
+        if progress:
+            progress(name, number, len(jobs))
+    files = CampaignFiles(
+        folder=folder,
+        rig=folder / "rig.toml",
+        ovens={d: folder / f"oven_{d}.csv" for d in DISKS},
+        plunges={d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS},
+        ehl={t: folder / f"EHL_{t}.csv" for t in tests},
+        truth=folder / "truth" / "truth.json",
+        traces={job.name: _traces(folder, job.name) for job in jobs},
+    )
+    ehl = {name.removeprefix("EHL_"): v for name, v in scalars.items() if name.startswith("EHL_")}
+    others = {name: v for name, v in scalars.items() if not name.startswith("EHL_")}
+    write_json({"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **others}, files.truth)
+    return files
+
+
+def _write_rig(folder: Path, believed: Rig) -> str:
+    """Write rig.toml, or leave one that says the same; the checksum of what the last simulation wrote."""
+    path = folder / "rig.toml"
+    if path.exists():
+        try:
+            before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))["rig_sha256"]
+        except (OSError, ValueError, KeyError, TypeError):
+            before = ""
+        if load_rig(path) == believed:
+            return str(before)
+        if sha256(path) != before:
+            raise _not_ours(folder, path.name)
+    return sha256(write_text(path, rig_toml(believed)))
+
+
+def _not_ours(folder: Path, name: str) -> InputError:
+    return InputError(
+        f"holds a {name} that no simulation wrote, and it would be overwritten",
+        where=str(folder),
+        expected="a folder of its own for simulated logs",
+        remedy="give another --out",
+    )
+
+
+def _traces(folder: Path, name: str) -> Path:
+    return folder / "truth" / f"{name}_traces.parquet"
+
+
+@dataclass(frozen=True)
+class _Job:
+    name: str
+    simulate: Callable[..., tuple[pd.DataFrame, dict[str, Any]]]
+    arguments: tuple[Any, ...]
+
+
+def _run(job: _Job, folder: Path) -> tuple[str, dict[str, Any]]:
+    frame, truth = job.simulate(*job.arguments)
+    write_traces(truth["traces"], _traces(folder, job.name))
+    write_log(frame, folder / f"{job.name}.csv")
+    return job.name, {k: v for k, v in truth.items() if k != "traces"}

@@ -1,0 +1,151 @@
+"""An EHL test of the synthetic rig: warm running, loading, unloading and cooling of both disks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.simulate.implicit import integrate, steady_state
+from tcdyn.simulate.measure import log_disk, quantised, sample_times
+from tcdyn.simulate.mesh import build_system
+from tcdyn.simulate.programme import EhlCondition, ehl_test
+from tcdyn.simulate.script import EhlOptions, EhlTruth, draw_test
+from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
+
+Array = NDArray[np.float64]
+
+
+def simulate_ehl(
+    test: str | EhlCondition = "B3",
+    seed: int = 0,
+    truth: RigTruth | None = None,
+    options: EhlOptions | None = None,
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Run one EHL test on the synthetic rig.
+
+    Returns the log (canonical EHL columns, 75 Hz) and its truth: scalars (beta, h_fast, h_slow, load_on_s,
+    unload_s, friction_N, steady temperatures, ...) and ``"traces"``, a DataFrame of the true junction
+    temperatures, ambient, oil, friction and contact in the log's columns. ``truth`` is the rig (default
+    ``draw_truth(seed)``).
+    """
+    condition = ehl_test(test) if isinstance(test, str) else test
+    rig = truth or draw_truth(seed)
+    o = options or EhlOptions()
+    drawn = draw_test(rig, condition, seed, o)
+    how = rig.imperfections
+    t = sample_times(o.duration_s)
+    columns: dict[str, Array] = {"time_s": t}
+    traces: dict[str, Array] = {"time_s": t}
+    _log_conditions(columns, traces, condition, drawn, rig, rng_for(seed, "conditions", condition.name))
+    for name, share, h in (
+        ("fast", drawn.beta, drawn.h_fast_W_m2K),
+        ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K),
+    ):
+        disk = rig.disk(name)
+        rng = rng_for(seed, "measure", condition.name, name)
+        at = _disk_temperatures(rig, name, drawn, share, h, o)
+        log, true = log_disk(at, o.duration_s, disk, rng, how, spikes=True)
+        for k, channel in enumerate(sorted(disk.channels)):
+            columns[f"{name}_{channel}_degC"] = log[:, k]
+            traces[f"{name}_{channel}_degC"] = true[:, k]
+    order = [*_FRONT, *(c for c in columns if c.startswith(("fast_", "slow_"))), "ambient_degC", "oil_degC"]
+    frame, trace_frame = pd.DataFrame(columns)[order], pd.DataFrame(traces)[order]
+    return frame, {**_scalars(drawn, rig, trace_frame), "traces": trace_frame}
+
+
+_FRONT = ("time_s", "load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
+
+
+def _disk_temperatures(
+    rig: RigTruth, name: str, drawn: EhlTruth, share: float, h: float, o: EhlOptions
+) -> Callable[[Array], Array]:
+    system = build_system(rig.disk(name), h, drawn.half_width_m, o.mesh)
+    drift = rig.imperfections.drift
+
+    def power(t: Array) -> Array:
+        return share * drawn.sliding_speed_m_s * drawn.friction_at(t, drift)
+
+    def ambient(t: Array) -> Array:
+        return drawn.ambient_at(t, drift)
+
+    start = steady_state(system, 0.0, float(ambient(np.zeros(1))[0]))
+    breaks = sorted({b for b in drawn.breaks_s if 0 < b < o.duration_s})
+    return integrate(system, power, ambient, (0.0, *breaks, o.duration_s), start, o.stepping).at
+
+
+def _log_conditions(
+    columns: dict[str, Array],
+    traces: dict[str, Array],
+    test: EhlCondition,
+    drawn: EhlTruth,
+    rig: RigTruth,
+    rng: np.random.Generator,
+) -> None:
+    """Load, friction, contact, speeds, ambient and oil, as they were and as they are logged."""
+    how, t = rig.imperfections, columns["time_s"]
+    n = len(t)
+    late = rng.uniform(-0.02, 0.02, 4) if how.timing else np.zeros(4)
+    noise = rng.standard_normal((6, n)) * (1.0 if how.noise else 0.0)
+    zero_load, zero_friction = rng.uniform(-1, 1, 2) * ([4.0, 0.08] if how.static else [0.0, 0.0])
+    oil = np.full(n, 60.0)
+    if how.drift:
+        oil = oil + 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4])) + 0.2 * drawn.contact_share(t)
+    fast = np.full(n, test.speed_fast_rpm)
+    slow = np.full(n, test.speed_slow_rpm)
+    true = {
+        "load_N": drawn.load_N * drawn.contact_share(t),
+        "friction_N": drawn.friction_at(t, how.drift),
+        "contact": ((t >= drawn.load_on_s) & (t < drawn.unload_s)).astype(float),
+        "speed_fast_rpm": fast,
+        "speed_slow_rpm": slow,
+        "ambient_degC": drawn.ambient_at(t, how.drift),
+        "oil_degC": oil,
+    }
+    traces.update(true)
+    load = drawn.load_N * drawn.contact_share(t - late[0])
+    friction = rig.friction_scale * drawn.friction_at(t - late[1], how.drift)
+    columns["load_N"] = _digitised(load + zero_load + 6.0 * noise[0], 5000.0, how)
+    columns["friction_N"] = _digitised(friction + zero_friction + 0.15 * noise[1], 100.0, how)
+    columns["contact"] = ((t >= drawn.load_on_s + 0.5 * abs(late[2])) & (t < drawn.unload_s + late[3])).astype(float)
+    columns["speed_fast_rpm"] = np.round(fast + 1.5 * noise[2], 1)
+    columns["speed_slow_rpm"] = np.round(slow + 0.5 * noise[3], 1)
+    columns["ambient_degC"] = true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4]
+    columns["oil_degC"] = oil + 0.1 * noise[5]
+
+
+def _digitised(values: Array, full_scale: float, how: Imperfections) -> Array:
+    return quantised(values, -full_scale, full_scale) if how.quantise else values
+
+
+def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
+    t = traces["time_s"].to_numpy()
+    last = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
+    steady = {
+        c.removesuffix("_degC"): float(traces.loc[last, c].mean())
+        for c in traces.columns
+        if c.startswith(("fast_", "slow_"))
+    }
+    return {
+        "test": drawn.test,
+        "beta": drawn.beta,
+        "h_fast": drawn.h_fast_W_m2K,
+        "h_slow": drawn.h_slow_W_m2K,
+        "exponent": rig.speed_exponent,
+        "half_width_m": drawn.half_width_m,
+        "load_N": drawn.load_N,
+        "friction_N": float(traces.loc[last, "friction_N"].mean()),
+        "friction_at_unloading_N": float(drawn.friction_at(np.array([drawn.breaks_s[2]]), rig.imperfections.drift)[0]),
+        "sliding_speed_m_s": drawn.sliding_speed_m_s,
+        "entraining_speed_m_s": drawn.entraining_speed_m_s,
+        "load_on_s": drawn.load_on_s,
+        "unload_s": drawn.unload_s,
+        "parting_s": drawn.parting_s,
+        "ambient_degC": float(traces.loc[last, "ambient_degC"].mean()),
+        "steady_degC": steady,
+        "common_lag_s": {d: rig.disk(d).common_lag_s for d in ("fast", "slow")},
+        "lag_s": {d: rig.disk(d).lags_s for d in ("fast", "slow")},
+    }

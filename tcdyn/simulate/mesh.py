@@ -1,0 +1,210 @@
+"""Finite volumes for a whole disk with its shaft: mesh, conductances, junction interpolation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from calibration.errors import InputError
+from tcdyn.simulate.truth import DiskTruth
+
+Array = NDArray[np.float64]
+Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
+SHAFT_LENGTH_m = 0.12  # free length to the bearing on each side (assumed)
+SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wires (assumed)
+
+
+@dataclass(frozen=True)
+class DiskMesh:
+    """Cells in r (bore to surface) and z (face d to face f), finer towards the surface; shaft cells along z."""
+
+    radial: int = 80
+    axial: int = 84
+    surface_cell_m: float = 0.06e-3
+    shaft_side: int = 80
+
+
+@dataclass(frozen=True)
+class DiskSystem:
+    """C dT/dt = -S T + source_power P + source_ambient T_A + source_const; readings are ``sample @ T``.
+
+    ``P`` [W] is the heat that enters the running track; the unknowns are the disk's cells (r slow, z fast), then
+    the shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of
+    ``channels``.
+    """
+
+    capacity: Array
+    conductance: sparse.csc_matrix
+    source_power: Array
+    source_ambient: Array
+    source_const: Array
+    sample: sparse.csr_matrix
+    channels: tuple[str, ...]
+
+
+def graded_edges(start: float, end: float, first: float, count: int) -> Array:
+    """``count`` cells from ``start`` to ``end`` whose size grows geometrically from ``first`` at the start."""
+    length = abs(end - start)
+    first = min(first, length / count)
+    low, high = 1.0, 3.0
+    for _ in range(80):
+        ratio = 0.5 * (low + high)
+        total = first * (ratio**count - 1) / (ratio - 1) if ratio > 1 + 1e-12 else first * count
+        low, high = (ratio, high) if total < length else (low, ratio)
+    steps = ratio ** np.arange(count)
+    return start + np.sign(end - start) * length * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
+
+
+def hertz_shares(edges: Array, half_width_m: float) -> Array:
+    """Share of a parabolic track's heat that falls into each cell, by its exact integral; sums to one."""
+    x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
+    return np.asarray(np.diff(0.75 * (x - x**3 / 3.0)))
+
+
+def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh) -> DiskSystem:
+    """Assemble the whole disk, bore to running surface, with washers, shaft and cooled running surface.
+
+    ``half_width_m`` is half the width of the running track; conduction between neighbouring cells uses the exact
+    logarithmic resistance in r. Washer faces and the running surface lose heat to ambient through half a cell of
+    steel; the heat of the track enters at the surface itself, so a part of it leaves again through h at once. Raises
+    InputError for a disk without a bore.
+    """
+    s = disk.setup
+    if not s.bore_radius_m > 0.5e-3:
+        raise InputError(
+            f"bore_radius_mm {s.bore_radius_m * 1e3:g}", expected="a bore of more than 0.5 mm for the shaft"
+        )
+    g = _grid(disk, mesh)
+    skin = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK  # half a surface cell
+    surface = h_W_m2K / (1 + h_W_m2K * skin)
+    to_ambient = _faces_to_ambient(disk, g)
+    to_ambient[g.cells[-1]] += surface * 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
+
+    ends = g.shaft[[0, -1]]
+    to_bearing = np.zeros(g.size)
+    to_bearing[ends] = g.shaft_conductance / (0.5 * np.diff(g.shaft_edges)[[0, -1]])
+    constant = np.zeros(g.size)
+    constant[ends] = to_bearing[ends] * np.asarray(disk.bearing_offset_K)
+    power = np.zeros(g.size)
+    power[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m) * (1 - surface * skin)
+
+    rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
+    return DiskSystem(
+        capacity=rho_c
+        * np.concatenate(
+            [
+                np.outer(g.face_area, np.diff(g.z_edges)).ravel(),
+                g.shaft_conductance / s.conductivity_W_mK * np.diff(g.shaft_edges),
+            ]
+        ),
+        conductance=_laplacian(_links(disk, g), to_ambient + to_bearing, g.size),
+        source_power=power,
+        source_ambient=to_ambient + to_bearing,
+        source_const=constant,
+        sample=_sampler(disk, g.r, g.z, g.size),
+        channels=tuple(sorted(s.junctions)),
+    )
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cell centres and edges [m], and the numbers of the unknowns in the disk (r, z) and along the shaft."""
+
+    r: Array
+    r_edges: Array
+    z: Array
+    z_edges: Array
+    shaft_edges: Array
+    cells: NDArray[np.int64]
+    shaft: NDArray[np.int64]
+    first_under: int  # of the shaft cells under the disk
+    face_area: Array  # of one cell, seen along z [m2]
+    shaft_conductance: float  # conductivity times section [W m/K]
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.cells.size + self.shaft.size
+
+
+def _grid(disk: DiskTruth, mesh: DiskMesh) -> _Grid:
+    s = disk.setup
+    r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
+    z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
+    right = graded_edges(s.width_m, s.width_m + SHAFT_LENGTH_m, float(z_edges[1]), mesh.shaft_side)
+    shaft_edges = np.concatenate([(s.width_m - right)[:0:-1], z_edges, right[1:]])
+    cells = np.arange(mesh.radial * mesh.axial).reshape(mesh.radial, mesh.axial)
+    return _Grid(
+        r=0.5 * (r_edges[1:] + r_edges[:-1]),
+        r_edges=r_edges,
+        z=0.5 * (z_edges[1:] + z_edges[:-1]),
+        z_edges=z_edges,
+        shaft_edges=shaft_edges,
+        cells=cells,
+        shaft=cells.size + np.arange(len(shaft_edges) - 1),
+        first_under=mesh.shaft_side,
+        face_area=np.pi * np.diff(r_edges**2),
+        shaft_conductance=s.conductivity_W_mK * SHAFT_SECTION * np.pi * s.bore_radius_m**2,
+    )
+
+
+def _links(disk: DiskTruth, g: _Grid) -> list[Link]:
+    """Conduction in r, in z, through the press fit into the shaft, and along the shaft."""
+    s = disk.setup
+    k, dz, dzs = s.conductivity_W_mK, np.diff(g.z_edges), np.diff(g.shaft_edges)
+    fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m) + np.log(g.r[0] / s.bore_radius_m) / k
+    under = g.shaft[g.first_under : g.first_under + len(dz)]
+    return [
+        (g.cells[:-1], g.cells[1:], np.outer(2 * np.pi * k / np.log(g.r[1:] / g.r[:-1]), dz)),
+        (g.cells[:, :-1], g.cells[:, 1:], np.outer(k * g.face_area, 2 / (dz[1:] + dz[:-1]))),
+        (g.cells[0], under, 2 * np.pi * dz / fit),
+        (g.shaft[:-1], g.shaft[1:], g.shaft_conductance * 2 / (dzs[1:] + dzs[:-1])),
+    ]
+
+
+def _faces_to_ambient(disk: DiskTruth, g: _Grid) -> Array:
+    """Conductances to ambient [W/K] of the washer faces and of the shaft outside the disk."""
+    s, out = disk.setup, np.zeros(g.size)
+    if s.washer_W_m2K > 0:
+        for face, step in ((0, g.z[0]), (-1, s.width_m - g.z[-1])):
+            out[g.cells[:, face]] += g.face_area / (1 / s.washer_W_m2K + step / s.conductivity_W_mK)
+    per_cell = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
+    per_cell[g.first_under : g.first_under + len(g.z)] = 0.0
+    out[g.shaft] += per_cell
+    return out
+
+
+def _laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
+    i = np.concatenate([np.ravel(a) for a, _, _ in links]).astype(int)
+    j = np.concatenate([np.ravel(b) for _, b, _ in links]).astype(int)
+    g = np.concatenate([np.ravel(c) for _, _, c in links])
+    own = np.arange(n)
+    rows = np.concatenate([i, j, i, j, own])
+    cols = np.concatenate([j, i, i, j, own])
+    return sparse.csc_matrix((np.concatenate([-g, -g, g, g, to_ground]), (rows, cols)), shape=(n, n))
+
+
+def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
+    """Cubic interpolation in r and z from cell centres to each junction."""
+    rows, cols, values = [], [], []
+    for row, name in enumerate(sorted(disk.setup.junctions)):
+        junction = disk.setup.junctions[name]
+        ir, wr = cubic_weights(r, disk.setup.outer_radius_m - junction.depth_m)
+        iz, wz = cubic_weights(z, junction.z_m)
+        for a, weight_r in zip(ir, wr):
+            for b, weight_z in zip(iz, wz):
+                rows.append(row)
+                cols.append(a * len(z) + b)
+                values.append(weight_r * weight_z)
+    return sparse.csr_matrix((values, (rows, cols)), shape=(len(disk.setup.junctions), n))
+
+
+def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:
+    """Indices of the four nearest nodes and Lagrange's weights of their values at ``at``."""
+    start = int(np.clip(np.searchsorted(x, at) - 2, 0, len(x) - 4))
+    nodes = x[start : start + 4]
+    weights = [np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in range(4) if j != i]) for i in range(4)]
+    return np.arange(start, start + 4), np.array(weights)

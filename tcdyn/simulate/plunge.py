@@ -1,0 +1,165 @@
+"""Immersion tests of the synthetic rig: a disk plunged into a bath."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from calibration.disk import DiskSetup
+from tcdyn.simulate.convection import FluidName, natural_h_W_m2K
+from tcdyn.simulate.measure import log_disk, quantised, sample_times
+from tcdyn.simulate.radial import Heating, heat_radially
+from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlungeOptions:
+    """How the test is run; None leaves a value to the draw (``clean`` values stand behind each)."""
+
+    entry_s: float = 20.0
+    after_s: float = 140.0
+    initial_degC: float = 26.0
+    h_scale: float | None = None  # normal, 1 +- 0.06
+    burst: float | None = None  # h multiplier at entry, 2 to 3.5
+    burst_decay_s: float | None = None  # 0.8 to 1.6 s
+
+
+@dataclass(frozen=True)
+class PlungeTruth:
+    """What one plunge really did."""
+
+    fluid: FluidName
+    bath_degC: float
+    initial_degC: float
+    entry_s: float
+    duration_s: float
+    h_scale: float
+    burst: float
+    burst_decay_s: float
+    bath_drift_K_s: float
+    bath_dip_K: float
+    fluid_bias_K: float
+    switch_s: float
+    switch_held: bool
+    bounces: int
+    probe_entry_s: float
+    probe_lag_s: float
+
+    def bath_at(self, since_entry_s: Array | float) -> Array:
+        """Bath temperature [degC]: steady drift, and a dip as the cold disk settles in."""
+        since = np.clip(since_entry_s, 0, None)
+        dip = self.bath_dip_K * (1 - np.exp(-since / 25.0))
+        return np.asarray(self.bath_degC + self.bath_drift_K_s * np.asarray(since_entry_s) - dip)
+
+    def h_at(self, since_entry_s: float, wall_degC: float, height_m: float) -> float:
+        """Heat transfer coefficient [W/m2K]: natural convection, its scale, and the burst of the entry."""
+        natural = natural_h_W_m2K(self.fluid, wall_degC, float(self.bath_at(since_entry_s)), height_m)
+        burst = 1 + (self.burst - 1) * np.exp(-since_entry_s / self.burst_decay_s)
+        return float(self.h_scale * burst * natural)
+
+
+def draw_plunge(
+    rng: np.random.Generator, fluid: FluidName, bath_degC: float, o: PlungeOptions, how: Imperfections
+) -> PlungeTruth:
+    """Draw one plunge: entry off the sample grid, switch pressed by hand, bath that drifts."""
+    z = np.clip(rng.standard_normal(4), -2.5, 2.5)
+    u = rng.uniform(0, 1, 12)
+    entry = o.entry_s + (u[0] - 0.5)
+    off = 1.0 if how.timing else 0.0
+    wander = 1.0 if how.drift else 0.0
+    return PlungeTruth(
+        fluid=fluid,
+        bath_degC=bath_degC,
+        initial_degC=o.initial_degC + 2.0 * wander * (u[1] - 0.5),
+        entry_s=float(entry),
+        duration_s=o.entry_s + o.after_s,
+        h_scale=o.h_scale if o.h_scale is not None else float(1 + 0.06 * z[0]),
+        burst=o.burst if o.burst is not None else float(2.0 + 1.5 * u[2]),
+        burst_decay_s=o.burst_decay_s if o.burst_decay_s is not None else float(0.8 + 0.8 * u[3]),
+        bath_drift_K_s=float(wander * (-0.5 + 0.7 * u[4]) / 60.0),
+        bath_dip_K=float(wander * 0.4 * u[5]),
+        fluid_bias_K=float((0.6 * (u[6] - 0.5)) if how.static else 0.0),
+        switch_s=float(entry + off * 0.15 * z[1]),
+        switch_held=bool(u[7] < 0.5),
+        bounces=int(1 + 3 * u[9]) if how.timing and u[8] < 0.3 else 0,
+        probe_entry_s=float(entry + off * 0.03 * z[2]),
+        probe_lag_s=float(0.3 * (1 + 0.1 * z[3])),
+    )
+
+
+def simulate_plunge(
+    disk: str = "fast",
+    seed: int = 0,
+    fluid: FluidName = "mobil-jet-ii",
+    bath_degC: float = 110.0,
+    run: int = 1,
+    truth: RigTruth | None = None,
+    options: PlungeOptions | None = None,
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Plunge one disk, all but its running surface insulated, into a hot bath.
+
+    Returns the log (canonical immersion columns, 75 Hz) and its truth: entry_s, h_scale, burst, lags, ... and
+    ``"traces"``, the true junction temperatures and bath in the log's columns, with ``h_W_m2K``.
+    """
+    rig = truth or draw_truth(seed)
+    o = options or PlungeOptions()
+    own = rig.disk(disk)
+    rng = rng_for(seed, "plunge", disk, str(run))
+    drawn = draw_plunge(rng, fluid, bath_degC, o, rig.imperfections)
+    names = sorted(own.setup.junctions)
+    depths = np.array([own.setup.junctions[c].depth_m for c in names])
+    heating = heat_disk(own.setup, depths, drawn)
+    log, true = log_disk(
+        lambda t: heating.at(t - drawn.entry_s), drawn.duration_s, own, rng, rig.imperfections, spikes=False
+    )
+    columns = bath_columns(drawn, rig.imperfections, rng)
+    traces: dict[str, Array] = {"time_s": columns["time_s"], "switch": columns["switch"]}
+    traces["fluid_degC"] = drawn.bath_at(columns["time_s"] - drawn.entry_s)
+    for k, channel in enumerate(names):
+        columns[f"{channel}_degC"] = log[:, k]
+        traces[f"{channel}_degC"] = true[:, k]
+    scalars = vars(drawn) | {"disk": disk, "run": run, "lag_s": own.lags_s, "common_lag_s": own.common_lag_s}
+    return pd.DataFrame(columns), {**scalars, "traces": pd.DataFrame(traces)}
+
+
+def heat_disk(setup: DiskSetup, depths: Array, drawn: PlungeTruth) -> Heating:
+    """True temperatures of an immersed disk at ``depths`` [m], as functions of the time since entry."""
+    return heat_radially(
+        setup,
+        depths,
+        drawn.initial_degC,
+        lambda t: float(drawn.bath_at(t)),
+        lambda t, wall: drawn.h_at(t, wall, setup.width_m),
+        drawn.duration_s - drawn.entry_s,
+    )
+
+
+def bath_columns(drawn: PlungeTruth, how: Imperfections, rng: np.random.Generator) -> dict[str, Array]:
+    """Switch, free probe and bath thermometer as logged."""
+    t = sample_times(drawn.duration_s)
+    noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
+    since = np.clip(t - drawn.probe_entry_s, 0, None)
+    air = drawn.initial_degC + 1.5
+    share = 1 - np.exp(-since / drawn.probe_lag_s)
+    bath = drawn.bath_at(t - drawn.entry_s)
+    probe = air + (bath - air) * share + 0.1 * noise[0]
+    fluid = bath + drawn.fluid_bias_K + 0.05 * noise[1]
+    if how.quantise:
+        probe, fluid = quantised(probe), quantised(fluid)
+    return {"time_s": t, "switch": _switch(t, drawn), "probe_degC": probe, "fluid_degC": fluid}
+
+
+def _switch(t: Array, drawn: PlungeTruth) -> Array:
+    pressed = t >= drawn.switch_s
+    if not drawn.switch_held:
+        pressed &= t < drawn.switch_s + 0.6
+    for bounce in range(drawn.bounces):
+        start = drawn.switch_s + 0.04 * (bounce + 1)
+        pressed &= ~((t >= start) & (t < start + 0.02))
+    return pressed.astype(float)

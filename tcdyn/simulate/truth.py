@@ -1,0 +1,222 @@
+"""Everything the synthetic rig knows and the fits do not: drawn once per rig, frozen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from calibration.disk import CHANNELS, Conditioning, DiskSetup, Junction
+from calibration.rig import Rig, UncertaintyTable, load_rig
+
+
+@dataclass(frozen=True)
+class Imperfections:
+    """What the rig does to the truth before it reaches the file; ``CLEAN`` switches all of it off but the chain.
+
+    ``static``: gain and offset errors; ``drift``: wander of friction, ambient, oil and bath; ``timing``: switches
+    and load cell that miss the instant of contact by up to 0.02 s, and the hand by more.
+    """
+
+    noise: bool = True
+    spikes: bool = True
+    quantise: bool = True
+    static: bool = True
+    drift: bool = True
+    timing: bool = True
+    chain: bool = True
+
+
+CLEAN = Imperfections(noise=False, spikes=False, quantise=False, static=False, drift=False, timing=False)
+
+
+@dataclass(frozen=True)
+class ChannelTruth:
+    """One channel: two lags [s], the line T = gain * logged + offset, white noise [K], spikes per second."""
+
+    tau1_s: float
+    tau2_s: float
+    gain: float
+    offset_degC: float
+    noise_K: float
+    spikes_per_s: float
+
+    def lag_s(self, conditioning: Conditioning) -> float:
+        """First moment of the chain's impulse response, the conditioning filter included [s]."""
+        return self.tau1_s + self.tau2_s + conditioning.lag_s
+
+
+@dataclass(frozen=True)
+class DiskTruth:
+    """One disk as it really is (``setup`` may differ from ``rig.toml``), its shaft and its channels."""
+
+    setup: DiskSetup
+    channels: Mapping[str, ChannelTruth]
+    bore_conductance_W_m2K: float  # press fit, section 6.4.3
+    shaft_W_m2K: float  # shaft surface to the enclosure
+    bearing_offset_K: tuple[float, float]  # shaft ends against ambient, at z < 0 and z > width
+
+    @property
+    def lags_s(self) -> dict[str, float]:
+        """Lag of each channel [s]."""
+        return {name: c.lag_s(self.setup.conditioning) for name, c in self.channels.items()}
+
+    @property
+    def common_lag_s(self) -> float:
+        """Mean lag of the disk's channels [s]."""
+        return float(np.mean(list(self.lags_s.values())))
+
+
+@dataclass(frozen=True)
+class RigTruth:
+    """Both disks and what belongs to the rig as a whole."""
+
+    fast: DiskTruth
+    slow: DiskTruth
+    gear_ratio: float
+    speed_exponent: float  # h_fast / h_slow = gear_ratio ** speed_exponent
+    half_width_scale: float = 1.0
+    friction_scale: float = 1.0  # logged friction over true friction
+    ambient_bias_K: float = 0.0  # logged ambient minus true ambient
+    imperfections: Imperfections = field(default_factory=Imperfections)
+
+    def disk(self, name: str) -> DiskTruth:
+        """The disk called "fast" or "slow"."""
+        return {"fast": self.fast, "slow": self.slow}[name]
+
+    def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
+        """The same rig, measured differently."""
+        return replace(self, imperfections=imperfections)
+
+
+def rng_for(seed: int, *keys: str) -> np.random.Generator:
+    """A generator that depends on the seed and on what it is for, never on what else was drawn before."""
+    return np.random.default_rng([seed, *(crc32(key.encode()) for key in keys)])
+
+
+def draw_truth(
+    seed: int, rig: Rig | None = None, *, uncertain: bool = False, exponent: float | None = None
+) -> RigTruth:
+    """Draw a rig.
+
+    Chains, static lines and noise always differ from rig to rig. ``uncertain=False`` leaves steel, washers,
+    depths, track width, friction transducer and ambient sensor as ``rig`` states them; True draws them from rig's
+    [uncertainty] table (normal; steel and washers common to both disks, depths one by one) and n uniformly from
+    its stated range. Otherwise n is normal, rig's own +- 0.02; ``exponent`` sets it exactly.
+
+    >>> a, b = draw_truth(3), draw_truth(3)
+    >>> a == b, 0.6 < a.fast.common_lag_s < 0.9
+    (True, True)
+    """
+    rig = rig or load_rig()
+    rng = rng_for(seed, "rig")
+    table = rig.common.uncertainty
+    contact = rig.common.contact
+    factors = _draw_factors(rng, table)
+    n_uncertain = rng.uniform(table.speed_exponent_low, table.speed_exponent_high)
+    n_usual = contact.speed_exponent + float(np.clip(rng.normal(0, 0.02), -0.05, 0.05))
+    disks = {}
+    for name in ("fast", "slow"):
+        own = rng_for(seed, "disk", name)
+        setup = rig.disk_setup(name)
+        moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
+        disks[name] = _draw_disk(own, name, moved if uncertain else setup)
+    return RigTruth(
+        fast=disks["fast"],
+        slow=disks["slow"],
+        gear_ratio=contact.gear_ratio,
+        speed_exponent=float(exponent if exponent is not None else n_uncertain if uncertain else n_usual),
+        half_width_scale=factors["half_width"] if uncertain else 1.0,
+        friction_scale=factors["friction"] if uncertain else 1.0,
+        ambient_bias_K=factors["ambient"] if uncertain else 0.0,
+    )
+
+
+def _draw_factors(rng: np.random.Generator, table: UncertaintyTable) -> dict[str, float]:
+    z = np.clip(rng.standard_normal(6), -3, 3)
+    return {
+        "conductivity": float(1 + table.conductivity_rel * z[0]),
+        "heat_capacity": float(1 + table.heat_capacity_rel * z[1]),
+        "washer": float(max(1 + table.washer_rel * z[2], 0.1)),
+        "half_width": float(1 + table.half_width_rel * z[3]),
+        "friction": float(1 + table.friction_rel * z[4]),
+        "ambient": float(table.ambient_K * z[5]),
+    }
+
+
+def _draw_setup(
+    rng: np.random.Generator, setup: DiskSetup, factors: dict[str, float], table: UncertaintyTable
+) -> DiskSetup:
+    shifts = np.clip(rng.standard_normal(len(setup.junctions)), -3, 3) * table.depth_mm * 1e-3
+    junctions = {
+        name: Junction(max(j.depth_m + dz, 0.2e-3), j.z_m, j.angle_deg)
+        for (name, j), dz in zip(sorted(setup.junctions.items()), shifts)
+    }
+    return replace(
+        setup,
+        conductivity_W_mK=setup.conductivity_W_mK * factors["conductivity"],
+        specific_heat_J_kgK=setup.specific_heat_J_kgK * factors["heat_capacity"],
+        washer_conductivity_W_mK=setup.washer_conductivity_W_mK * factors["washer"],
+        junctions=junctions,
+    )
+
+
+def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
+    common = (0.75 if name == "fast" else 0.72) + 0.03 * rng.uniform(-1, 1)
+    spread = 0.04 * np.clip(rng.standard_normal(len(CHANNELS)), -2, 2)
+    own = max(common - setup.conditioning.lag_s, 0.3)
+    channels = {}
+    for shift, channel in zip(spread - spread.mean(), CHANNELS):
+        tau2 = rng.uniform(0.08, 0.16)
+        channels[channel] = ChannelTruth(
+            tau1_s=float(own + shift - tau2),
+            tau2_s=float(tau2),
+            gain=float(1 + rng.uniform(-0.005, 0.005)),
+            offset_degC=float(rng.uniform(-0.5, 0.5)),
+            noise_K=float(rng.uniform(0.12, 0.15)),
+            spikes_per_s=float((0.03 if name == "fast" else 0.008) * rng.uniform(0.5, 1.5)),
+        )
+    return DiskTruth(
+        setup=setup,
+        channels=channels,
+        bore_conductance_W_m2K=float((900.0 if name == "fast" else 1600.0) * rng.uniform(0.8, 1.25)),
+        shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
+        bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
+    )
+
+
+def butterworth_poles(conditioning: Conditioning) -> list[complex]:
+    """Left-half-plane poles p_k = wc exp(i pi (2k + n + 1) / 2n) [rad/s]."""
+    n, wc = conditioning.poles, 2 * np.pi * conditioning.cutoff_Hz
+    return [complex(wc * np.exp(1j * np.pi * (2 * k + n + 1) / (2 * n))) for k in range(n)]
+
+
+def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
+    """The rig as plain numbers, with the derived lags beside them: what ``truth/truth.json`` holds."""
+    out: dict[str, Any] = {
+        "gear_ratio": truth.gear_ratio,
+        "speed_exponent": truth.speed_exponent,
+        "half_width_scale": truth.half_width_scale,
+        "friction_scale": truth.friction_scale,
+        "ambient_bias_K": truth.ambient_bias_K,
+        "imperfections": asdict(truth.imperfections),
+    }
+    for name in ("fast", "slow"):
+        disk = truth.disk(name)
+        lags = disk.lags_s
+        channels = {
+            c: {**asdict(ch), "lag_s": lags[c], "differential_lag_s": lags[c] - disk.common_lag_s}
+            for c, ch in disk.channels.items()
+        }
+        out[name] = {
+            "common_lag_s": disk.common_lag_s,
+            "channels": channels,
+            "bore_conductance_W_m2K": disk.bore_conductance_W_m2K,
+            "shaft_W_m2K": disk.shaft_W_m2K,
+            "bearing_offset_K": list(disk.bearing_offset_K),
+            "setup": asdict(replace(disk.setup, junctions=dict(disk.setup.junctions))),
+        }
+    return out

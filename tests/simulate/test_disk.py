@@ -1,0 +1,169 @@
+"""The whole-disk solver against closed forms, balances and its own refinement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
+
+from calibration.errors import InputError
+from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
+from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges, hertz_shares
+from tcdyn.simulate.truth import DiskTruth, draw_truth
+
+Array = NDArray[np.float64]
+COARSE = DiskMesh(radial=24, axial=30, shaft_side=16)
+HALF_WIDTH_m = 1.62e-3
+
+
+def constant(value: float):  # type: ignore[no-untyped-def]
+    return lambda t: np.full_like(t, value)
+
+
+def lone_disk() -> DiskTruth:
+    """A disk with ideal washers that touches no shaft."""
+    disk = draw_truth(0).fast
+    setup = replace(disk.setup, washer_conductivity_W_mK=0.0)
+    return replace(disk, setup=setup, bore_conductance_W_m2K=1e-9, bearing_offset_K=(0.0, 0.0))
+
+
+def test_heat_shares_of_the_track_sum_to_one_and_follow_the_parabola() -> None:
+    edges = np.linspace(0, 9.53e-3, 401)
+    shares = hertz_shares(edges, HALF_WIDTH_m)
+    z = 0.5 * (edges[1:] + edges[:-1]) - 4.765e-3
+    density = 0.75 / HALF_WIDTH_m * np.clip(1 - (z / HALF_WIDTH_m) ** 2, 0, None) * np.diff(edges)
+    assert shares.sum() == pytest.approx(1.0, abs=1e-14)
+    assert np.abs(shares - density).max() < 2e-3 * shares.max()  # midpoint rule over a kink, cell / b = 0.015
+
+
+def test_mesh_edges_fill_the_wall_and_grow_from_the_surface() -> None:
+    edges = graded_edges(38.1e-3, 20.5e-3, 0.06e-3, 64)
+    assert edges[0] == 38.1e-3
+    assert edges[-1] == pytest.approx(20.5e-3, abs=1e-15)
+    assert edges[0] - edges[1] == pytest.approx(0.06e-3, rel=1e-6)
+    assert np.all(np.diff(np.abs(np.diff(edges))) > 0)
+
+
+def test_steady_heat_in_is_heat_out() -> None:
+    system = build_system(draw_truth(1).slow, 280.0, HALF_WIDTH_m, DiskMesh())
+    state = steady_state(system, 154.0, 61.0)
+    out = system.conductance @ state - system.source_ambient * 61.0 - system.source_const
+    assert out.sum() == pytest.approx(system.source_power.sum() * 154.0, rel=1e-9)  # solver round-off
+
+
+def test_without_losses_all_heat_is_stored() -> None:
+    system = build_system(lone_disk(), 0.0, HALF_WIDTH_m, COARSE)
+    start = np.full(len(system.capacity), 20.0)
+    end = integrate(system, lambda t: 100 + 20 * t, constant(20.0), (0.0, 10.0), start).state
+    stored = system.capacity @ (end - start)
+    assert stored == pytest.approx(2000.0, rel=1e-6)  # int (100 + 20 t) dt, round-off and 1e-9 of leak to the shaft
+
+
+def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
+    """Bore and faces insulated: T = T_A + sum a_n cos(n pi z / w) R_n(r), R_n of zero slope at the bore."""
+    disk, power, h = lone_disk(), 200.0, 700.0
+    s = disk.setup
+    system = build_system(disk, h, HALF_WIDTH_m, DiskMesh())
+    # The insulated shaft hangs at ambient by its own surface; the disk does not see it.
+    values = system.sample @ steady_state(system, power, 60.0)
+
+    a, b, w, k = s.bore_radius_m, s.outer_radius_m, s.width_m, s.conductivity_W_mK
+    flux = power / (2 * np.pi * b)  # per unit width of a unit cosine integral
+    expected = np.full(len(system.channels), 60.0 + flux / w / h)
+    for n in range(1, 120):
+        lam = n * np.pi / w
+        x = lam * HALF_WIDTH_m
+        integral = 1.5 * (np.sin(x) - x * np.cos(x)) / (x**3) * 2 * np.cos(n * np.pi / 2)  # int q cos dz / flux
+
+        def radial(r: float, lam: float = lam) -> float:  # R_n up to a factor exp(lam (b - a))
+            grow, fall = np.exp(lam * (r - b)), np.exp(lam * (2 * a - r - b))
+            return float(i0e(lam * r) * k1e(lam * a) * grow + k0e(lam * r) * i1e(lam * a) * fall)
+
+        fall = np.exp(2 * lam * (a - b))
+        slope = lam * (i1e(lam * b) * k1e(lam * a) - k1e(lam * b) * i1e(lam * a) * fall) / radial(b)
+        amplitude = flux * 2 / w * integral / (k * slope + h)
+        for row, name in enumerate(system.channels):
+            j = s.junctions[name]
+            expected[row] += amplitude * radial(b - j.depth_m) / radial(b) * np.cos(lam * j.z_m)
+    assert np.abs(values - expected).max() < 4e-3  # second-order error of the default mesh, against a rise of 130 K
+
+
+def test_a_cooling_disk_ends_in_its_slowest_radial_mode() -> None:
+    """Uniform, insulated at bore and faces: rate alpha mu^2 with K C0'(mu R_o) = -h C0, a root of Bessel functions."""
+    disk, h = lone_disk(), 700.0
+    s = disk.setup
+    a, b = s.bore_radius_m, s.outer_radius_m
+
+    def residual(mu: float) -> float:
+        value = j0(mu * b) * y1(mu * a) - y0(mu * b) * j1(mu * a)
+        slope = -mu * (j1(mu * b) * y1(mu * a) - y1(mu * b) * j1(mu * a))
+        return float(s.conductivity_W_mK * slope + h * value)
+
+    mu = brentq(residual, 1.0, 60.0)
+    system = build_system(disk, h, HALF_WIDTH_m, DiskMesh(axial=8))
+    hot = np.full(len(system.capacity), 1.0)
+    solution = integrate(system, constant(0.0), constant(0.0), (0.0, 120.0), hot)
+    v = solution.at(np.array([60.0, 110.0]))[:, 0]
+    rate = np.log(v[0] / v[1]) / 50.0
+    assert rate == pytest.approx(s.diffusivity_m2_s * mu**2, rel=2e-4)  # second-order error of 64 radial cells
+
+
+def march(step_s: float, system: DiskSystem, end_s: float = 8.0) -> Solution:
+    start = steady_state(system, 0.0, 60.0)
+    return integrate(
+        system,
+        lambda t: 200 * np.sin(0.7 * t) ** 2,
+        constant(60.0),
+        (0.0, end_s),
+        start,
+        Stepping(step_s, step_s, 0.0),
+    )
+
+
+def test_time_steps_converge_with_order_four() -> None:
+    system = build_system(draw_truth(0).fast, 700.0, HALF_WIDTH_m, COARSE)
+    exact = march(0.0125, system).values[-1]
+    coarse, fine = (np.abs(march(step, system).values[-1] - exact).max() for step in (0.8, 0.05))
+    assert np.log2(coarse / fine) / 4 > 3.2  # mean over four halvings; stiff modes cost part of an order
+
+
+def test_steps_fill_any_length_with_few_sizes() -> None:
+    steps = step_sizes(1000.123, Stepping())
+    assert steps.sum() == pytest.approx(1000.123, abs=1e-9)
+    assert len(np.unique(steps)) <= 13
+    assert len(steps) < 450
+
+
+def loaded_test(stepping: Stepping, mesh: DiskMesh) -> Array:
+    system = build_system(draw_truth(0).fast, 720.0, HALF_WIDTH_m, mesh)
+    edges = (0.0, 5.0, 5.3, 64.99, 65.01, 90.0)
+
+    def power(t: Array) -> Array:
+        rise = np.clip((t - 5.0) / 0.3, 0, 1) * (1 - np.clip((t - 64.99) / 0.02, 0, 1))
+        return 286 * rise * (1 + 0.05 * np.exp(-np.clip(t - 5, 0, None) / 150))
+
+    solution = integrate(
+        system, power, lambda t: 60 + 0.5 * np.sin(t / 60), edges, steady_state(system, 0, 60), stepping
+    )
+    return solution.at(np.arange(0, 90, 1 / 75))
+
+
+def test_traces_between_steps_are_good_to_a_millikelvin() -> None:
+    usual = loaded_test(Stepping(), COARSE)
+    fine = loaded_test(Stepping(1 / 1200, 0.5, 0.02), COARSE)
+    assert np.abs(usual - fine).max() < 1e-3  # the work order allows 5 mK for time and space together
+
+
+@pytest.mark.slow
+def test_default_mesh_is_within_five_millikelvin_of_a_refined_one() -> None:
+    usual = loaded_test(Stepping(), DiskMesh())
+    fine = loaded_test(Stepping(1 / 600, 1.0, 0.04), DiskMesh(140, 180, 0.03e-3, 160))
+    assert np.abs(usual - fine).max() < 5e-3
+
+
+def test_a_disk_without_a_bore_is_refused() -> None:
+    disk = draw_truth(0).fast
+    with pytest.raises(InputError, match="bore_radius_mm"):
+        build_system(replace(disk, setup=replace(disk.setup, bore_radius_m=0.0)), 700.0, HALF_WIDTH_m, COARSE)

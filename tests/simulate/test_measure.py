@@ -1,0 +1,89 @@
+"""The chain, noise, spikes and quantisation do what the truth says they do."""
+
+import numpy as np
+import pytest
+
+from calibration.disk import Conditioning
+from tcdyn.chain import Chain
+from tcdyn.simulate.chainsim import chain_matrices, through_chains
+from tcdyn.simulate.measure import BITS, RANGE_degC, log_disk, logged, quantised, spike_train
+from tcdyn.simulate.truth import CLEAN, Imperfections, draw_truth
+
+FILTERS = [
+    Conditioning(4.0, 2),
+    Conditioning(4.0, 3, "butterworth"),
+    Conditioning(2.0, 4, "butterworth"),
+    Conditioning(poles=0),
+]
+
+
+@pytest.mark.parametrize("conditioning", FILTERS)
+def test_a_ramp_comes_out_late_by_exactly_the_lag(conditioning: Conditioning) -> None:
+    t = np.arange(0, 20 * 300 + 1) / 300
+    fine = np.repeat((3.0 * t)[:, None], 2, axis=1)
+    out = through_chains(fine, 1 / 300, 4, [(0.5, 0.1, conditioning), (0.7, 0.15, conditioning)])
+    lag = t[-1] - out[-1] / 3.0
+    expected = np.array([0.6, 0.85]) + conditioning.lag_s
+    assert np.abs(lag - expected).max() < 1e-9  # exact for straight lines; the transient is e^-28
+
+
+@pytest.mark.parametrize("conditioning", FILTERS)
+def test_chain_agrees_with_the_toolkit_s_own_transfer_function(conditioning: Conditioning) -> None:
+    rng = np.random.default_rng(1)
+    u = np.cumsum(rng.standard_normal(4001))
+    ours = through_chains(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
+    theirs = Chain((0.5, 0.1), conditioning=conditioning).response(u, 1 / 300)[::4]
+    assert np.abs(ours - theirs).max() < 1e-8 * np.abs(u).max()  # two exact discretisations, round-off of polynomials
+
+
+def test_chain_has_unit_static_gain() -> None:
+    a, b, c = chain_matrices(0.5, 0.1, Conditioning(4.0, 3, "butterworth"))
+    assert -c @ np.linalg.solve(a, b) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_clean_log_of_a_ramp_lags_each_channel_by_its_true_lag() -> None:
+    disk = draw_truth(5).fast
+    log, true = log_disk(
+        lambda t: np.repeat(t[:, None], 6, axis=1), 30.0, disk, np.random.default_rng(0), CLEAN, spikes=True
+    )
+    assert np.abs(true[-1] - log[-1] - list(disk.lags_s.values())).max() < 1e-9
+
+
+def test_static_line_turns_the_log_back_into_degrees() -> None:
+    disk = draw_truth(5).slow
+    read = np.random.default_rng(0).uniform(20, 160, (50, 6))
+    only_static = Imperfections(noise=False, spikes=False, quantise=False)
+    log = logged(read, disk, np.random.default_rng(0), only_static, spikes=False)
+    for k, channel in enumerate(disk.channels.values()):
+        assert np.allclose(channel.gain * log[:, k] + channel.offset_degC, read[:, k], atol=1e-12)
+
+
+def test_noise_has_the_stated_deviation() -> None:
+    disk = draw_truth(2).fast
+    log = logged(np.full((20000, 6), 80.0), disk, np.random.default_rng(0), Imperfections(static=False), spikes=False)
+    stated = [c.noise_K for c in disk.channels.values()]
+    assert np.all((np.array(stated) >= 0.12) & (np.array(stated) <= 0.15))
+    assert log.std(axis=0) == pytest.approx(stated, rel=0.03)  # 6 sigma of 20000 samples, and 0.1 % of quantisation
+
+
+def test_sixteen_bits_round_by_half_a_step_and_clip() -> None:
+    values = np.linspace(-150, 800, 5001)
+    step = (RANGE_degC[1] - RANGE_degC[0]) / (2**BITS - 1)
+    inside = (values > RANGE_degC[0]) & (values < RANGE_degC[1])
+    out = quantised(values)
+    assert np.abs(out - values)[inside].max() <= 0.5 * step * (1 + 1e-9)
+    assert (out.min(), out.max()) == pytest.approx(RANGE_degC)
+
+
+def test_spikes_are_rare_short_and_tall() -> None:
+    train = spike_train(np.random.default_rng(0), 75 * 2000, 0.03)
+    starts = np.sum((train[1:] != 0) & (train[:-1] == 0))
+    assert starts == pytest.approx(60, abs=31)  # Poisson, four standard deviations
+    assert np.abs(train[train != 0]).min() > 0.1  # two of opposite sign may overlap
+    assert np.abs(train).max() > 5
+
+
+def test_fast_shaft_spikes_more() -> None:
+    truth = draw_truth(0)
+    slow = max(c.spikes_per_s for c in truth.slow.channels.values())
+    assert min(c.spikes_per_s for c in truth.fast.channels.values()) > slow
