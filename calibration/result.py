@@ -15,6 +15,8 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
+from calibration.finding import Finding
+
 MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
 
 
@@ -72,6 +74,8 @@ def jsonable(value: Any) -> Any:
         return [{str(k): jsonable(v) for k, v in row.items()} for row in value.to_dict("records")]
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", by_alias=True)
+    if isinstance(value, Finding):
+        return jsonable(value.to_dict())
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {f.name: jsonable(getattr(value, f.name)) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):

@@ -1,0 +1,159 @@
+"""What was noticed, as a value: code branches on its code, subject and numbers; `calibration/words.py` says it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from calibration.disk import CHANNELS
+from calibration.words import WORDS, told
+
+
+class Grade(StrEnum):
+    """What a finding asks of its reader."""
+
+    NOTE = "note"  # mended in full on the way: nobody needs to act
+    LOOK = "look"  # asks for a decision
+    REFUSE = "refuse"  # what it speaks of is not to be used
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something noticed about data or a fit.
+
+    ``code``: what, from `calibration/words.py`; ``grade``; ``where``: the file or stage; ``subject``: the channel,
+    column, disk or parameter that it is about; ``numbers``: numbers, texts and lists of them, by name with unit.
+    ``text`` is the sentence of a finding that was read from a file, as it stood there.
+
+    >>> found = note("said", text="the clock stood still")
+    >>> found.sentence, found.grade.value
+    ('the clock stood still', 'note')
+    >>> Finding.from_dict(found.to_dict()) == found
+    True
+    """
+
+    code: str
+    grade: Grade
+    where: str = ""
+    subject: str = ""
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    text: str = field(default="", compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.code not in WORDS and not self.text:
+            raise ValueError(f"finding {self.code!r} has no words in calibration/words.py")
+        object.__setattr__(self, "grade", Grade(self.grade))
+        object.__setattr__(self, "numbers", {k: _plain(v) for k, v in self.numbers.items()})
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.grade, self.where, self.subject, tuple(self.numbers)))
+
+    def __str__(self) -> str:
+        return self.sentence
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return self.text or told(self.code, self.where, self.subject, dict(self.numbers))
+
+    def at(self, where: str) -> Finding:
+        """The same, with ``where`` in front of where it was."""
+        text = f"{where}: {self.text}" if self.text else ""
+        return replace(self, where=f"{where}: {self.where}" if self.where else where, text=text)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As files keep it; ``sentence`` is there to be read by people."""
+        return {
+            "code": self.code,
+            "grade": self.grade.value,
+            "where": self.where,
+            "subject": self.subject,
+            "numbers": {k: list(v) if isinstance(v, tuple) else v for k, v in self.numbers.items()},
+            "sentence": self.sentence,
+        }
+
+    @classmethod
+    def from_dict(cls, kept: Mapping[str, Any] | Finding) -> Finding:
+        """Back from a file; its sentence stays as it was written. Raises ValueError for anything else."""
+        if isinstance(kept, Finding):
+            return kept
+        try:
+            return cls(
+                str(kept["code"]), kept["grade"], str(kept.get("where", "")), str(kept.get("subject", "")),
+                dict(kept.get("numbers", {})), str(kept["sentence"]),
+            )  # fmt: skip
+        except (KeyError, TypeError, AttributeError) as problem:
+            raise ValueError(f"is no finding: {problem!r}") from None
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            cls.from_dict, serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict)
+        )
+
+
+def note(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding that needs no act: something was mended in full."""
+    return Finding(code, Grade.NOTE, where, subject, numbers)
+
+
+def look(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding that asks for a decision."""
+    return Finding(code, Grade.LOOK, where, subject, numbers)
+
+
+def refuse(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding that says what must not be used."""
+    return Finding(code, Grade.REFUSE, where, subject, numbers)
+
+
+def with_where(findings: Iterable[Finding], where: str) -> tuple[Finding, ...]:
+    """All ``findings`` with ``where`` in front of where they were."""
+    return tuple(f.at(where) for f in findings)
+
+
+def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Each finding once, in order."""
+    return tuple(dict.fromkeys(findings))
+
+
+def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """The findings in words, in order, each sentence once."""
+    return tuple(dict.fromkeys(f.sentence for f in findings))
+
+
+def doubts(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Those above a note."""
+    return tuple(f for f in findings if f.grade is not Grade.NOTE)
+
+
+def notes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Those that only tell of something mended."""
+    return tuple(f for f in findings if f.grade is Grade.NOTE)
+
+
+def channel_of(subject: str) -> str:
+    """The channel that a subject means, however it is called; empty where it is no channel.
+
+    >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
+    ['e', 'e', 'e', 'e', '', '', '']
+    """
+    last = subject.removesuffix("_degC").rpartition("_")[2]
+    return last if last in CHANNELS else ""
+
+
+def _plain(value: Any) -> Any:
+    """A number, text, truth, None, or a tuple of them: what JSON can hold."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return tuple(_plain(v) for v in value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"a {type(value).__name__} is no number of a finding")
