@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from tcdyn.identify import IOData, compare, fit
     from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, run_demo
     from tcdyn.simulate.campaign import simulate_campaign
-
-__version__ = "0.1.0"
+    from tcdyn.version import __version__
 
 _HOMES = {
+    "__version__": "tcdyn.version",
     "InputError": "calibration.errors",
     "load_rig": "calibration.rig",
     "read_log": "calibration.log",

@@ -1,4 +1,4 @@
-"""Hertz's elliptical contact of two crowned disks: half widths, pressure, depth of first yield."""
+"""Two crowned disks in contact: Hertz's ellipse, their speeds, and the press fit that holds each on its shaft."""
 
 from __future__ import annotations
 
@@ -93,3 +93,60 @@ def _axis_ratio(curvature_ratio: float) -> float:
         return float((squared * ellipe(m) - ellipk(m)) / (ellipk(m) - ellipe(m)) - curvature_ratio)
 
     return float(np.exp(brentq(excess, 0.3 * np.log(curvature_ratio), np.log(curvature_ratio) + 1.0, xtol=1e-13)))
+
+
+def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
+    """Speed of the running surface, u = 2 pi n R / 60 [m/s]."""
+    return 2.0 * np.pi * speed_rpm / 60.0 * radius_m
+
+
+def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:
+    """Sliding speed u_s = u_fast - u_slow [m/s] (table 6.1).
+
+    >>> round(sliding_speed_m_s(6555, 1546), 1)
+    20.0
+    """
+    return surface_speed_m_s(fast_rpm, radius_m) - surface_speed_m_s(slow_rpm, radius_m)
+
+
+def entraining_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:
+    """Entraining (mean) speed u_m = (u_fast + u_slow) / 2 [m/s] (table 6.1).
+
+    >>> round(entraining_speed_m_s(3282, 774), 2)
+    8.09
+    """
+    return 0.5 * (surface_speed_m_s(fast_rpm, radius_m) + surface_speed_m_s(slow_rpm, radius_m))
+
+
+def interference_pressure_Pa(
+    radial_interference_m: float,
+    fit_radius_m: float = 0.0205,
+    outer_radius_m: float = 0.0381,
+    inner_radius_m: float = 0.0,
+    young_Pa: float = YOUNG_Pa,
+) -> float:
+    """Pressure of a press fit of equal materials [Pa] (6.1).
+
+    ``P = (E delta / R) (r_o^2 - R^2) (R^2 - r_i^2) / (2 R^2 (r_o^2 - r_i^2))``
+
+    >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]  # section 6.4.3: 27.3, 45.6
+    [27.3, 45.6]
+    """
+    square, outer, inner = fit_radius_m**2, outer_radius_m**2, inner_radius_m**2
+    shape = (outer - square) * (square - inner) / (2 * square * (outer - inner))
+    return young_Pa * radial_interference_m / fit_radius_m * shape
+
+
+def contact_conductance_W_m2K(
+    pressure_Pa: float, hardness_Pa: float, roughness_m: float, slope: float, conductivity_W_mK: float
+) -> float:
+    """Conductance of a pressed joint, h = 0.170 (P/H)^0.693 m k / sigma [W/m2K] (6.2).
+
+    ``hardness_Pa`` is the micro-hardness H, ``roughness_m`` the standard deviation sigma of the roughness,
+    ``slope`` the asperity slope m [-]. Source: Leung et al. (1998) as quoted by the thesis; measured in vacuum.
+
+    >>> low, high = (contact_conductance_W_m2K(p, 2.7e9, 1e-6, 0.1, 16) for p in (1e6, 45.6e6))
+    >>> round(high / low, 1)  # table 6.6: about 14
+    14.1
+    """
+    return 0.170 * (pressure_Pa / hardness_Pa) ** 0.693 * slope * conductivity_W_mK / roughness_m

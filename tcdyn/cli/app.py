@@ -15,6 +15,7 @@ import typer  # noqa: E402
 from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
 from calibration.errors import InputError  # noqa: E402
+from tcdyn.version import __version__  # noqa: E402
 
 # name: (module, attribute, what it does), in the order of the work; a module is imported when its command is called
 COMMANDS: dict[str, tuple[str, str, str]] = {
@@ -92,9 +93,7 @@ app = typer.Typer(
 
 def _version(show: bool) -> None:
     if show:
-        import tcdyn
-
-        typer.echo(f"tcdyn {tcdyn.__version__}")
+        typer.echo(f"tcdyn {__version__}")
         raise typer.Exit
 
 

@@ -20,8 +20,7 @@ from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import Chain
-from tcdyn.contact import equal_radius_m, half_width_m
-from tcdyn.kinematics import surface_speed_m_s
+from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
 

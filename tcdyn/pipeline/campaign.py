@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-import tcdyn
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.files.write import sha256, write_text
@@ -27,6 +26,7 @@ from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import estimate_beta
 from tcdyn.pipeline.campaign_table import campaign_table, table_csv, table_row
 from tcdyn.pipeline.spread import spread
+from tcdyn.version import __version__
 
 TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
 
@@ -44,7 +44,7 @@ class CampaignSettings:
     def fingerprint(self) -> dict[str, Any]:
         """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
         return {
-            "version": tcdyn.__version__,
+            "version": __version__,
             "rig_sha256": _hash(self.rig.model_dump_json()),
             "records_sha256": {d: _hash(r.to_json()) for d, r in sorted(self.records.items())},
             "bearing_sha256": self.bearing.sha256 if self.bearing else None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from calibration.errors import InputError
-from tcdyn.kinematics import entraining_speed_m_s, sliding_speed_m_s
+from tcdyn.contact import entraining_speed_m_s, sliding_speed_m_s
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from immersion.fluids import fluid
-from tcdyn.contact import YOUNG_Pa, hertz_contact
-from tcdyn.interference import contact_conductance_W_m2K, interference_pressure_Pa
-from tcdyn.kinematics import entraining_speed_m_s, sliding_speed_m_s
+from tcdyn.contact import (
+    YOUNG_Pa,
+    contact_conductance_W_m2K,
+    entraining_speed_m_s,
+    hertz_contact,
+    interference_pressure_Pa,
+    sliding_speed_m_s,
+)
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify.row import VerifyRow, numbers, row, within
 

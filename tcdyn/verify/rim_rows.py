@@ -7,8 +7,7 @@ import numpy as np
 from tcdyn.conduction.closed_forms import penetration_depth_m
 from tcdyn.conduction.reference import explicit_growth, explicit_limit_s
 from tcdyn.conduction.rim import Mesh
-from tcdyn.contact import hertz_contact
-from tcdyn.kinematics import surface_speed_m_s
+from tcdyn.contact import hertz_contact, surface_speed_m_s
 from tcdyn.verify.checks import default_rim, product_convergence, series_convergence, steady_check, transient_check
 from tcdyn.verify.row import VerifyRow, row
 

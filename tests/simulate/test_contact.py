@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.contact import YOUNG_Pa, half_width_m, hertz_contact
-from tcdyn.interference import interference_pressure_Pa
+from tcdyn.contact import YOUNG_Pa, half_width_m, hertz_contact, interference_pressure_Pa
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 
 TABLE_3_4_mm = {850: 1.25, 1460: 1.50, 1850: 1.62, 2320: 1.75}
