@@ -11,7 +11,8 @@ import pandas as pd
 from scipy import stats
 
 from calibration.errors import InputError
-from calibration.grade import graded
+from calibration.finding import doubts as above_note
+from calibration.finding import sentences
 from calibration.lines.static import apply_static, outside_range, static_u
 from calibration.record import DiskRecord, moment, now_utc
 from calibration.result import Result, jsonable
@@ -138,7 +139,7 @@ def check_record(record: DiskRecord) -> list[str]:
 
     Its warnings are among them; its notes, which tell of what was mended in full, are not.
     """
-    doubts = graded(record.warnings)[0]
+    doubts = list(sentences(above_note(record.findings)))
     missing = [c for c in "abcdef" if c not in record.static]
     if missing:
         doubts.append(f"static: channels {', '.join(missing)} are missing")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from calibration.finding import Finding, look, note
+
 MENDED = re.compile(
     r"spikes (in \d+ channels )?were taken as missing"
     r"|spikes?(\(s\))?; taken as missing"
@@ -38,3 +40,8 @@ def graded(sentences: Iterable[str]) -> tuple[list[str], list[str]]:
     """
     told = list(sentences)
     return [s for s in told if not is_note(s)], [s for s in told if is_note(s)]
+
+
+def as_findings(sentences: Iterable[str]) -> tuple[Finding, ...]:
+    """What rooms that speak in sentences have noticed, as findings that carry them."""
+    return tuple(note("said", text=s) if is_note(s) else look("said", text=s) for s in sentences)

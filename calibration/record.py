@@ -11,12 +11,13 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.write import sha256, write_text
+from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
 from calibration.recordupgrade import SCHEMA, upgraded
 from calibration.result import Result
@@ -98,8 +99,21 @@ class DiskRecord(Result, _Part):
     chain: ChainRecord | None = None
     conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
     fit: dict[str, Any] = Field(default_factory=dict)
-    warnings: list[str] = Field(default_factory=list)
+    findings: list[Finding] = Field(default_factory=list)
     setup: RigTables = Field(default_factory=lambda: RigTables.model_validate({}))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _findings(cls, data: Any) -> Any:
+        """Findings of a file that has sentences only, each kept as it stands."""
+        if not isinstance(data, dict) or "warnings" not in data:
+            return data
+        data = dict(data)
+        old = data.pop("warnings")
+        if not isinstance(old, list) or not all(isinstance(sentence, str) for sentence in old):
+            raise ValueError("warnings: must be a list of sentences")
+        data.setdefault("findings", [look("said", text=sentence) for sentence in old])
+        return data
 
     @model_validator(mode="after")
     def _sound(self) -> DiskRecord:
@@ -117,6 +131,12 @@ class DiskRecord(Result, _Part):
                         f"chain.channels.{name}.lag_s: {c.lag_s.value:.4g} s, but its lags add to {lag:.4g} s"
                     )
         return self
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def warnings(self) -> list[str]:
+        """The findings as sentences, notes among them."""
+        return list(sentences(self.findings))
 
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
+from calibration.grade import as_findings
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.crosscheck import Tension
 from tcdyn.partition.profile_interval import profiles_file
@@ -94,6 +95,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         },
         "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
         "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
+        "findings": [found.to_dict() for found in as_findings(p.warnings)],
         "warnings": list(p.warnings),
     }
 

@@ -14,6 +14,8 @@ import pandas as pd
 from calibration.checks.kind import SWAPPED
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.finding import once
+from calibration.grade import as_findings
 from calibration.lines.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
 from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
@@ -128,7 +130,7 @@ def calibrate_disk(
         conditioning=tables.conditioning,
         setup=tables,
         fit=fit_summary(fit, correlation),
-        warnings=list(dict.fromkeys(warnings)),
+        findings=list(once(as_findings(warnings))),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
 

@@ -14,6 +14,7 @@ from calibration.compare import check_record, diff_records
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.finding import look, note
 from calibration.lines.static import fit_static_lines
 from calibration.record import (
     ChainRecord,
@@ -191,17 +192,29 @@ def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loos
 
 
 LEVELS = "P1.csv: column switch: levels 0 and 5 are read as 0 and 1"
+MENDED = note("said", text=LEVELS)
+
+
+def test_a_record_that_has_sentences_only_keeps_them_as_they_stand():
+    old = RECORD.to_dict()
+    del old["findings"]
+    back = parse_record({**old, "warnings": ["the clock stood still", LEVELS]}, "a")
+    assert back.warnings == ["the clock stood still", LEVELS]
+    assert [f.code for f in back.findings] == ["said", "said"]
+    assert parse_record(back.to_dict(), "a") == back
 
 
 def test_check_names_what_a_reader_would_ask():
     assert check_record(RECORD) == []
-    odd = make_record(chain=None, created="2999-01-01T00:00:00+00:00", warnings=["hand made", LEVELS])
+    odd = make_record(
+        chain=None, created="2999-01-01T00:00:00+00:00", findings=[look("said", text="hand made"), MENDED]
+    )
     said = " ".join(check_record(odd))
     assert "hand made" in said
     assert "future" in said
     assert "no chain" in said
     assert LEVELS not in said
-    assert check_record(make_record(warnings=[LEVELS])) == []  # a note: mended in full, nothing to decide
+    assert check_record(make_record(findings=[MENDED])) == []  # a note: mended in full, nothing to decide
 
 
 def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
