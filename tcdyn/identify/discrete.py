@@ -12,9 +12,9 @@ from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.result import Result
 from tcdyn.chain.factors import Array
-from tcdyn.fitting.optimise import least_squares
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.noise import inverse
+from tcdyn.identify.optimise import least_squares
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ import pandas as pd
 from calibration.estimate import Estimate, rounded
 from calibration.result import Result
 from tcdyn.chain.factors import Array
-from tcdyn.fitting.optimise import Optimum, Status
-from tcdyn.fitting.robust import Loss, reweight, robust_covariance
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.noise import Noise, coarse_step, fit_arma, inverse, rounding_covariance, sandwich, stretches
+from tcdyn.identify.optimise import Optimum, Status
 from tcdyn.identify.problem import Initial, Problem, pose
+from tcdyn.identify.robust import Loss, reweight, robust_covariance
 from tcdyn.identify.search import search
 from tcdyn.identify.validate import ALARM, Validation, validate, whiteness
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from calibration.estimate import Z95, Estimate
 from tcdyn.chain.factors import Array
-from tcdyn.fitting.optimise import least_squares
+from tcdyn.identify.optimise import least_squares
 from tcdyn.identify.problem import Problem
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from calibration.noise import rounding_sd
 from tcdyn.chain.factors import Array
-from tcdyn.fitting.optimise import least_squares
+from tcdyn.identify.optimise import least_squares
 from tcdyn.identify.problem import Problem
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.errors import InputError
 from tcdyn.chain.factors import Array
-from tcdyn.fitting.optimise import Evaluate, Optimum, least_squares
+from tcdyn.identify.optimise import Evaluate, Optimum, least_squares
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.start import starts
 

@@ -1,0 +1,159 @@
+"""Levenberg-Marquardt on the normal equations: priors, a box, held combinations, models that end somewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calibration.arrays import Array
+from tcdyn.fitting.problem import Optimum, Problem, Status, free_directions
+from tcdyn.fitting.robust import weights_of
+
+Loss = Literal["linear", "huber", "bisquare"]
+TRIALS = 12  # dampings tried before a step is given up
+REWEIGHTINGS, SETTLED = 25, 1e-6
+
+
+@dataclass(frozen=True)
+class _State:
+    theta: Array
+    residual: Array
+    jacobian: Array
+    cost: float
+    gradient: Array
+    information: Array
+
+
+def minimise(
+    problem: Problem,
+    start: Array,
+    *,
+    fixed: Array | None = None,
+    loss: Loss = "linear",
+    limit: int = 60,
+    tolerance: float = 1e-6,
+    relative: float = 1e-12,
+) -> Optimum:
+    """The least sum of squares from ``start`` (P,).
+
+    Stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` + ``relative`` x cost (that
+    step is still taken), once two steps in a row have, or after ``limit`` steps. Steps are damped in the scale of the
+    information's diagonal (Marquardt), no larger than the problem's ``largest``, and clipped to the box; a parameter
+    on its bound that the gradient pushes outwards stays. ``fixed`` (C, P): combinations that stay as they are at the
+    start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs samples anew by their residuals, scaled by
+    the median absolute deviation, until nothing moves (bisquare begins at Huber's answer). A start where the model
+    cannot be computed gives Status.NOWHERE and an infinite cost.
+
+    >>> t = np.linspace(0, 1, 50)
+    >>> def decay(theta):
+    ...     y = theta[0] * np.exp(-t / theta[1])
+    ...     return y - 2 * np.exp(-t / 0.3), np.column_stack([y / theta[0], y * t / theta[1] ** 2])
+    >>> found = minimise(Problem(("size", "tau"), decay), np.array([1.0, 1.0]))
+    >>> found.theta.round(6), found.status.name
+    (array([2. , 0.3]), 'CONVERGED')
+    """
+    found = _descend(problem, start, fixed, None, limit, tolerance, relative)
+    if loss == "linear" or not np.isfinite(found.cost):
+        return found
+    for kind in ("huber", "bisquare") if loss == "bisquare" else ("huber",):
+        for _ in range(REWEIGHTINGS):
+            weights, before = weights_of(found.residual, kind), found.theta
+            found = _descend(problem, before, fixed, weights, limit, tolerance, relative)
+            if np.max(np.abs(found.theta - before) / (np.abs(before) + SETTLED)) < SETTLED:
+                break
+    return found
+
+
+def held(near: Optimum, toward: str | Array, value: float, **search: float) -> Optimum:
+    """The optimum with a parameter, or a combination ``toward`` @ theta, held at ``value``, begun at ``near``.
+
+    What ``near`` held besides its problem's ``fixed`` is free again; keywords as those of :func:`minimise`.
+    """
+    row = near.problem.toward(toward)
+    directions = free_directions(near.problem.size, [near.problem.fixed])
+    along = directions @ (directions.T @ row)
+    start = near.theta + along * (value - float(row @ near.theta)) / float(row @ along)
+    return minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
+
+
+def least(optima: Sequence[Optimum]) -> Optimum:
+    """The one with the least cost, for instance of several starts."""
+    return min(optima, key=lambda o: o.cost)
+
+
+def _descend(
+    problem: Problem,
+    start: Array,
+    fixed: Array | None,
+    weights: Array | None,
+    limit: int,
+    tolerance: float,
+    relative: float,
+) -> Optimum:
+    lower, upper = problem.box
+    directions = free_directions(problem.size, [problem.fixed, fixed])
+    now = _state(problem, np.clip(np.asarray(start, dtype=float), lower, upper), weights)
+    if now is None:
+        nothing = np.zeros((0, problem.size))
+        full = np.diag(problem.precision)
+        return Optimum(problem, start, np.zeros(0), nothing, np.inf, full, directions, Status.NOWHERE, 0, weights)
+    damping, status, steps, idle, left = 1e-3, Status.STALLED, 0, 0, False
+    while steps < limit:
+        at_end = ((now.theta <= lower) & (now.gradient > 0)) | ((now.theta >= upper) & (now.gradient < 0))
+        free = directions
+        if at_end.any():
+            free = free_directions(problem.size, [problem.fixed, fixed, np.eye(problem.size)[at_end]])
+        done = Status.AT_BOUND if at_end.any() else Status.CONVERGED
+        slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
+        scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        slope, curvature = slope * scale, curvature * scale[:, None] * scale
+        enough = tolerance + relative * now.cost
+        steps += 1
+        if idle == 2 and left:
+            status = Status.EDGE
+            break
+        if idle == 2 or float(slope @ _damped(curvature, slope, 1e-13)) <= enough:
+            step = -free @ (scale * _damped(curvature, slope, min(damping, 1e-9)))
+            last = _state(problem, np.clip(now.theta + step, lower, upper), weights)
+            now, status = last if last is not None and last.cost <= now.cost else now, done
+            break
+        trial, left = None, False
+        for _ in range(TRIALS):
+            step = -free @ (scale * _damped(curvature, slope, damping))
+            if problem.largest is not None:
+                step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
+            trial = _state(problem, np.clip(now.theta + step, lower, upper), weights)
+            left |= trial is None
+            if trial is not None and trial.cost <= now.cost:
+                break
+            trial, damping = None, max(damping * 4.0, 1e-6)
+        if trial is None:
+            status = Status.EDGE if left else done
+            break
+        idle = idle + 1 if now.cost - trial.cost <= enough else 0
+        now, damping = trial, max(damping / 8.0, 1e-12)
+    return Optimum(
+        problem, now.theta, now.residual, now.jacobian, now.cost, now.information, directions, status, steps, weights
+    )
+
+
+def _state(problem: Problem, theta: Array, weights: Array | None) -> _State | None:
+    """Cost, half-gradient and information at ``theta``; None where there is none."""
+    answer = problem.evaluate(theta)
+    if answer is None:
+        return None
+    residual, jacobian = answer
+    gap = problem.beyond_prior(theta)
+    heavy = jacobian if weights is None else weights[:, None] * jacobian
+    cost = float(residual @ (residual if weights is None else weights * residual) + problem.precision @ gap**2)
+    information = jacobian.T @ heavy + np.diag(problem.precision)
+    if not np.isfinite(cost) or not np.isfinite(information).all():
+        return None
+    return _State(theta, residual, jacobian, cost, heavy.T @ residual + problem.precision * gap, information)
+
+
+def _damped(matrix: Array, vector: Array, damping: float) -> Array:
+    return np.asarray(np.linalg.solve(matrix + damping * np.eye(len(matrix)), vector))

@@ -1,0 +1,158 @@
+"""Coloured residuals: AR and ARMA models, whitening, and covariances that do not believe in white noise."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.signal import lfilter
+
+from calibration.arrays import Array
+from tcdyn.fitting.covariance import inverse
+from tcdyn.fitting.descend import minimise
+from tcdyn.fitting.problem import Problem, Status
+
+
+@dataclass(frozen=True)
+class Noise:
+    """n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 + .. (MA)."""
+
+    ar: tuple[float, ...] = ()
+    ma: tuple[float, ...] = ()
+
+    @property
+    def white(self) -> bool:
+        """Whether this is no colour at all."""
+        return not self.ar and not self.ma
+
+    def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
+        """D/C applied down the rows of ``table`` (N,) or (N, P), afresh in every part (a stretch without a gap).
+
+        The first rows of a part, for which no past is known, are set to zero.
+        """
+        if self.white:
+            return table
+        out = np.zeros_like(table)
+        skip = max(len(self.ar), len(self.ma))
+        for s in parts:
+            filtered = lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
+            filtered[:skip] = 0.0
+            out[s] = filtered
+        return out
+
+
+def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
+    """Sums of e_t e_{t-k} over pairs within a part, k = 0..lags, and the number of pairs."""
+    total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+    for s in parts:
+        x = e[s]
+        for k in range(min(lags, len(x) - 1) + 1):
+            total[k] += x[k:] @ x[: len(x) - k]
+            pairs[k] += len(x) - k
+    return total, pairs
+
+
+def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
+    """The autoregression of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker)."""
+    n = len(e)
+    max_order = int(min(max_order, n // 10))
+    r = autocovariance(e, parts, max_order)[0] / n
+    best, choice = n * np.log(max(r[0], 1e-300)), Noise()
+    for p in range(1, max_order + 1):
+        a = solve_toeplitz(r[:p], r[1 : p + 1])
+        variance = r[0] - a @ r[1 : p + 1]
+        if variance <= 0:
+            break
+        score = n * np.log(variance) + 2 * p * n / (n - p - 1)
+        if score < best:
+            best, choice = score, Noise(ar=tuple((-a).tolist()))
+    return choice
+
+
+def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
+    """ARMA(p, q) of ``e`` by conditional least squares, started by Hannan and Rissanen's two regressions."""
+    if p == 0 and q == 0:
+        return Noise()
+    innovation = fit_ar(e, parts).whiten(e, parts)
+    rows, targets = [], []
+    m = max(p, q)
+    for s in parts:
+        x, w = e[s], innovation[s]
+        for t in range(m, len(x)):
+            rows.append([*(-x[t - i - 1] for i in range(p)), *(w[t - i - 1] for i in range(q))])
+            targets.append(x[t])
+    start = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
+
+    def evaluate(x: Array) -> tuple[Array, Array] | None:
+        d, c = np.concatenate([[1.0], x[:p]]), np.concatenate([[1.0], x[p:]])
+        if (p and np.max(np.abs(np.roots(d))) >= 1) or (q and np.max(np.abs(np.roots(c))) >= 1):
+            return None
+        r, j = np.zeros(len(e)), np.zeros((len(e), p + q))
+        for s in parts:
+            w = lfilter(d, c, e[s])
+            past_e, past_w = lfilter([1.0], c, e[s]), lfilter([1.0], c, w)
+            r[s] = w
+            for i in range(p):
+                j[s, i] = np.concatenate([np.zeros(i + 1), past_e[: -i - 1]])
+            for i in range(q):
+                j[s, p + i] = -np.concatenate([np.zeros(i + 1), past_w[: -i - 1]])
+            j[s.start : s.start + m] = 0.0
+            r[s.start : s.start + m] = 0.0
+        return r, j
+
+    problem = Problem((*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))), evaluate)
+    for shrink in (1.0, 0.7, 0.3, 0.0):
+        powers = shrink ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
+        found = minimise(problem, start * powers, tolerance=0.0)
+        if found.status is not Status.NOWHERE:
+            return Noise(tuple(found.theta[:p].tolist()), tuple(found.theta[p:].tolist()))
+    return Noise()
+
+
+def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice]) -> Array:
+    """Covariance (P, P) of a least-squares estimate whose residuals are coloured.
+
+    (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregression fitted to the residuals: J'VJ is s^2 times
+    the product of J filtered backwards in time by the noise filter.
+    """
+    n, p = jacobian.shape
+    noise = fit_ar(residual, parts)
+    innovation = noise.whiten(residual, parts)
+    variance = float(innovation @ innovation) / (n - p)
+    shaped = np.zeros_like(jacobian)
+    for s in parts:
+        shaped[s] = lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
+    half = shaped @ inverse(jacobian.T @ jacobian)  # squared as a whole: a product of three loses all digits
+    return np.asarray(variance * half.T @ half)
+
+
+def correlation_length(z: Array, longest: int = 40) -> float:
+    """1 + 2 sum of the autocorrelations of ``z`` (N,) up to the first that is not significant; 1 for white noise.
+
+    The factor by which the variance of a mean of ``z`` exceeds that of as many independent samples.
+    """
+    z = z - np.mean(z)
+    n = len(z)
+    power = float(z @ z)
+    if power == 0 or n < 8:
+        return 1.0
+    total = 1.0
+    for k in range(1, min(longest, n // 4)):
+        rho = float(z[k:] @ z[:-k]) / power
+        if rho < 2 / np.sqrt(n):
+            break
+        total += 2 * rho
+    return total
+
+
+def wave_factor(z: Array, sums: int = 25) -> float:
+    """Variance of slow waves in standardised residuals ``z`` (N, C) over that of white noise: never below one.
+
+    The mean square of sums over an N/``sums``-th of the record each, which any slow misfit fills and white noise
+    of unit variance does not.
+    """
+    m = max(len(z) // sums, 1)
+    waves = np.add.reduceat(z, np.arange(0, len(z) - m + 1, m), axis=0)[:-1] / np.sqrt(m)
+    return max(1.0, float(np.mean(waves**2)))

@@ -1,0 +1,157 @@
+"""What is fitted: named parameters, whitened residuals with Jacobian, normal priors, a box; and where that ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import null_space
+
+from calibration.arrays import Array
+from tcdyn.fitting.covariance import inverse
+
+Evaluate = Callable[[Array], tuple[Array, Array] | None]
+LEAST_TOLD = 0.02  # below this the data say nothing of a parameter, and its pull means nothing
+
+
+class Status(StrEnum):
+    """How a search ended."""
+
+    CONVERGED = "converged: no step lowers the cost any more"
+    AT_BOUND = "converged with a parameter on its bound: the data do not ask for it"
+    EDGE = "stopped where the model cannot be computed any further"
+    STALLED = "stopped after the allowed iterations; look at the intervals before using it"
+    NOWHERE = "the model cannot be computed at the start"
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Sum of squares over theta (P,): |residual|^2 + sum ((theta - prior_mean)/prior_sd)^2.
+
+    ``evaluate(theta)`` gives the residual model - measured (N,), in standard deviations of its noise where that is
+    known, and its Jacobian (N, P); None where the model cannot be computed (unstable, outside a table).
+    ``prior_mean``, ``prior_sd`` (P,): inf where nothing was known. ``lower``, ``upper`` (P,): the box. ``largest``
+    (P,): the most that one step of a search may change a parameter by. ``fixed`` (C, P): combinations
+    ``fixed @ theta`` that every search leaves as they are at its start. What is None is not asked for.
+    """
+
+    names: tuple[str, ...]
+    evaluate: Evaluate
+    prior_mean: Array | None = None
+    prior_sd: Array | None = None
+    lower: Array | None = None
+    upper: Array | None = None
+    largest: Array | None = None
+    fixed: Array | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of parameters P."""
+        return len(self.names)
+
+    @cached_property
+    def precision(self) -> Array:
+        """1/prior_sd^2 (P,), zero where nothing was known."""
+        if self.prior_sd is None:
+            return np.zeros(self.size)
+        return np.where(np.isfinite(self.prior_sd), 1 / np.asarray(self.prior_sd) ** 2, 0.0)
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (P,), infinite where there is none."""
+        low = np.full(self.size, -np.inf) if self.lower is None else np.asarray(self.lower, dtype=float)
+        high = np.full(self.size, np.inf) if self.upper is None else np.asarray(self.upper, dtype=float)
+        return low, high
+
+    def beyond_prior(self, theta: Array) -> Array:
+        """theta - prior_mean (P,), zero where nothing was known."""
+        if self.prior_mean is None:
+            return np.zeros(self.size)
+        return np.asarray(np.where(self.precision > 0, theta - self.prior_mean, 0.0))
+
+    def toward(self, name: str | Array) -> Array:
+        """The unit vector (P,) of a parameter; a vector of weights is itself."""
+        return np.eye(self.size)[self.names.index(name)] if isinstance(name, str) else np.asarray(name, dtype=float)
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """Where a search ended.
+
+    ``cost`` is the sum of squares with priors; ``residual`` (N,) and ``jacobian`` (N, P) are the problem's own there,
+    without robust ``weights`` (N,), None where the loss was linear; ``information`` (P, P) is half the Hessian of the
+    cost, J'WJ + prior precision; ``directions`` (P, F) are those that theta was free to move along.
+    """
+
+    problem: Problem = field(repr=False)
+    theta: Array
+    residual: Array = field(repr=False)
+    jacobian: Array = field(repr=False)
+    cost: float
+    information: Array = field(repr=False)
+    directions: Array = field(repr=False)
+    status: Status
+    steps: int
+    weights: Array | None = field(default=None, repr=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether a minimum was reached."""
+        return self.status in (Status.CONVERGED, Status.AT_BOUND)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (P, P) for residuals of unit variance: the inverse of the information along the directions."""
+        d = self.directions
+        return np.asarray(d @ inverse(d.T @ self.information @ d) @ d.T)
+
+    @property
+    def log_volume(self) -> float:
+        """Half the log determinant of the information along the directions: what Laplace's marginal asks for."""
+        return 0.5 * float(np.linalg.slogdet(self.directions.T @ self.information @ self.directions)[1])
+
+    def value(self, name: str | Array) -> float:
+        """A parameter, or a combination of parameters, at the optimum."""
+        return float(self.problem.toward(name) @ self.theta)
+
+    def u(self, name: str | Array) -> float:
+        """Standard uncertainty of a parameter, or of a combination, for residuals of unit variance."""
+        toward = self.problem.toward(name)
+        return float(np.sqrt(max(toward @ self.covariance @ toward, 0.0)))
+
+    @property
+    def told(self) -> dict[str, float]:
+        """By parameter with a prior: the share of its prior variance that the data removed, 0 to 1."""
+        left = np.diag(self.covariance) * self.problem.precision
+        return {n: float(1 - v) for n, v, w in zip(self.problem.names, left, self.problem.precision) if w > 0}
+
+    @property
+    def pulls(self) -> dict[str, float]:
+        """By parameter with a prior: how far the data moved it, in units of what noise alone would have moved it by.
+
+        (theta - prior_mean)/sqrt(prior variance - posterior variance): normal with unit variance if all is well. The
+        data alone would ask for prior_mean + (theta - prior_mean)/told.
+        """
+        shift = self.problem.beyond_prior(self.theta) * np.sqrt(self.problem.precision)
+        by_name = dict(zip(self.problem.names, shift))
+        return {n: float(by_name[n] / np.sqrt(max(told, LEAST_TOLD))) for n, told in self.told.items()}
+
+
+def free_directions(size: int, fixed: Sequence[Array | None]) -> Array:
+    """Orthonormal directions (P, F) that leave every combination of ``fixed``, arrays (C, P), as it is.
+
+    Parameters that no combination holds keep axes of their own, so that their scales stay apart.
+    """
+    rows = [np.atleast_2d(f) for f in fixed if f is not None and np.size(f)]
+    if not rows:
+        return np.eye(size)
+    held = np.vstack(rows)
+    moving = np.any(held != 0, axis=0)
+    within = null_space(held[:, moving])
+    directions = np.zeros((size, size - int(moving.sum()) + within.shape[1]))
+    directions[~moving, : int((~moving).sum())] = np.eye(int((~moving).sum()))
+    directions[moving, int((~moving).sum()) :] = within
+    return directions

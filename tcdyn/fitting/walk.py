@@ -1,0 +1,146 @@
+"""Profile likelihood: one number held here and there, everything else fitted again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.arrays import Array
+from calibration.estimate import Z95
+from tcdyn.fitting.descend import held
+from tcdyn.fitting.problem import Optimum, Status
+
+LEAST_STEP = 1 / 6  # of the first one: shorter steps toward an end are not tried
+SLOW = 2.0  # beyond three standard uncertainties a deviance below this makes for longer strides
+
+
+@dataclass(frozen=True)
+class Profile:
+    """``deviance`` (K,) of ``value`` (K,), in rising order: the cost above that of the optimum, all else refitted.
+
+    ``low95`` and ``high95`` are where the deviance passes ``level``; None where it never does, as far as it was
+    followed. ``optima`` are the fits, one a value.
+    """
+
+    value: Array
+    deviance: Array
+    level: float
+    optima: tuple[Optimum, ...] = field(repr=False)
+
+    @property
+    def low95(self) -> float | None:
+        """Lower end of the interval."""
+        return crossing(self.value[::-1], self.deviance[::-1], self.level)
+
+    @property
+    def high95(self) -> float | None:
+        """Upper end of the interval."""
+        return crossing(self.value, self.deviance, self.level)
+
+
+def profile(
+    optimum: Optimum,
+    toward: str | Array,
+    *,
+    u: float | None = None,
+    scale: float = 1.0,
+    level: float = Z95**2,
+    step: float = 0.5,
+    drop: float = 9.0,
+    reach: float = 6.0,
+    refine: float = 0.0,
+    value: Callable[[float], float] = float,
+    at: Callable[[float], float] = float,
+    within: tuple[float, float] = (-np.inf, np.inf),
+    cost: Callable[[Optimum], float] = lambda o: o.cost,
+    **search: float,
+) -> Profile:
+    """Walk a parameter, or the combination ``toward`` @ theta, both ways from ``optimum``.
+
+    Steps of ``step`` standard uncertainties ``u`` (that of the optimum by default), each fit begun at its neighbour's,
+    until the deviance (cost - least)/``scale`` passes ``drop``, or ``reach`` uncertainties, or the box, or an end of
+    the open interval ``within``; steps that the model does not allow are halved. ``scale`` is the variance of
+    residuals that were not whitened, times any inflation. ``refine`` > 0 puts more fits where the deviance passes
+    ``level``, until its root is within this share of the level's. To profile a number that is a function of the
+    coordinate, such as tau = exp(theta), give ``value`` (coordinate to number) and ``at`` (back); u, steps and
+    ``within`` are then the number's. ``cost`` may add to the cost: o.cost + 2 o.log_volume makes it a marginal one.
+    Other keywords are those of ``minimise``.
+
+    The root of the deviance is nearly straight; ends are found by straight lines in it.
+    """
+    problem = optimum.problem
+    row = problem.toward(toward)
+    width = optimum.u(row) * np.sqrt(scale) if u is None else u
+    centre, found = value(float(row @ optimum.theta)), [optimum]
+    numbers, costs = [centre], [cost(optimum)]
+    low, high = _box(optimum, row)
+
+    def add(number: float, near: Optimum) -> bool:
+        done = held(near, row, at(number), **search)
+        if done.status in (Status.EDGE, Status.NOWHERE):
+            return False
+        found.append(done)
+        numbers.append(number)
+        costs.append(cost(done))
+        return True
+
+    for side in (-1.0, 1.0):
+        near, offset, stride = optimum, 0.0, step
+        while stride >= LEAST_STEP * step and offset < reach - 1e-9:
+            number = centre + side * (offset + stride) * width
+            inside = within[0] < number < within[1]
+            end = inside and not low < at(number) < high
+            if end:
+                number = value(low if at(number) <= low else high)
+            if not inside or not add(number, near):
+                stride /= 2
+                continue
+            near, offset = found[-1], offset + stride
+            deviance = (costs[-1] - min(costs)) / scale
+            if deviance > drop or end:
+                break
+            if offset > 3.0 and deviance < SLOW:
+                stride *= 1.5
+        for _ in range(8 if refine else 0):
+            order = np.argsort(numbers)[:: int(side)]
+            deviance_k = (np.array(costs)[order] - costs[0]) / scale
+            end = crossing(np.array(numbers)[order], deviance_k, level)
+            if end is None:
+                break
+            k = int(np.argmin(np.abs(np.array(numbers) - end)))
+            if not add(end, found[k]):
+                break
+            if abs(np.sqrt(max(costs[-1] - costs[0], 0.0) / scale / level) - 1) < refine:
+                break
+    order = np.argsort(numbers)
+    deviance = (np.array(costs)[order] - costs[0]) / scale
+    return Profile(np.array(numbers)[order], deviance, level, tuple(found[k] for k in order))
+
+
+def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
+    """Where the deviance first reaches ``level`` beyond its least, going along ``value``; None when it never does.
+
+    Linear in the root of the deviance, exact for a parabola.
+
+    >>> crossing(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]), 2.25)
+    1.5
+    """
+    k = int(np.argmin(deviance))
+    root, wanted = np.sqrt(np.maximum(deviance[k:], 0.0)), np.sqrt(level)
+    beyond = np.flatnonzero(root >= wanted)
+    if not len(beyond):
+        return None
+    j = int(beyond[0])
+    part = (wanted - root[j - 1]) / (root[j] - root[j - 1])
+    return float(value[k + j - 1] + part * (value[k + j] - value[k + j - 1]))
+
+
+def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
+    """Ends of what the box allows a single parameter; a combination has none of its own."""
+    at = np.flatnonzero(row)
+    if len(at) != 1:
+        return -np.inf, np.inf
+    ends = sorted(float(b[at[0]] * row[at[0]]) for b in optimum.problem.box)
+    return ends[0], ends[1]

@@ -1,0 +1,221 @@
+"""The one least-squares core against closed forms, limits and repeated simulation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.arrays import Array
+from tcdyn.fitting import (
+    Evaluate,
+    Problem,
+    Status,
+    correlation_length,
+    crossing,
+    determined,
+    free_directions,
+    from_rows,
+    held,
+    inverse,
+    minimise,
+    profile,
+    sandwich,
+    wave_factor,
+)
+
+
+def line(design: Array, y: Array) -> Evaluate:
+    return lambda theta: (design @ theta - y, design)
+
+
+def decay(t: Array, y: Array, sd: float) -> Evaluate:
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        e = np.exp(-t / theta[1])
+        return (theta[0] * e - y) / sd, np.column_stack([e, theta[0] * e * t / theta[1] ** 2]) / sd
+
+    return evaluate
+
+
+def test_a_linear_problem_with_priors_has_the_posterior_of_the_textbook() -> None:
+    """Bishop, Pattern Recognition and Machine Learning (2006), eq. 3.50, 3.51; scales over twelve decades."""
+    rng = np.random.default_rng(0)
+    scale = np.array([1e-6, 1.0, 1e6])
+    design = rng.standard_normal((40, 3)) * scale
+    truth = np.array([1.0, -2.0, 0.5]) / scale
+    y = design @ truth + rng.standard_normal(40)
+    mean, sd = np.array([0.5, 0.0, 0.0]) / scale, np.array([0.1, np.inf, np.inf]) / scale
+    best = minimise(Problem(("a", "b", "c"), line(design, y), mean, sd), np.zeros(3))
+    precision = np.diag([1 / sd[0] ** 2, 0.0, 0.0])
+    covariance = np.linalg.inv((design.T @ design + precision) * np.outer(1 / scale, 1 / scale))
+    expected = covariance @ ((design.T @ y + precision @ mean) / scale)
+    assert best.theta * scale == pytest.approx(expected, rel=1e-9)  # linear: the minimum but for rounding
+    assert best.covariance * np.outer(scale, scale) == pytest.approx(covariance, rel=1e-9)
+    assert best.u("b") == pytest.approx(np.sqrt(covariance[1, 1]), rel=1e-9)
+    assert set(best.pulls) == {"a"}
+
+
+def test_a_pull_is_normal_where_the_prior_is_right() -> None:
+    rng = np.random.default_rng(1)
+    design = np.column_stack([np.ones(30), np.linspace(-1, 1, 30)])
+    pulls = []
+    for _ in range(400):
+        a = rng.normal(2.0, 0.3)
+        y = design @ [a, 1.0] + rng.standard_normal(30)
+        problem = Problem(("a", "b"), line(design, y), np.array([2.0, 0.0]), np.array([0.3, np.inf]))
+        pulls.append(minimise(problem, np.zeros(2)).pulls["a"])
+    assert abs(np.mean(pulls)) < 0.15  # three standard errors of 400
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.11)
+
+
+def test_a_held_bound_is_reported_and_the_rest_is_fitted_with_it() -> None:
+    design = np.column_stack([np.ones(20), np.arange(20.0)])
+    y = design @ [-1.0, 0.5]
+    best = minimise(Problem(("a", "b"), line(design, y), lower=np.array([0.0, -np.inf])), np.array([3.0, 3.0]))
+    assert best.status is Status.AT_BOUND
+    assert best.theta[0] == 0.0
+    assert best.theta[1] == pytest.approx(float(design[:, 1] @ y / (design[:, 1] @ design[:, 1])), rel=1e-9)
+
+
+def test_fixed_combinations_stay_and_narrow_the_covariance() -> None:
+    """Two shares that add to one are one parameter fewer: the constrained least squares of the textbook."""
+    rng = np.random.default_rng(2)
+    design = rng.standard_normal((25, 3))
+    y = design @ [0.3, 0.7, 2.0] + 0.1 * rng.standard_normal(25)
+    problem = Problem(("a", "b", "c"), line(design, y), fixed=np.array([[1.0, 1.0, 0.0]]))
+    best = minimise(problem, np.array([0.5, 0.5, 0.0]))
+    reduced = np.column_stack([design[:, 0] - design[:, 1], design[:, 2]])
+    expected = np.linalg.lstsq(reduced, y - design[:, 1], rcond=None)[0]
+    assert best.theta == pytest.approx([expected[0], 1 - expected[0], expected[1]], rel=1e-9)
+    assert best.covariance[0, 0] == pytest.approx(np.linalg.inv(reduced.T @ reduced)[0, 0], rel=1e-9)
+    assert best.covariance[0, 1] == pytest.approx(-best.covariance[0, 0], rel=1e-9)
+    assert best.u(np.array([1.0, 1.0, 0.0])) == pytest.approx(0.0, abs=1e-9)
+    assert held(best, "c", 1.0).theta[:2].sum() == pytest.approx(1.0, abs=1e-12)
+
+
+def test_free_parameters_keep_their_own_axes() -> None:
+    d = free_directions(4, [np.array([[0.0, 1.0, 1.0, 0.0]])])
+    assert np.array_equal(d[[0, 3], :2], np.eye(2))
+    assert d[[0, 3], 2] == pytest.approx(0.0)
+    assert d[1, 2] == pytest.approx(-d[2, 2])
+
+
+def test_a_model_that_ends_somewhere_stops_the_search_at_its_edge() -> None:
+    t = np.linspace(0, 1, 30)
+    whole = decay(t, 2 * np.exp(-t / 0.3), 1.0)
+    found = minimise(Problem(("size", "tau"), lambda x: whole(x) if x[1] > 0.5 else None), np.array([1.0, 1.0]))
+    assert found.status is Status.EDGE
+    assert 0.5 < found.theta[1] < 0.51
+    nowhere = minimise(Problem(("size", "tau"), lambda x: None), np.array([1.0, 1.0]))
+    assert nowhere.status is Status.NOWHERE
+    assert not nowhere.converged
+
+
+def test_no_step_is_larger_than_allowed() -> None:
+    seen: list[Array] = []
+    whole = decay(np.linspace(0, 1, 30), np.full(30, 1.0), 1.0)
+
+    def evaluate(x: Array) -> tuple[Array, Array] | None:
+        seen.append(x.copy())
+        return whole(x)
+
+    minimise(Problem(("size", "tau"), evaluate, largest=np.array([np.inf, 0.1])), np.array([1.0, 0.3]), limit=5)
+    tau = [x[1] for x in seen]
+    assert max(abs(np.array(tau) - 0.3)) <= 0.5 + 1e-12  # five steps
+    assert len(seen) >= 5
+
+
+@pytest.mark.parametrize("loss", ["huber", "bisquare"])
+def test_spikes_do_not_sway_robust_losses(loss: str) -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 3, 400)
+    y = 2 * np.exp(-t / 0.7) + 0.01 * rng.standard_normal(400)
+    y[::20] += 1.0
+    problem = Problem(("size", "tau"), decay(t, y, 1.0))
+    plain = minimise(problem, np.array([1.0, 1.0]))
+    best = minimise(problem, np.array([1.0, 1.0]), loss=loss)  # type: ignore[arg-type]
+    assert abs(plain.theta[1] - 0.7) > 0.02
+    assert best.theta[1] == pytest.approx(0.7, abs=0.006)
+    assert best.weights is not None
+    assert best.weights[::20].max() < 0.03
+
+
+def test_a_linear_profile_is_the_normal_parabola_with_its_interval() -> None:
+    rng = np.random.default_rng(4)
+    design = rng.standard_normal((50, 3))
+    y = design @ [1.0, 2.0, 3.0] + rng.standard_normal(50)
+    best = minimise(Problem(("a", "b", "c"), line(design, y)), np.zeros(3))
+    walk = profile(best, "b", step=0.3)
+    z = (walk.value - best.value("b")) / best.u("b")
+    assert walk.deviance == pytest.approx(z**2, rel=1e-6, abs=1e-8)
+    assert walk.low95 == pytest.approx(best.value("b") - 1.96 * best.u("b"), abs=1e-4 * best.u("b"))
+    assert walk.high95 == pytest.approx(best.value("b") + 1.96 * best.u("b"), abs=1e-4 * best.u("b"))
+
+
+def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
+    """A lag told to 25 %: intervals by profile hold the truth 95 times in a hundred, the symmetric ones fail above."""
+    rng = np.random.default_rng(5)
+    t = np.linspace(0, 3, 60)
+    inside = []
+    for _ in range(300):
+        y = np.exp(-t / 0.7) + 0.25 * rng.standard_normal(60)
+        best = minimise(Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([-9.0, 1e-2])), np.array([1.0, 0.7]))
+        walk = profile(best, "tau", step=1.0, refine=0.02, drop=4.0)
+        inside.append((walk.low95 or 0.0) < 0.7 < (walk.high95 or np.inf))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.038)  # three standard errors of 300
+
+
+def test_an_interval_that_meets_the_bound_is_open() -> None:
+    t = np.linspace(0, 3, 60)
+    y = 0.3 * np.exp(-t / 0.7)
+    problem = Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([0.0, 0.1]), upper=np.array([2.0, 2.0]))
+    walk = profile(minimise(problem, np.array([0.3, 0.7])), "tau")
+    assert walk.high95 is None
+    assert walk.value[-1] == 2.0
+
+
+def test_a_profile_of_a_function_of_a_parameter_steps_in_the_function() -> None:
+    t = np.linspace(0, 3, 200)
+    y = np.exp(-t / 0.7) + 0.05 * np.random.default_rng(6).standard_normal(200)
+
+    def evaluate(theta: Array) -> tuple[Array, Array]:
+        r, j = decay(t, y, 0.05)(np.array([theta[0], np.exp(theta[1])]))
+        return r, j * [1.0, np.exp(theta[1])]
+
+    straight = minimise(Problem(("size", "tau"), decay(t, y, 0.05)), np.array([1.0, 0.5]))
+    best = minimise(Problem(("size", "log_tau"), evaluate), np.array([1.0, np.log(0.5)]))
+    walk = profile(
+        best, "log_tau", u=straight.u("tau"), value=lambda x: float(np.exp(x)), at=lambda v: float(np.log(v))
+    )
+    other = profile(straight, "tau")
+    assert walk.value == pytest.approx(other.value, rel=1e-6)
+    assert walk.deviance == pytest.approx(other.deviance, rel=1e-5, abs=1e-6)
+
+
+def test_crossing_is_none_where_the_level_is_never_reached() -> None:
+    assert crossing(np.arange(3.0), np.array([0.0, 0.1, 0.2])) is None
+
+
+def test_unseen_directions_are_told() -> None:
+    rows = np.column_stack([np.ones(9), 2 * np.ones(9)])
+    assert not determined(rows.T @ rows)
+    assert from_rows(rows)[1] < 1e-12
+    seen = np.column_stack([1e-9 * np.ones(9), 1e9 * np.arange(9.0)])
+    assert determined(seen.T @ seen)
+    assert from_rows(seen)[0] == pytest.approx(inverse(seen.T @ seen), rel=1e-9)
+
+
+def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
+    """AR(1) with a: the variance of a mean grows by (1 + a)/(1 - a); sandwich and correlation length know it."""
+    rng = np.random.default_rng(7)
+    a, n = 0.6, 20000
+    e = np.zeros(n)
+    for k, w in enumerate(rng.standard_normal(n)):
+        e[k] = a * e[k - 1] + w
+    factor = (1 + a) / (1 - a)
+    design = np.ones((n, 1))
+    ratio = sandwich(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
+    assert ratio == pytest.approx(factor, rel=0.06)
+    assert correlation_length(e) == pytest.approx(factor, rel=0.15)  # short-memory estimate of a sum over lags
+    white = rng.standard_normal((5000, 3))
+    assert wave_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
+    assert wave_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50
