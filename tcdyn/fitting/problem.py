@@ -120,7 +120,7 @@ class Optimum:
     def u(self, name: str | Array) -> float:
         """Standard uncertainty of a parameter, or of a combination, for residuals of unit variance."""
         toward = self.problem.toward(name)
-        return float(np.sqrt(max(toward @ self.covariance @ toward, 0.0)))
+        return float(np.sqrt(max(float(toward @ self.covariance @ toward), 0.0)))
 
     @property
     def told(self) -> dict[str, float]:

@@ -91,15 +91,15 @@ def profile(
         while stride >= LEAST_STEP * step and offset < reach - 1e-9:
             number = centre + side * (offset + stride) * width
             inside = within[0] < number < within[1]
-            end = inside and not low < at(number) < high
-            if end:
+            at_end = inside and not low < at(number) < high
+            if at_end:
                 number = value(low if at(number) <= low else high)
             if not inside or not add(number, near):
                 stride /= 2
                 continue
             near, offset = found[-1], offset + stride
             deviance = (costs[-1] - min(costs)) / scale
-            if deviance > drop or end:
+            if deviance > drop or at_end:
                 break
             if offset > 3.0 and deviance < SLOW:
                 stride *= 1.5
@@ -115,8 +115,8 @@ def profile(
             if abs(np.sqrt(max(costs[-1] - costs[0], 0.0) / scale / level) - 1) < refine:
                 break
     order = np.argsort(numbers)
-    deviance = (np.array(costs)[order] - costs[0]) / scale
-    return Profile(np.array(numbers)[order], deviance, level, tuple(found[k] for k in order))
+    deviances = (np.array(costs)[order] - costs[0]) / scale
+    return Profile(np.array(numbers)[order], deviances, level, tuple(found[k] for k in order))
 
 
 def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
