@@ -32,11 +32,19 @@ fits the rest again; ``loss="huber"`` forgives spikes. Coloured residuals are th
 cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
-from tcdyn.fitting.covariance import determined, from_rows, inverse, orthonormal
-from tcdyn.fitting.descend import Loss, held, least, minimise
+from tcdyn.fitting.descend import Loss, held, least, minimise, robust_covariance
 from tcdyn.fitting.noise import Noise, autocovariance, correlation_length, fit_ar, fit_arma, sandwich, wave_factor
-from tcdyn.fitting.problem import Evaluate, Optimum, Problem, Status, free_directions
-from tcdyn.fitting.robust import robust_covariance
+from tcdyn.fitting.problem import (
+    Evaluate,
+    Optimum,
+    Problem,
+    Status,
+    determined,
+    free_directions,
+    from_rows,
+    inverse,
+    orthonormal,
+)
 from tcdyn.fitting.walk import Profile, crossing, profile
 
 __all__ = [

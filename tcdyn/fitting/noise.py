@@ -10,9 +10,8 @@ from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
 from calibration.arrays import Array
-from tcdyn.fitting.covariance import inverse
 from tcdyn.fitting.descend import minimise
-from tcdyn.fitting.problem import Problem, Status
+from tcdyn.fitting.problem import Problem, Status, inverse
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from tcdyn.fitting.descend import held
 from tcdyn.fitting.problem import Optimum, Status
 
 LEAST_STEP = 1 / 6  # of the first one: shorter steps toward an end are not tried
-SLOW = 2.0  # beyond three standard uncertainties a deviance below this makes for longer strides
+SLOW = 2 / 9  # of the normal deviance: below it, beyond three standard uncertainties, strides grow by half
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def profile(
             deviance = (costs[-1] - min(costs)) / scale
             if deviance > drop or at_end:
                 break
-            if offset > 3.0 and deviance < SLOW:
+            if offset > 3.0 and deviance < SLOW * offset**2:
                 stride *= 1.5
         for _ in range(8 if refine else 0):
             order = np.argsort(numbers)[:: int(side)]
