@@ -1,13 +1,13 @@
-"""One test through the modal rim: temperatures at junctions, whole fields at chosen times, and (beta, h) maps.
+"""One test through the modal rim: temperatures at junctions, (beta, h) maps, and whole fields.
 
-For users of the rim model, in Python; the benchmarks time its map, that of section 3.5. The fits of
-``tcdyn.partition`` need neither fields nor maps and call ``modal`` and ``bank`` themselves.
+For users of the rim model, in Python, and for ``tcdyn verify``; the benchmarks time its map, that of section 3.5.
+The fits of ``tcdyn.partition`` need neither fields nor maps and call ``modal`` and ``bank`` themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
-from tcdyn.conduction.exact import modal_amplitudes
-from tcdyn.conduction.modal import forcing, readings, rim_gains, rim_gains_batch, spectrum
+from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
 Array = NDArray[np.float64]
+Start = Literal["equilibrium"] | Array  # a bank's state at its first sample
 CHUNK = 8192  # samples filtered at a time: bounds the memory of a map
 
 
@@ -61,11 +61,16 @@ class Drive:
                 rows.append(self.ambient_degC if side is None else side)
         return np.stack([np.asarray(r, dtype=float) for r in rows], axis=1)
 
-    def banks(self, rates: Array, initial: Literal["equilibrium", "zero"] = "equilibrium") -> list[Array]:
-        """The bank (N, K) of every input."""
-        u = self.inputs
-        power = lag_bank(u[:, 0], self.dt_s, rates, "zoh", self.switches, initial)
-        return [power, *(lag_bank(u[:, i], self.dt_s, rates, "foh", (), initial) for i in range(1, u.shape[1]))]
+    def banks(self, rates: Array) -> list[Array]:
+        """The bank (N, K) of every input, in equilibrium with its first sample."""
+        return self._banks(rates, 0, len(self.b_degC), ["equilibrium"] * (7 if self.split else 5))
+
+    def _banks(self, rates: Array, start: int, stop: int, initial: Sequence[Start]) -> list[Array]:
+        """The banks of samples start..stop-1, each from its state at the first of them."""
+        inside = [replace(s, index=s.index - start) for s in self.switches if start <= s.index < stop - 1]
+        u = self.inputs[start:stop].T
+        heat = lag_bank(u[0], self.dt_s, rates, "zoh", inside, initial[0])
+        return [heat, *(lag_bank(x, self.dt_s, rates, "foh", (), at) for x, at in zip(u[1:], initial[1:], strict=True))]
 
 
 def simulate_rim(
@@ -79,79 +84,13 @@ def simulate_rim(
     profile: Profile = "modal",
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
-    start_field: Array | None = None,
 ) -> Array:
     """Temperatures (N, P) [degC] at ``points`` when this disk takes ``share`` (beta, or 1 - beta) of the power.
 
-    Starts in steady state with the first sample, or from ``start_field`` (nr-1, nz): the nodes outside R_i.
+    Starts in steady state with the first sample. One entry of ``map_beta_h``.
     """
-    rates = node_rates(drive.dt_s)
-    gains = rim_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, drive.split)
-    scale = np.ones(len(gains.inputs))
-    scale[0] = share
-    banks = drive.banks(rates)
-    banks[0] = banks[0] * share
-    out = gains.respond(banks, drive.inputs * scale)
-    if start_field is not None:
-        out += _memory(rim, drive, scale, h_W_m2K, points, half_width_m, profile, flux, mesh, start_field, rates)
-    return np.asarray(out)
-
-
-def _memory(
-    rim: Rim,
-    drive: Drive,
-    scale: Array,
-    h: float,
-    points: Sequence[Point],
-    half_width: float,
-    profile: Profile,
-    flux: Flux,
-    mesh: Mesh,
-    field: Array,
-    rates: Array,
-) -> Array:
-    """How the departure of ``field`` from the first sample's steady state dies out at the points (N, P)."""
-    s = spectrum(rim, h, half_width, profile, flux, mesh)
-    steady = np.tensordot(drive.inputs[0] * scale, forcing(s, drive.split), axes=1)
-    gap = modal_amplitudes(s.shape_r, s.shape_z, np.asarray(field, dtype=float)) - steady
-    read_r, read_z = readings(rim, points, mesh, rim.inner_radius_m)
-    seen = gap * ((read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :])
-    lam = s.lam_r[:, None] + s.lam_z
-    slow = lam < rates[-1]
-    weights = seen[:, slow] @ cardinal(rates, np.log(lam[slow]))
-    weights[:, -1] += seen[:, ~slow].sum(axis=1)
-    t = np.arange(len(drive.b_degC)) * drive.dt_s
-    return np.asarray(np.exp(-np.outer(t, rates)) @ weights.T)
-
-
-def fields_at(
-    rim: Rim,
-    drive: Drive,
-    h_W_m2K: float,
-    half_width_m: float,
-    samples: Sequence[int],
-    *,
-    share: float = 1.0,
-    profile: Profile = "modal",
-    flux: Flux = "hertz",
-    mesh: Mesh = MESH_IV,
-) -> Array:
-    """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
-    rates = node_rates(drive.dt_s)
-    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
-    scale = np.ones(7 if drive.split else 5)
-    scale[0] = share
-    at = np.asarray(samples, dtype=int)
-    banks = np.stack([b[at] for b in drive.banks(rates)]) * scale[:, None, None]  # (I, S, K)
-    lam = s.lam_r[:, None] + s.lam_z
-    weights = cardinal(rates, np.log(np.minimum(lam, rates[-1])).ravel())
-    amplitude = np.einsum("ix,isx->sx", forcing(s, drive.split).reshape(len(scale), -1), banks @ weights.T)
-    fields = s.shape_r @ amplitude.reshape(len(at), *lam.shape) @ s.shape_z.T
-    rest = s.profile[3:] if drive.split else s.profile[3:].sum(axis=0)[None]
-    shapes = np.concatenate([s.profile[:3], rest])
-    used = [1, 2, 3, 5, 6] if drive.split else [1, 2, 3, 4]
-    inner = (drive.inputs[at] * scale)[:, used] @ shapes
-    return np.concatenate([inner[:, None, :], fields], axis=1)
+    whole = map_beta_h(rim, drive, share, h_W_m2K, points, half_width_m, profile=profile, flux=flux, mesh=mesh)
+    return np.asarray(whole[0, 0].T)
 
 
 def map_beta_h(
@@ -171,41 +110,90 @@ def map_beta_h(
     Linear in the share, so each h costs two weighted sums of a bank that all of them have in common.
     """
     shares, hs = np.atleast_1d(np.asarray(share, dtype=float)), np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
-    rates = node_rates(drive.dt_s)
-    all_gains = rim_gains_batch(rim, hs, points, half_width_m, rates, profile, flux, mesh, drive.split)
-    u = drive.inputs
-    gains = np.stack([g.gains for g in all_gains])  # (H, I, P, K)
-    direct = np.stack([g.direct for g in all_gains])
-    i, rows = gains.shape[1], len(hs) * gains.shape[2]
-    weights = np.moveaxis(gains, 1, 0).reshape(i, rows, -1)
-    still = np.moveaxis(direct, 1, 0).reshape(i, rows)
-    n = len(u)
-    out = np.empty((len(hs), len(shares), gains.shape[2], n))
-    state: list[Array] | None = None
+    rates, u = node_rates(drive.dt_s), drive.inputs
+    films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh, drive.split) for h in hs]
+    weights = np.concatenate([g.gains for g in films], axis=1)  # (I, H P, K)
+    still = np.concatenate([g.direct for g in films], axis=1)
+    n, inputs = u.shape
+    out = np.empty((len(hs), len(shares), len(points), n))
+    state: Sequence[Start] = ["equilibrium"] * inputs
     for start in range(0, max(n - 1, 1), CHUNK):
         stop = min(start + CHUNK + 1, n)
-        banks, state = _chunk(drive, u, rates, start, stop, state)
+        banks = drive._banks(rates, start, stop, state)
+        state = [bank[-1].copy() for bank in banks]
         base = still[1:].T @ u[start:stop, 1:].T
-        for k in range(1, i):
+        for k in range(1, inputs):
             base += weights[k] @ banks[k].T
         heat = (weights[0] @ banks[0].T + np.outer(still[0], u[start:stop, 0])).reshape(len(hs), -1, stop - start)
-        base = base.reshape(len(hs), -1, stop - start)
+        base = base.reshape(heat.shape)
         for b, s in enumerate(shares):
             np.multiply(heat, s, out=out[:, b, :, start:stop])
             out[:, b, :, start:stop] += base
     return out
 
 
-def _chunk(
-    drive: Drive, u: Array, rates: Array, start: int, stop: int, state: list[Array] | None
-) -> tuple[list[Array], list[Array]]:
-    """The banks of samples start..stop-1 and the states at the last of them."""
-    inside = [
-        Switch(s.index - start, s.fraction, s.before, s.after) for s in drive.switches if start <= s.index < stop - 1
-    ]
-    banks = []
-    for k in range(u.shape[1]):
-        hold: Literal["foh", "zoh"] = "zoh" if k == 0 else "foh"
-        first: Array | Literal["equilibrium"] = "equilibrium" if state is None else state[k]
-        banks.append(lag_bank(u[start:stop, k], drive.dt_s, rates, hold, inside if k == 0 else (), first))
-    return banks, [b[-1].copy() for b in banks]
+def fields_at(
+    rim: Rim,
+    drive: Drive,
+    h_W_m2K: float,
+    half_width_m: float,
+    samples: Sequence[int],
+    *,
+    share: float = 1.0,
+    profile: Profile = "modal",
+    flux: Flux = "hertz",
+    mesh: Mesh = MESH_IV,
+) -> Array:
+    """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
+    rates, at = node_rates(drive.dt_s), np.asarray(samples, dtype=int)
+    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
+    scale = np.ones(7 if drive.split else 5)
+    scale[0] = share
+    banks = np.stack([b[at] for b in drive.banks(rates)]) * scale[:, None, None]  # (I, S, K)
+    weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
+    amplitude = np.einsum("ix,isx->sx", forcing(s, drive.split).reshape(len(scale), -1), banks @ weights.T)
+    inner = drive.inputs[at] @ boundary_shapes(s, drive.split)
+    return _nodal(s, amplitude.reshape(len(at), *s.rates.shape), inner)
+
+
+def step_fields(
+    rim: Rim,
+    h_W_m2K: float,
+    half_width_m: float,
+    before: Sequence[float],
+    after: Sequence[float],
+    time_s: ArrayLike,
+    profile: Profile = "modal",
+    flux: Flux = "hertz",
+    mesh: Mesh = MESH_IV,
+) -> Array:
+    """Fields (times, nr, nz) [degC] after the inputs (power_W, d, b, f, ambient) step from ``before`` to ``after``.
+
+    T(t) = T_after + sum over modes of (X_before - X_after) exp(-lambda t), from the steady state of ``before``:
+    the scheme without any error in time, for studies of mesh and order.
+    """
+    if len(before) != len(INPUTS) or len(after) != len(INPUTS):
+        raise InputError(f"step_fields: five inputs are needed, in the order {', '.join(INPUTS)}")
+    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
+    old, new = (np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after))
+    t = np.atleast_1d(np.asarray(time_s, dtype=float))
+    amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
+    return _nodal(s, amplitude, np.asarray(after, dtype=float) @ boundary_shapes(s))
+
+
+def free_decay(
+    rim: Rim, h_W_m2K: float, start: Array, time_s: float, mesh: Mesh = MESH_IV, profile: Profile = "modal"
+) -> Array:
+    """What is left after ``time_s`` of a field (nr, nz) [K] whose boundary and ambient are held at zero."""
+    if start.shape != (mesh.nr, mesh.nz):
+        raise InputError(f"the field has shape {start.shape}", expected=f"{(mesh.nr, mesh.nz)}: all nodes")
+    s = spectrum(rim, h_W_m2K, rim.width_m / 4, profile, "uniform", mesh)
+    amplitude = np.linalg.solve(s.shape_r, np.linalg.solve(s.shape_z, start[1:].T).T)
+    return _nodal(s, amplitude * np.exp(-time_s * s.rates), np.zeros(mesh.nz))
+
+
+def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
+    """Fields (..., nr, nz) of modal amplitudes (..., m, n) under the imposed profile ``inner`` (..., nz)."""
+    outside = s.shape_r @ amplitude @ s.shape_z.T
+    rim_row = np.broadcast_to(inner[..., None, :], (*outside.shape[:-2], 1, inner.shape[-1]))
+    return np.concatenate([rim_row, outside], axis=-2)

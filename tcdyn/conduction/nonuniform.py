@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import InputError
-from tcdyn.conduction import operators as op
 from tcdyn.conduction.bank import cardinal
 from tcdyn.conduction.modal import (
     INPUTS,
@@ -20,9 +19,10 @@ from tcdyn.conduction.modal import (
     Spectrum,
     boundary_shapes,
     forcing,
+    outer_source,
     readings,
     spectrum,
-    terms,
+    surface_weight,
 )
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
@@ -68,10 +68,10 @@ def rim_gains_nonuniform(
     if film.shape != (mesh.nz,) or film.min() < 0:
         raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
     s, coupling, rows = _coupled(rim, film, half_width_m, profile, flux, mesh, split_ambient)
-    surface = s.shape_r[-1] * np.sqrt(_surface_weight(rim, mesh))  # last entry of each unit-norm r-mode
-    lam = s.lam_r[:, None] + s.lam_z
+    surface = s.shape_r[-1] * np.sqrt(surface_weight(rim, mesh.nr))  # last entry of each unit-norm r-mode
+    lam = s.rates
     exact = _steady(rows / lam, surface, lam, coupling)
-    read_r, read_z = readings(rim, points, mesh, rim.inner_radius_m)
+    read_r, read_z = readings(rim, tuple(points), mesh)
     seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
     keep = lam <= np.sort(lam, axis=None)[min(BASIS, lam.size) - 1]
     m, n = np.nonzero(keep)
@@ -80,14 +80,8 @@ def rim_gains_nonuniform(
     answer = ((rows[:, keep] @ turn) / rate)[:, None, :] * (seen[:, keep] @ turn)[None]
     gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
-    direct = read_r[:, 0] * boundary_shapes(s, split_ambient, read_z)
+    direct = read_r[:, 0] * (boundary_shapes(s, split_ambient) @ read_z.T)
     return RimGains(SPLIT_INPUTS if split_ambient else INPUTS, tuple(points), rates, gains, direct)
-
-
-def _surface_weight(rim: Rim, mesh: Mesh) -> float:
-    """Weight of the outermost node in the scheme's inner product."""
-    dr = rim.thickness_m / (mesh.nr - 1)
-    return (rim.outer_radius_m - dr / 2) / 2
 
 
 def _coupled(
@@ -96,19 +90,13 @@ def _coupled(
     """Modes of the mean film, its variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
     mean = float(film.mean())
     s = spectrum(rim, mean, half_width, profile, flux, mesh)
-    source = op.outer_source(
-        rim.inner_radius_m, rim.outer_radius_m, mesh.nr, rim.diffusivity_m2_s, rim.conductivity_W_mK
-    )
     weight = np.ones(mesh.nz)
     weight[[0, -1]] = 0.5
     unit = s.shape_z * np.sqrt(weight)[:, None]
-    varying = source * (film - mean)
+    varying = outer_source(rim, mesh.nr) * (film - mean)
     coupling = unit.T @ (varying[:, None] * unit)
-    rows = forcing(s, split) * (s.lam_r[:, None] + s.lam_z)
-    ambient = terms(split)[4][0]
-    surface = s.shape_r[-1] * np.sqrt(_surface_weight(rim, mesh))
-    scale = np.sqrt(_surface_weight(rim, mesh))
-    rows[ambient] += np.outer(surface * scale, (varying * np.sqrt(weight)) @ unit)
+    rows = forcing(s, split) * s.rates
+    rows[4] += np.outer(s.shape_r[-1] * surface_weight(rim, mesh.nr), (varying * np.sqrt(weight)) @ unit)
     return s, coupling, rows
 
 

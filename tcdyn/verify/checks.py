@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.rig import load_rig
 from tcdyn.conduction.closed_forms import product_decay_K, ring_steady_degC, ring_transient_degC, semi_infinite
-from tcdyn.conduction.exact import free_decay, step_fields
+from tcdyn.conduction.engine import free_decay, step_fields
 from tcdyn.conduction.rim import Mesh, Rim
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from tcdyn.conduction.meshing import MESHES, correction_factor
+from tcdyn.conduction.rim import MESHES, correction_factor
 from tcdyn.verify.mesh_study import IDEAL_TIMES_S, MeshErrors, ideal_study, real_study, time_step_error_percent
 from tcdyn.verify.row import VerifyRow, numbers, row
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.conduction.meshing import correction_factor
 from tcdyn.conduction.modal import forcing, spectrum
 from tcdyn.conduction.reference import scheme, steady_field
-from tcdyn.conduction.rim import Mesh, Rim
+from tcdyn.conduction.rim import Mesh, Rim, correction_factor
 from tcdyn.verify.checks import POWER_W, default_rim
 
 Array = NDArray[np.float64]

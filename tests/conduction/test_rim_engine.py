@@ -79,7 +79,7 @@ def test_steady_state_is_the_schemes_own(rim, points):
     np.testing.assert_allclose(g.static[0], expected, rtol=2e-6)  # numerical cell integrals of the track: 1e-6
 
 
-def test_fields_pass_through_the_junctions_and_start_a_run_where_another_ended(rim, points, setup):
+def test_fields_pass_through_the_junctions(rim, points, setup):
     drive = heating_and_cooling(6.0, 1.0, 4.0)
     inner = [(setup.junctions[c].depth_m, setup.junctions[c].z_m) for c in "dbf"]
     whole = simulate_rim(rim, drive, 700.0, [*points, *inner], B, mesh=MESH)
@@ -87,15 +87,18 @@ def test_fields_pass_through_the_junctions_and_start_a_run_where_another_ended(r
     field = fields_at(rim, drive, 700.0, B, [middle], mesh=MESH)[0]
     assert field[0, 26] == pytest.approx(drive.b_degC[middle], abs=1e-9)
     np.testing.assert_allclose(whole[:, 4], drive.b_degC, atol=1e-6)
-    part = Drive(*(drive.dt_s,), *(x[middle:] for x in drive.inputs.T))
-    again = simulate_rim(rim, part, 700.0, points, B, mesh=MESH, start_field=field[1:])
-    np.testing.assert_allclose(again, whole[middle:, :3], atol=1e-4)  # the bank's 5e-6 of a 60 K field
+    along = (setup.junctions["a"].depth_m / rim.thickness_m, setup.junctions["a"].z_m / rim.width_m)
+    assert along == pytest.approx((0.5, 0.5))  # a sits on a node
+    np.testing.assert_allclose(field[16, 26], whole[middle, 0], atol=1e-4)  # the bank's 5e-6 of a 60 K field
 
 
-def test_a_map_is_the_single_runs(rim, points):
+def test_a_map_is_the_single_runs_whole_and_in_pieces(rim, points):
     drive = heating_and_cooling(130.0, 1.0, 100.0)  # more than one chunk
     table = map_beta_h(rim, drive, [0.3, 0.8], [300.0, 900.0], points, B, mesh=MESH)
-    one = simulate_rim(rim, drive, 900.0, points, B, share=0.3, mesh=MESH)
+    rates = node_rates(DT)
+    banks, inputs = drive.banks(rates), drive.inputs * [0.3, 1, 1, 1, 1]
+    banks[0] = 0.3 * banks[0]
+    one = rim_gains(rim, 900.0, points, B, rates, mesh=MESH).respond(banks, inputs)
     np.testing.assert_allclose(table[1, 0].T, one, atol=1e-9)
 
 
@@ -136,5 +139,3 @@ def test_what_the_engine_cannot_do_is_said(rim, points):
         Rim(0.05, 0.04, 0.01, 40.0, 7800.0, 470.0, 100.0, (2e-3, 4e-3, 6e-3))
     with pytest.raises(InputError, match="d_degC has shape"):
         Drive(DT, np.zeros(3), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3))
-    with pytest.raises(InputError, match="nodes outside R_i"):
-        simulate_rim(rim, heating_and_cooling(1.0, 0.2, 0.5), 700.0, points, B, start_field=np.zeros((3, 3)))

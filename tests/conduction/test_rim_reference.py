@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.conduction.meshing import MESHES, correction_factor
 from tcdyn.conduction.reference import CrankNicolson, explicit_growth, explicit_limit_s, scheme
-from tcdyn.conduction.rim import Mesh
+from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
 
 MESH = Mesh(17, 27)
 
