@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from typing import Any
 
 from calibration.finding import Finding, look, note
 
@@ -45,3 +46,9 @@ def graded(sentences: Iterable[str]) -> tuple[list[str], list[str]]:
 def as_findings(sentences: Iterable[str]) -> tuple[Finding, ...]:
     """What rooms that speak in sentences have noticed, as findings that carry them."""
     return tuple(note("said", text=s) if is_note(s) else look("said", text=s) for s in sentences)
+
+
+def findings_of(result: Any) -> tuple[Finding, ...]:
+    """The findings of a result, whether its room makes findings or still speaks in sentences."""
+    found = getattr(result, "findings", None)
+    return as_findings(result.warnings) if found is None else tuple(found)

@@ -58,7 +58,19 @@ READER: dict[str, Words] = {}
 LINES: dict[str, Words] = {}
 
 # immersion
-IMMERSION: dict[str, Words] = {}
+IMMERSION: dict[str, Words] = {
+    "entry.bounced": "the entry switch bounced within a second; its first closing was taken",
+    "entry.no_switch": "the entry switch never moved; the free thermocouple alone gives the entry time",
+    "entry.no_probe": "the free thermocouple shows no jump; the switch alone gives the entry time",
+    "entry.apart": "switch and free thermocouple differ by {difference_s:.2f} s at entry; the uncertainty was widened "
+    "to {u_s:.2f} s",
+    "correlation.range": "correlation {subject} {title} holds for Ra of {holds[0]:.0e} to {holds[1]:.0e}; this plunge "
+    "ran from {ran[0]:.1e} to {ran[1]:.1e}",
+    "correlation.no_plate": "the disk may not be treated as a plate throughout: D/L = {ratio:.1f} is below "
+    "35/Gr^0.25 = {least:.1f}",
+    "fluid.extrapolated": "{subject}: film temperatures of {used_degC[0]:.0f} to {used_degC[1]:.0f} degC were used, "
+    "but its properties are known from {known_degC[0]:.0f} to {known_degC[1]:.0f} degC: h is an extrapolation",
+}
 
 # tcdyn/plunge
 PLUNGE: dict[str, Words] = {}

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.finding import Finding, look
 from immersion.fluids import Fluid, FluidProperties
 
-Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
 
 
@@ -185,50 +186,28 @@ class Bath:
         return parts
 
 
-@dataclass(frozen=True)
-class Validity:
-    """Where a plunge sits relative to its correlation's range; ``warnings`` is empty when all is well."""
+def check_validity(bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[Finding, ...]:
+    """What leaves its range over the temperatures of one plunge: Ra, the fluid's data, the disk taken as a plate.
 
-    ra_low: float
-    ra_high: float
-    slenderness: float
-    slenderness_needed: float
-    plate_like: bool
-    warnings: tuple[str, ...]
-
-
-def check_validity(bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Validity:
-    """Rayleigh range, fluid range and the plate test D/L >= 35/Gr_L^0.25, over the temperatures of one plunge.
-
-    The plate test is made while the difference is above a tenth of its largest value: as the disk reaches the bath
-    Gr falls to nothing and no disk passes. Source: Holman (2010), section 5.7 of the thesis.
+    A disk passes for a plate where D/L >= 35/Gr^0.25. The test is made while the difference is above a tenth of its
+    largest value: as the disk reaches the bath Gr falls to nothing and no disk passes. Source: Holman (2010),
+    section 5.7 of the thesis.
     """
     surface, bulk = np.broadcast_arrays(np.asarray(surface_degC, float), np.asarray(fluid_degC, float))
     step = np.abs(bulk - surface)
     matters = step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
     surface, bulk = surface[matters], bulk[matters]
-    ra = bath.rayleigh(surface, bulk)
-    warnings = []
-    c = bath.correlation
-    if np.min(ra) < c.ra_range[0] or np.max(ra) > c.ra_range[1]:
-        warnings.append(
-            f"correlation {c.name} {c.title} holds for Ra of {c.ra_range[0]:.0e} to {c.ra_range[1]:.0e}; this plunge "
-            f"ran from {np.min(ra):.1e} to {np.max(ra):.1e}"
-        )
+    c, ra, found = bath.correlation, bath.rayleigh(surface, bulk), []
+    low, high = float(np.min(ra)), float(np.max(ra))
+    if low < c.ra_range[0] or high > c.ra_range[1]:
+        found.append(look("correlation.range", subject=c.name, title=c.title, holds=c.ra_range, ran=(low, high)))
     film = (surface + bulk) / 2
-    sentence = bath.fluid.outside(float(np.min(film)), float(np.max(film)))
-    if sentence:
-        warnings.append(sentence)
-    upright = replace(bath, correlation=CORRELATIONS["mcadams"])
-    gr = upright.grashof(surface, bulk)
-    have = bath.diameter_m / bath.width_m
-    need = float(35 / np.min(gr) ** 0.25)
-    plate_like = have >= need
-    if not plate_like and c.length == "width":
-        warnings.append(
-            f"the disk may not be treated as a plate throughout: D/L = {have:.1f} is below 35/Gr^0.25 = {need:.1f}"
-        )
-    return Validity(float(np.min(ra)), float(np.max(ra)), have, need, plate_like, tuple(warnings))
+    found += bath.fluid.outside(float(np.min(film)), float(np.max(film)))
+    gr = replace(bath, correlation=CORRELATIONS["mcadams"]).grashof(surface, bulk)  # on the plate's length
+    ratio, least = bath.diameter_m / bath.width_m, float(35 / np.min(gr) ** 0.25)
+    if ratio < least and c.length == "width":
+        found.append(look("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
+    return tuple(found)
 
 
 def _scaled(curve: Callable[[Array], Array], u: float) -> Callable[[Array], Array]:

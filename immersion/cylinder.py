@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import j0, j1, y0, y1
 
+from calibration.arrays import Array
 from calibration.disk import DiskSetup
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.ndimage import median_filter
 
 from calibration.errors import InputError
+from calibration.finding import Finding, look, sentences
 
-Array = NDArray[np.float64]
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
 EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
@@ -25,7 +26,12 @@ class EntryEvent:
     switch_s: float | None
     probe_s: float | None
     source: str
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
 
 def switch_time(time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0) -> tuple[float | None, bool]:
@@ -59,7 +65,7 @@ def probe_time(
     if good.sum() < 20:
         return None
     t, y = t[good], y[good]
-    smooth = _median3(y)
+    smooth = median_filter(y, 3, mode="nearest")
     edge = max(len(y) // 50, 5)
     low = float(np.median(smooth[:edge]))
     if fluid_degC is None:
@@ -110,7 +116,7 @@ def reconcile_entry(
     """
     su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
-    warnings = ["the entry switch bounced within a second; its first closing was taken"] if bounced else []
+    found = [look("entry.bounced", subject="switch")] if bounced else []
     if switch_s is None and probe_s is None:
         raise InputError(
             "no entry found: the switch never closes and the probe never jumps",
@@ -120,11 +126,11 @@ def reconcile_entry(
         )
     if switch_s is None:
         assert probe_s is not None
-        warnings.append("the entry switch never moved; the free thermocouple alone gives the entry time")
-        return EntryEvent(probe_s, 2 * pu, None, probe_s, "probe", tuple(warnings))
+        found.append(look("entry.no_switch", subject="switch"))
+        return EntryEvent(probe_s, 2 * pu, None, probe_s, "probe", tuple(found))
     if probe_s is None:
-        warnings.append("the free thermocouple shows no jump; the switch alone gives the entry time")
-        return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(warnings))
+        found.append(look("entry.no_probe", subject="probe_degC"))
+        return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(found))
     difference, u_difference = abs(switch_s - probe_s), float(np.hypot(su, pu))
     if difference > max(3.0, 6 * u_difference):
         raise InputError(
@@ -137,12 +143,9 @@ def reconcile_entry(
     u = (su**-2 + pu**-2) ** -0.5
     if difference > 2 * u_difference:
         u *= difference / (2 * u_difference)
-        warnings.append(
-            f"switch and free thermocouple differ by {difference:.2f} s at entry; the uncertainty was widened "
-            f"to {u:.2f} s"
-        )
+        found.append(look("entry.apart", subject="switch", difference_s=difference, u_s=u))
     time = weight * switch_s + (1 - weight) * probe_s
-    return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(warnings))
+    return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(found))
 
 
 def find_entry(
@@ -190,8 +193,3 @@ def useful_end(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLik
     if left.size:
         ends.append(float(times[int(np.argmin(share[: left[0]]))]))
     return min(ends)
-
-
-def _median3(y: Array) -> Array:
-    stacked = np.stack([np.r_[y[:1], y[:-1]], y, np.r_[y[1:], y[-1:]]])
-    return np.asarray(np.median(stacked, axis=0))

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from immersion.cylinder import Cylinder, influence
 
-Array = NDArray[np.float64]
 FluxLaw = Callable[[Array], Array]  # surface temperature on the grid [degC] -> flux into the disk [W/m2]
 
 
@@ -69,7 +69,7 @@ def solve_surface(
 
 
 @dataclass(frozen=True)
-class Plunge:
+class PlungeResponse:
     """A simulated plunge: time after entry (n,), surface temperature, flux, h, and temperature at P depths (n, P)."""
 
     t_s: Array
@@ -95,7 +95,7 @@ def simulate_plunge_model(
     *,
     grid_s: Array | None = None,
     modes: int = 24,
-) -> Plunge:
+) -> PlungeResponse:
     """Temperatures of a disk plunged at t = 0 into a bath, conduction exact, h following the surface temperature.
 
     K dT/dr = h(T_s, T_f, t) (T_f - T_s) at R_o, dT/dr = 0 at the bore. ``h_W_m2K(T_s, T_f, t)`` works on arrays (n,);
@@ -111,4 +111,4 @@ def simulate_plunge_model(
     offset = initial_degC + leaked
     surface, q, _ = solve_surface(inf.matrix[0], offset, lambda T: h_W_m2K(T, fluid, t) * (fluid - T))
     junctions = offset[:, None] + np.einsum("pij,j->ip", inf.matrix[1:], q)
-    return Plunge(t, surface, q, h_W_m2K(surface, fluid, t), junctions, depths)
+    return PlungeResponse(t, surface, q, h_W_m2K(surface, fluid, t), junctions, depths)

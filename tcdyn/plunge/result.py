@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.disk import DiskSetup
 from calibration.estimate import Estimate, rounded, with_u
-from immersion.correlations import Validity
+from calibration.finding import Finding
 from tcdyn.chain import Chain
 from tcdyn.plunge.form import ModelForm
 from tcdyn.plunge.map import Optimum, inverse
@@ -51,7 +51,7 @@ class PlungeFit:
     nuisances: pd.DataFrame  # parameter, value, u, prior_mean, prior_sd
     budget: tuple[LagShare, ...]
     model_form: ModelForm
-    validity: tuple[Validity, ...]
+    validity: tuple[tuple[Finding, ...], ...]
     warnings: tuple[str, ...]
     sentence: str
     converged: bool

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.estimate import Estimate, rounded, with_u
-from immersion.correlations import Validity
+from calibration.finding import Finding, sentences
 from tcdyn.plunge.map import Optimum
 from tcdyn.plunge.run import Blocks, PlungeRun
 
@@ -51,7 +51,7 @@ def lag_sentence(common: Estimate, fit_u_s: float, known_u_s: float, runs: int) 
 
 
 def fit_warnings(
-    runs: Sequence[PlungeRun], blocks: Sequence[Blocks], best: Optimum, validity: Sequence[Validity]
+    runs: Sequence[PlungeRun], blocks: Sequence[Blocks], best: Optimum, validity: Sequence[Sequence[Finding]]
 ) -> tuple[str, ...]:
     """One sentence for everything in the fit that a careful reader should know."""
     out: list[str] = []
@@ -71,7 +71,7 @@ def fit_warnings(
             what = parameter_words(name, [r.name for r in runs])
             out.append(f"{what} lies {abs(p):.1f} prior standard deviations from what was expected")
     for run, b, v, factor in zip(runs, blocks, validity, problem.inflation):
-        out += [f"{run.name}: {w}" for w in (*run.entry.warnings, *v.warnings)]
+        out += [f"{run.name}: {w}" for w in sentences((*run.entry.findings, *v))]
         if b.spikes:
             out.append(f"{run.name}: {b.spikes} spikes were left out")
         if factor.common > COLOURED or factor.differential > COLOURED:

@@ -66,17 +66,18 @@ def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
 
 def test_ranges_are_checked_and_said() -> None:
     fine = check_validity(OIL, np.linspace(26, 100, 30), 110.0)
-    assert fine.warnings == () or all("plate" in w for w in fine.warnings)
+    assert {f.code for f in fine} <= {"correlation.no_plate"}
     tiny = check_validity(Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762), 26.0, 110.0)
-    assert any("holds for Ra" in w for w in tiny.warnings)
+    ran = next(f for f in tiny if f.code == "correlation.range")
+    assert ran.numbers["ran"][0] < ran.numbers["holds"][0] == 1e4
     slender = check_validity(Bath(fluid("water"), correlation("5.4"), 0.3, 0.005), 20.0, 80.0)
-    assert not slender.plate_like
-    assert any("plate" in w for w in slender.warnings)
+    (thin,) = [f for f in slender if f.code == "correlation.no_plate"]
+    assert thin.numbers["ratio"] < thin.numbers["least"]
 
 
 def test_the_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:
     # "This condition is satisfied in the immersion tests experiments", section 5.7; oil at 110 degC, disk at 26 degC
-    assert check_validity(OIL, 26.0, 110.0).plate_like
+    assert check_validity(OIL, 26.0, 110.0) == ()
 
 
 def test_names_and_equation_numbers_find_the_same_correlation() -> None:

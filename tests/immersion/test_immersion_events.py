@@ -51,9 +51,10 @@ def test_both_witnesses_are_weighted_and_their_uncertainty_is_honest() -> None:
 def test_one_witness_serves_with_a_warning() -> None:
     alone = find_entry(T, np.zeros_like(T), probe())
     assert alone.source == "probe"
-    assert "never moved" in alone.warnings[0]
+    assert [f.code for f in alone.findings] == ["entry.no_switch"]
     by_hand = find_entry(T, pressed(ENTRY), np.full_like(T, 27.0))
     assert by_hand.source == "switch"
+    assert [f.code for f in by_hand.findings] == ["entry.no_probe"]
     assert by_hand.u_s > 0.1
 
 
@@ -61,6 +62,8 @@ def test_disagreement_widens_and_contradiction_is_refused() -> None:
     apart = reconcile_entry(20.0, 20.6)
     together = reconcile_entry(20.0, 20.05)
     assert apart.u_s > 2 * together.u_s
+    assert [(f.code, round(f.numbers["difference_s"], 9)) for f in apart.findings] == [("entry.apart", 0.6)]
+    assert together.findings == ()
     with pytest.raises(InputError, match=r"20\.00 s and 31\.00 s"):
         reconcile_entry(20.0, 31.0)
     with pytest.raises(InputError, match="no entry found"):

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from immersion.fluid_table import fluid_from_table, read_fluid
-from immersion.fluids import fluid
+from immersion.fluids import fluid, fluid_from_table, read_fluid
 
 
 def test_jet_oil_passes_through_its_data_sheet() -> None:
@@ -65,7 +64,8 @@ def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
 
 
 def test_temperatures_outside_a_fluids_range_are_said() -> None:
-    assert fluid("water").outside(20, 80) is None
-    assert "extrapolation" in str(fluid("water").outside(20, 120))
+    assert fluid("water").outside(20, 80) == ()
+    (found,) = fluid("water").outside(20, 120)
+    assert (found.code, found.subject, found.numbers["known_degC"]) == ("fluid.extrapolated", "water", (0, 100))
     with pytest.raises(InputError, match="unknown fluid"):
         fluid("honey")

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plunge_series import lumped_plunge, series_plunge
 
 from calibration.rig import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder, influence
 from immersion.fluids import fluid
 from immersion.radial import plunge_grid, simulate_plunge_model
-from immersion.series import lumped_plunge, series_plunge
 
 SETUP = load_rig().disk_setup("fast")
 DISK = Cylinder.from_setup(SETUP)
