@@ -33,6 +33,23 @@ class Conditioning:
     poles: int = 2
     shape: Literal["cascade", "butterworth"] = "cascade"
 
+    def factors(self) -> tuple[tuple[float, ...], ...]:
+        """Factors of 1/B(s), ascending coefficients in s: lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
+
+        The poles of a Butterworth filter of order n stand on a circle: zeta_k = sin((2k - 1) pi/2n), k = 1..n/2, and
+        a real pole where n is odd.
+
+        >>> Conditioning(0.5 / math.pi, 2).factors()
+        ((1.0, 1.0), (1.0, 1.0))
+        """
+        tau, n = 1.0 / (2 * math.pi * self.cutoff_Hz), self.poles
+        if self.shape == "cascade":
+            return ((1.0, tau),) * n
+        sections = tuple(
+            (1.0, 2 * tau * math.sin((2 * k - 1) * math.pi / (2 * n)), tau**2) for k in range(1, n // 2 + 1)
+        )
+        return sections + ((1.0, tau),) * (n % 2)
+
     @property
     def lag_s(self) -> float:
         """First moment of B's impulse response [s]: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).
@@ -40,10 +57,7 @@ class Conditioning:
         >>> round(Conditioning(4.0, 2).lag_s, 4)
         0.0796
         """
-        if self.poles == 0:
-            return 0.0
-        wc = 2 * math.pi * self.cutoff_Hz
-        return self.poles / wc if self.shape == "cascade" else 1.0 / (wc * math.sin(math.pi / (2 * self.poles)))
+        return sum(f[1] for f in self.factors())
 
 
 @dataclass(frozen=True)

@@ -1,13 +1,26 @@
-"""The measurement chain: transfer function, exact simulation, state space."""
+"""The measurement chain: transfer function, exact simulation, state space, structures by their names."""
 
 from tcdyn.chain.chain import (
     NO_CONDITIONING,
     Chain,
-    Hold,
+    Sensor,
     cement_lags,
-    conditioning_polynomials,
-    delayed,
     discretised,
+    equalised,
+    sensors,
 )
+from tcdyn.chain.rational import Hold
+from tcdyn.chain.structures import STRUCTURES, Structure
 
-__all__ = ["NO_CONDITIONING", "Chain", "Hold", "cement_lags", "conditioning_polynomials", "delayed", "discretised"]
+__all__ = [
+    "NO_CONDITIONING",
+    "STRUCTURES",
+    "Chain",
+    "Hold",
+    "Sensor",
+    "Structure",
+    "cement_lags",
+    "discretised",
+    "equalised",
+    "sensors",
+]

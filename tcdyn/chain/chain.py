@@ -1,25 +1,28 @@
-"""The measurement chain, junction to log file, as a transfer function in seconds."""
+"""The measurement chain, junction to log file: a transfer function in seconds, its state space, channels made alike."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
+from scipy.linalg import solve_continuous_lyapunov
 
+from calibration.arrays import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.result import Result
+from tcdyn.chain.rational import Factor, Hold, Rational, Start, product, realise, simulate, simulate_rows
 
 if TYPE_CHECKING:
     import control
 
-    from tcdyn.chain.factors import Rational
-
-Hold = Literal["foh", "zoh"]
 NO_CONDITIONING = Conditioning(poles=0)
+LEAST_LAG_S = 1e-3  # stands for a lag that is missing where a filter would not be proper without it
 
 
 @dataclass(frozen=True)
@@ -48,13 +51,25 @@ class Chain(Result):
         if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
             raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
 
+    def factors(self) -> tuple[tuple[float, ...], ...]:
+        """The factors below, ascending coefficients in s: lags from the largest on, pair, cement, the filter's own."""
+        found: list[tuple[float, ...]] = [(1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0]
+        if self.pair is not None:
+            found.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
+        if self.cement_s:
+            found += [(1.0, self.cement_s * share) for share in cement_lags()]
+        return (*found, *self.conditioning.factors())
+
+    @cached_property
+    def rational(self) -> Rational:
+        """The chain as a product of its factors; cement by its lags."""
+        num = np.array([1.0, self.zero_s] if self.zero_s else [1.0])
+        return Rational(num, tuple(Factor(f) for f in self.factors()), self.delay_s)
+
     @property
     def lag_s(self) -> float:
         """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
-        own = self.delay_s + sum(self.taus_s) - self.zero_s + self.cement_s / 2
-        if self.pair is not None:
-            own += 2 * self.pair[1] * self.pair[0]
-        return own + self.conditioning.lag_s
+        return self.rational.lag_s
 
     def summary(self) -> str:
         """Lags, zero, dead time and filter, and the first moment of it all."""
@@ -72,47 +87,18 @@ class Chain(Result):
         """The parameters, and ``lag_s``."""
         return {**super().to_dict(), "lag_s": self.lag_s}
 
-    def polynomials(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numerator and denominator in descending powers of s, the dead time left out."""
-        num: NDArray[Any]
-        den: NDArray[Any]
-        num, den = conditioning_polynomials(self.conditioning)
-        if self.zero_s:
-            num = np.polymul(num, [self.zero_s, 1.0])
-        for tau in self.taus_s:
-            if tau > 0:
-                den = np.polymul(den, [tau, 1.0])
-        if self.pair is not None:
-            den = np.polymul(den, [self.pair[0] ** 2, 2 * self.pair[1] * self.pair[0], 1.0])
-        for share in cement_lags() if self.cement_s else ():
-            den = np.polymul(den, [self.cement_s * share, 1.0])
-        return np.atleast_1d(num), np.atleast_1d(den)
-
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The chain as a ``control.TransferFunction``; a dead time enters by its Pade form of ``pade_order``."""
-        import control
-
-        num: NDArray[Any]
-        den: NDArray[Any]
-        num, den = self.polynomials()
-        if self.delay_s:
-            pade_num, pade_den = control.pade(self.delay_s, pade_order)
-            num, den = np.polymul(num, pade_num), np.polymul(den, pade_den)
-        return control.TransferFunction(num, den)
+        return self.rational.transfer_function(pade_order)
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
-        """G(2 pi i f), dead time exact; same shape as ``frequency_Hz``."""
+        """G(2 pi i f), dead time and cement exact; same shape as ``frequency_Hz``."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        num, den = replace(self, cement_s=0.0).polynomials()
-        cement = 1 / np.cosh(np.sqrt(self.cement_s * s))
-        return np.asarray(np.polyval(num, s) / np.polyval(den, s) * cement * np.exp(-self.delay_s * s))
+        rest = replace(self, cement_s=0.0).rational.frequency_response(frequency_Hz)
+        return np.asarray(rest / np.cosh(np.sqrt(self.cement_s * s)))
 
     def response(
-        self,
-        u: ArrayLike,
-        dt_s: float,
-        hold: Hold = "foh",
-        initial: Literal["equilibrium", "zero"] = "equilibrium",
+        self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: Start = "equilibrium"
     ) -> NDArray[np.float64]:
         """What the chain writes for an input sampled every ``dt_s`` seconds.
 
@@ -120,36 +106,15 @@ class Chain(Result):
         input is a straight line (``foh``) or held (``zoh``); lags and dead time, whole samples or not, are exact
         under that hold. The record starts in equilibrium with its first sample, or from zero.
         """
-        from tcdyn.chain.factors import realise
-        from tcdyn.chain.simulate import simulate_rows
-
         u = np.asarray(u, dtype=float)
-        system = realise(self.rational(), sensitivities=False)
+        system = realise(self.rational, sensitivities=False)
         table = u.reshape(len(u), -1)
         answers = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
         return np.stack(answers, axis=1).reshape(u.shape)
 
-    def rational(self) -> Rational:
-        """The chain as factors, the form that the identification's exact simulation takes."""
-        from tcdyn.chain.factors import Factor, Rational
-
-        _, den = conditioning_polynomials(self.conditioning)
-        factors = [Factor.lag(tau) for tau in self.taus_s if tau > 0]
-        if self.pair is not None:
-            factors.append(Factor.polynomial(np.array([1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2])))
-        if self.cement_s:
-            factors += [Factor.lag(self.cement_s * share) for share in cement_lags()]
-        if self.conditioning.shape == "cascade":
-            cutoff = 2 * np.pi * self.conditioning.cutoff_Hz
-            factors += [Factor.lag(1 / cutoff)] * self.conditioning.poles
-        elif len(den) > 1:
-            factors.append(Factor.polynomial(den[::-1]))
-        num = np.array([1.0, self.zero_s] if self.zero_s else [1.0])
-        return Rational(num, tuple(factors), self.delay_s)
-
     def discrete(self, dt_s: float, hold: Hold = "foh") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in powers of z^-1, exact under ``hold``, dead time left out."""
-        num, den = self.polynomials()
+        num, den = self.rational.polynomials()
         if len(den) == 1:
             return np.array([1.0]), np.array([1.0])
         return discretised(num, den, dt_s, hold)
@@ -170,20 +135,6 @@ def cement_lags() -> tuple[float, ...]:
     return (*shares, *[(0.5 - sum(shares)) / 3] * 3)
 
 
-def conditioning_polynomials(b: Conditioning) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Numerator and denominator of B(s), descending powers of s, unit static gain."""
-    if b.poles == 0:
-        return np.array([1.0]), np.array([1.0])
-    wc = 2 * np.pi * b.cutoff_Hz
-    if b.shape == "cascade":
-        den = np.array([1.0])
-        for _ in range(b.poles):
-            den = np.polymul(den, [1 / wc, 1.0])
-        return np.array([1.0]), den
-    _, den = signal.butter(b.poles, wc, analog=True)
-    return np.array([1.0]), np.asarray(den / den[-1])
-
-
 def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -193,16 +144,106 @@ def discretised(
     return np.asarray(b[0]), np.asarray(a)
 
 
-def delayed(u: NDArray[np.float64], samples: float, hold: Hold, start: ArrayLike) -> NDArray[np.float64]:
-    """``u`` shifted by a continuous number of ``samples``, preceded by ``start``.
+def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
+    """Each column of ``y`` (N, M) [degC] as the ``common`` chain would have shown it: no inverse is needed for it.
 
-    Exact for a straight-line (FOH) input. For a held input (ZOH) the average over each sample of the shifted input
-    is returned, which conserves its integral.
+    Column i is filtered by G_common / G_i, in which the conditioning cancels; where the common chain has as many lags,
+    noise grows at most by their ratio. A channel with more dead time than the common chain keeps its excess. Before
+    its first sample a column stood at its mean over the first second.
     """
-    if samples == 0:
-        return u
-    whole = int(np.floor(samples))
-    part = samples - whole
-    padded = np.concatenate([np.broadcast_to(start, (whole + 1, *u.shape[1:])), u])
-    n = len(u)
-    return np.asarray((1 - part) * padded[1 : n + 1] + part * padded[:n])
+    out = np.empty_like(y)
+    for i, chain in enumerate(chains):
+        before = np.mean(y[: max(int(1.0 / dt_s), 1), i])
+        out[:, i] = simulate(_quotient(common, chain), np.concatenate([[before], y[:, i]]), dt_s)[1:]
+    return out
+
+
+def _quotient(upper: Chain, lower: Chain) -> Rational:
+    """G_upper / G_lower without their filter, kept proper by lags of 1 ms; what it would delay less than nothing is
+    left out."""
+    num: Array = product(replace(lower, conditioning=NO_CONDITIONING).factors())
+    below = list(replace(upper, conditioning=NO_CONDITIONING).factors())
+    if upper.zero_s != lower.zero_s:
+        num = product([num, (1.0, upper.zero_s)])
+        below.append((1.0, max(lower.zero_s, LEAST_LAG_S)))
+    excess = len(num) - 1 - sum(len(f) - 1 for f in below)
+    below += [(1.0, LEAST_LAG_S)] * excess
+    return Rational(num, tuple(Factor(f) for f in below), max(upper.delay_s - lower.delay_s, 0.0))
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """State (x, x', stages of the chain): d state/dt = drift @ state, logged value = output @ state.
+
+    x is the junction temperature [degC], x' its slope [K/s]; every stage has unit static gain, so all stages are in
+    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s].
+    """
+
+    drift: Array
+    output: Array
+    lag_row: Array
+    delay_s: float
+    lag_s: float
+
+    @property
+    def size(self) -> int:
+        """Number of states."""
+        return len(self.output)
+
+    def ramp(self) -> Array:
+        """Columns (2, size): the state of a chain that has followed a level 1, and a slope 1 through zero, for ever."""
+        n = self.size
+        columns = np.zeros((n, 2))
+        columns[0, 0] = columns[1, 1] = 1.0
+        if n > 2:
+            stages, level = self.drift[2:, 2:], self.drift[2:, 0]
+            columns[2:, 0] = -np.linalg.solve(stages, level)
+            columns[2:, 1] = np.linalg.solve(stages, columns[2:, 0])
+        return columns
+
+    def ramp_scatter(self) -> Array:
+        """Stationary covariance (size, size) of the stages about the ramp, for slope noise of intensity 1 K2/s3."""
+        covariance = np.zeros((self.size, self.size))
+        if self.size > 2:
+            v = self.ramp()[2:, 1]
+            covariance[2:, 2:] = solve_continuous_lyapunov(self.drift[2:, 2:], -np.outer(v, v))
+        return covariance
+
+
+def sensors(chains: Sequence[Chain]) -> list[Sensor]:
+    """The state space of each chain, padded with idle states to one common size, so that channels can be stacked.
+
+    Largest lag first, one stage a factor of the chain; the zero is in the output, the delay is kept apart, exactly.
+    """
+    size = 2 + max(sum(len(f) - 1 for f in chain.factors()) for chain in chains)
+    return [_sensor(chain, size) for chain in chains]
+
+
+def _sensor(chain: Chain, size: int) -> Sensor:
+    drift = np.zeros((size, size))
+    drift[0, 1] = 1.0
+    source, at = 0, 2
+    for f in chain.factors():
+        if len(f) == 2:
+            block = np.array([[-1.0 / f[1]]])
+        else:
+            w = 1.0 / np.sqrt(f[2])
+            block = np.array([[0.0, w], [-w, -f[1] * w * w]])
+        k = len(block)
+        drift[at : at + k, at : at + k] = block
+        drift[at : at + k, source] = -block[:, 0]
+        source, at = at, at + k
+    output = np.zeros(size)
+    output[source] = 1.0
+    if chain.zero_s:
+        if source == 0:
+            raise InputError(f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter")
+        output = output + chain.zero_s * drift[source]
+    lag_row = np.zeros(size)
+    if max(chain.taus_s, default=0.0) > 0:
+        lag_row[:] = drift[2]
+    else:
+        lag_row[1] = 1.0
+    idle = range(at, size)
+    drift[idle, idle] = -1.0
+    return Sensor(drift, output, lag_row, chain.delay_s, chain.lag_s)

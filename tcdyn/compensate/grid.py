@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from tcdyn.chain import Chain
-from tcdyn.chain.state_space import Sensor
+from tcdyn.chain import Chain, Sensor
 
 Array = NDArray[np.float64]
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell

@@ -70,7 +70,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
             remedy="lower it",
         )
     zero = chain.zero_s
-    num, den = replace(chain, zero_s=abs(zero), delay_s=0.0).polynomials()
+    num, den = replace(chain, zero_s=abs(zero), delay_s=0.0).rational.polynomials()
     m = max(len(den) - len(num), 1)
     w = 2 * np.pi * bandwidth_Hz / float(2.0 ** (1 / m) - 1) ** 0.5
     bottom = num

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from calibration.errors import InputError
-from tcdyn.chain import Chain
-from tcdyn.chain.state_space import Sensor, stacked
+from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.compensate.model import DIFFUSE
 from tcdyn.compensate.result import MISSING, SPIKE
 
@@ -77,7 +76,7 @@ class LiveSmoother:
         level = np.broadcast_to(np.asarray(intensity, dtype=float), (m,)).copy()
         if lag_samples < 0 or np.any(noise <= 0) or np.any(level <= 0):
             raise InputError("live smoother: lag_samples must not be negative, noise and intensity must be positive")
-        return cls(tuple(stacked(list(chains))), dt_s, noise, level, lag_samples)
+        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples)
 
     def start(self, first: ArrayLike) -> LiveState:
         """State that knows only the first sample ``first (M,)`` [degC], the chain's past taken as a ramp."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.chain import Chain
-from tcdyn.chain.state_space import Sensor
+from tcdyn.chain import Chain, Sensor
 from tcdyn.compensate.grid import FINE, Grid, corner_rad_s, gather, make_grid, transitions
 from tcdyn.compensate.profile import Intensity
 from tcdyn.compensate.sweep import Problem, log_likelihood_terms

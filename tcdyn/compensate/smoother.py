@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from calibration.errors import InputError
-from tcdyn.chain import Chain
-from tcdyn.chain.state_space import stacked
+from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
 from tcdyn.compensate.grid import Grid, readings
 from tcdyn.compensate.intensity import choose
@@ -153,7 +152,7 @@ def stretch_of(
     y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
     weight = np.where(flags == 0, 1.0, 0.0)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(y, weight, dt_s, tuple(listed), tuple(stacked(listed)), events), flags, warnings
+    return Stretch(y, weight, dt_s, tuple(listed), tuple(sensors(listed)), events), flags, warnings
 
 
 def _bridged(y: Array, good: NDArray[np.bool_]) -> Array:

@@ -9,7 +9,7 @@
 0.75
 """
 
-from tcdyn.chain.simulate import simulate
+from tcdyn.chain.rational import simulate
 from tcdyn.identify.bands import bode_band, percent_times, step_band
 from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
 from tcdyn.identify.data import IOData, Run

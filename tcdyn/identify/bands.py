@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.estimate import Z95, Estimate
-from tcdyn.chain.factors import Array, realise
-from tcdyn.chain.simulate import simulate_rows
+from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.identify.identified import Identified
 
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}

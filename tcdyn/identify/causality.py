@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.chain.factors import Array
 from tcdyn.identify.models import process
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.srivc import filled

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.result import Result, jsonable
-from tcdyn.chain.factors import Array, realise
+from tcdyn.chain.rational import realise
 from tcdyn.identify.advice import COLUMNS, advice, follows_input, order_table
 from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData

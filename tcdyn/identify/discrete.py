@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.result import Result
-from tcdyn.chain.factors import Array
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.noise import inverse
 from tcdyn.identify.optimise import least_squares

@@ -11,9 +11,9 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
+from calibration.arrays import Array
 from calibration.estimate import Estimate, rounded
 from calibration.result import Result
-from tcdyn.chain.factors import Array
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
@@ -120,7 +120,7 @@ def fit(
     can be learnt from.
 
     >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
-    >>> from tcdyn.chain.simulate import simulate
+    >>> from tcdyn.chain.rational import simulate
     >>> truth = as_model("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13})
     >>> data = IOData.from_arrays(u, simulate(truth, u, 0.1, "zoh"), 0.1, hold="zoh")
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from calibration.arrays import Array
 from calibration.estimate import Z95, Estimate
-from tcdyn.chain.factors import Array
 from tcdyn.identify.optimise import least_squares
 from tcdyn.identify.problem import Problem
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.chain.factors import Array
 from tcdyn.identify.data import IOData
 from tcdyn.identify.discrete import complete
 

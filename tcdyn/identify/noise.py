@@ -10,8 +10,8 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
+from calibration.arrays import Array
 from calibration.noise import rounding_sd
-from tcdyn.chain.factors import Array
 from tcdyn.identify.optimise import least_squares
 from tcdyn.identify.problem import Problem
 

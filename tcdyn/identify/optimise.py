@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from tcdyn.chain.factors import Array
+from calibration.arrays import Array
 
 
 class Status(StrEnum):

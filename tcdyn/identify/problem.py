@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.chain.factors import Array, Rational, Realisation, realise
-from tcdyn.chain.simulate import Start, free_rows, simulate_rows
+from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.models import Model
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from tcdyn.chain.factors import Array
+from calibration.arrays import Array
 from tcdyn.identify.noise import inverse
 from tcdyn.identify.optimise import Optimum
 from tcdyn.identify.problem import Problem

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.chain.factors import Array
 from tcdyn.identify.optimise import Evaluate, Optimum, least_squares
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.start import starts

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from tcdyn.chain.factors import Array, Factor, Rational, realise
-from tcdyn.chain.simulate import simulate_rows
+from calibration.arrays import Array
+from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Problem, Segment
 
@@ -38,7 +38,7 @@ def output_terms(problem: Problem, segment: Segment, den: Array) -> Array:
     n = len(den) - 1
     y = filled(segment)
     level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
-    model = Rational(np.eye(n + 1)[0], (Factor.polynomial(den, free=False),))
+    model = Rational(np.eye(n + 1)[0], (Factor(tuple(den), free=False),))
     rows = simulate_rows(realise(model), y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
     rows[0] += level
     return rows
@@ -48,10 +48,9 @@ def regression(problem: Problem, den: Array, num: Array, delay_s: float) -> tupl
     """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset."""
     targets, regressors, instruments = [], [], []
     q = len(num)
-    known = Factor.polynomial(np.asarray(problem.model.known.den), free=False)
     for segment in problem.segments:
         yf = output_terms(problem, segment, den)
-        factors = (Factor.polynomial(den),) if len(problem.model.known.den) == 1 else (known, Factor.polynomial(den))
+        factors = (*problem.model.known.factors, Factor(tuple(den)))
         model = Rational(num, factors, delay_s, problem.model.integrators)
         start = "zero" if problem.initial == "zero" else "equilibrium"
         rows = simulate_rows(realise(model), segment.u, problem.dt_s, delay_s, problem.hold, start)  # type: ignore
@@ -76,9 +75,7 @@ def solve(target: Array, regressors: Array, instruments: Array) -> Array:
 def simulated_cost(problem: Problem, num: Array, den: Array, delay_s: float, offset: float) -> float:
     """Sum of squared simulation errors."""
     known = problem.model.known
-    factors: tuple[Factor, ...] = (Factor.polynomial(den, False),)
-    if len(known.den) > 1:
-        factors += (Factor.polynomial(np.asarray(known.den), False),)
+    factors = (Factor(tuple(den)), *known.factors)
     model = Rational(np.asarray(np.convolve(num, known.num), dtype=float), factors, delay_s, problem.model.integrators)
     system = realise(model, sensitivities=False)
     start = "zero" if problem.initial == "zero" else "equilibrium"

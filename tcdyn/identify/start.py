@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from tcdyn.chain.factors import Array, Factor, Rational, realise
-from tcdyn.chain.simulate import simulate_rows
+from calibration.arrays import Array
+from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Problem
 from tcdyn.identify.srivc import filled, srivc, transfer_starts
@@ -20,13 +20,12 @@ def lag_bank(problem: Problem, taus_s: Array) -> list[Array]:
     """Per segment the input through 1/(1 + tau s) (and integrators, known part), shape (len(taus), N)."""
     start = "zero" if problem.initial == "zero" else "equilibrium"
     known = problem.model.known
-    fixed = (Factor.polynomial(np.asarray(known.den), False),) if len(known.den) > 1 else ()
     banks = []
     for s in problem.segments:
         rows = []
         for tau in taus_s:
-            model = Rational(np.asarray(known.num), (Factor.lag(tau, False), *fixed), 0.0, problem.model.integrators)
-            system = realise(model, sensitivities=False)
+            factors = (Factor((1.0, tau)), *known.factors)
+            system = realise(Rational(np.array(known.num), factors, 0.0, problem.model.integrators), False)
             rows.append(simulate_rows(system, s.u, problem.dt_s, 0.0, problem.hold, start)[0])  # type: ignore
         banks.append(np.array(rows))
     return banks

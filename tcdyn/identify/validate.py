@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from tcdyn.chain.factors import Array
+from calibration.arrays import Array
 from tcdyn.identify.noise import Noise, autocovariance, coarse_step, fit_ar, orthonormal, stretches
 from tcdyn.identify.problem import Problem
 

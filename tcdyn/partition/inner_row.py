@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.disk import DISKS
-from tcdyn.partition.equalise import equalised
+from tcdyn.chain import equalised
 from tcdyn.partition.nuisance import boundary_gradient
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.refine import joint_start, lagged_window, steady_lines

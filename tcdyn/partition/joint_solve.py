@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import InputError
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.equalise import equalised
 from tcdyn.partition.nuisance import Nuisances, nuisances
 from tcdyn.partition.prepare import DiskTraces, EhlTest, white_noise
 from tcdyn.partition.window import DiskWindow, chained_power, disk_window, stretch_of

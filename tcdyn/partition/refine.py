@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.disk import DISKS
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.equalise import equalised
 from tcdyn.partition.joint import DiskFit, joint_fits
 from tcdyn.partition.lines import DiskLine, disk_line
 from tcdyn.partition.nuisance import Nuisances, nuisances

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 from scipy.linalg.lapack import dtbtrs, ztbtrs
 
 from calibration.disk import Conditioning
@@ -31,17 +30,13 @@ def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.floa
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
     """The conditioning filter B applied to deviations ``u`` (n, M) on the grid."""
-    if filter_.poles == 0:
-        return u
-    rate = 2 * np.pi * filter_.cutoff_Hz
-    if filter_.shape == "cascade":
-        for _ in range(filter_.poles):
-            u = np.asarray(lag_on_grid(u, dt_s, rate))
-        return u
-    num, den = signal.butter(filter_.poles, rate, analog=True)
-    residues, poles, _ = signal.residue(num, den)
-    parts = [(r / -p) * lag_on_grid(u, dt_s, complex(-p)) for r, p in zip(residues, poles)]
-    return np.asarray(np.real(np.sum(parts, axis=0)))
+    for f in filter_.factors():
+        if len(f) == 2:
+            u = np.asarray(lag_on_grid(u, dt_s, 1 / f[1]))
+        else:  # two complex lags side by side: p1 p2/((s - p1)(s - p2)) = 2 Re of its first partial fraction
+            p = complex(np.roots(f[::-1])[0])
+            u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+    return u
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import copy
 import json
+from functools import reduce
 
 import numpy as np
 import pytest
 from cal_cases import oven_frame, oven_truth, write
+from scipy import signal
 from typer.testing import CliRunner
 
 from calibration.compare import check_record, diff_records
@@ -27,7 +29,6 @@ from calibration.record import (
     write_record,
 )
 from calibration.rig import load_rig
-from tcdyn.chain import conditioning_polynomials
 from tcdyn.cli.record import app
 from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
 from tcdyn.report.page import write_page
@@ -77,12 +78,15 @@ def test_inputs_carry_their_hashes(tmp_path):
     assert item.sha256.startswith("ba7816bf")  # FIPS 180's own example, "abc"
 
 
-def test_the_filters_lag_is_the_first_moment_of_its_polynomials():
+def test_the_filters_factors_make_its_polynomial_and_its_lag_is_their_first_moment():
     for shape in ("cascade", "butterworth"):
         for poles in range(1, 5):
             b = load_rig().common.conditioning.model_copy(update={"shape": shape, "poles": poles}).conditioning()
-            _, den = conditioning_polynomials(b)
-            assert b.lag_s == pytest.approx(den[-2] / den[-1], rel=1e-12)  # rounding of the polynomial's products
+            _, den = signal.butter(poles, 2 * np.pi * b.cutoff_Hz, analog=True)
+            den = den if shape == "butterworth" else np.poly(np.full(poles, -2 * np.pi * b.cutoff_Hz))
+            product = reduce(np.polymul, (f[::-1] for f in b.factors()), [1.0])
+            assert product == pytest.approx(den / den[-1], rel=1e-12)  # rounding of the polynomial's products
+            assert b.lag_s == pytest.approx(den[-2] / den[-1], rel=1e-12)
 
 
 NONSENSE = {

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm as general_expm
 
-from tcdyn.chain.factors import Factor, Rational, realise
-from tcdyn.chain.simulate import expm, simulate, simulate_rows
+from tcdyn.chain.rational import Factor, Rational, expm, realise, simulate, simulate_rows
 
 U = np.random.default_rng(1).normal(size=200).cumsum()
 
 
 def model(c: np.ndarray, integrators: int = 0) -> Rational:
     """(c0 + c1 s) e^(-c5 s) / ((1 + c2 s)(1 + c3 s + c4 s^2)(1 + 0.04 s)), the last factor known."""
-    factors = (Factor.lag(c[2]), Factor.polynomial(np.array([1.0, c[3], c[4]])), Factor.lag(0.04, free=False))
+    factors = (Factor((1.0, c[2])), Factor((1.0, c[3], c[4])), Factor((1.0, 0.04), free=False))
     return Rational(c[:2], factors, c[5], integrators)
 
 
@@ -49,14 +48,14 @@ def test_sensitivities_equal_central_differences(hold, start, integrators):
 def test_equal_lags_lose_no_precision():
     # Two equal lags have the step response 1 - (1 + t/T) e^(-t/T); a partial-fraction form would divide by zero.
     t = np.arange(400) * 0.02
-    g = Rational(np.array([1.0]), (Factor.lag(0.7), Factor.lag(0.7)))
+    g = Rational(np.array([1.0]), (Factor((1.0, 0.7)), Factor((1.0, 0.7))))
     y = simulate(g, np.ones(400), 0.02, "zoh", "zero")
     assert np.allclose(y, 1 - (1 + t / 0.7) * np.exp(-t / 0.7), atol=1e-12)
 
 
 def test_a_ramp_through_an_integrator_is_a_parabola_behind_its_lag():
     t = np.arange(300) * 0.1
-    g = Rational(np.array([1.0]), (Factor.lag(0.5),), 0.0, 1)
+    g = Rational(np.array([1.0]), (Factor((1.0, 0.5)),), 0.0, 1)
     y = simulate(g, t, 0.1, "foh", "zero")
     exact = t**2 / 2 - 0.5 * t + 0.25 * (1 - np.exp(-t / 0.5))
     assert np.allclose(y, exact, atol=1e-10 * exact.max())

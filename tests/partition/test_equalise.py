@@ -3,8 +3,7 @@
 import numpy as np
 
 from calibration.disk import Conditioning
-from tcdyn.chain import Chain
-from tcdyn.partition.equalise import equalised
+from tcdyn.chain import Chain, equalised
 
 B = Conditioning(4.0, 2)
 DT = 1 / 75

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
+from tcdyn.chain import equalised
 from tcdyn.conduction.bank import lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Rim
-from tcdyn.partition.equalise import equalised
 from tcdyn.partition.prepare import DiskTraces, EhlTest
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,

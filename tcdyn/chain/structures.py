@@ -1,0 +1,73 @@
+"""Structures of a chain by their usual names: P and the number of poles, then a letter for each further part."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from calibration.errors import InputError
+
+STRUCTURES = ("P1", "P2", "P1D", "P2D", "P2Z", "P3")  # what plunges are fitted with and told apart by
+COUNTED = ("no lag", "one lag", "two lags", "three lags")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Which parts a chain has: ``poles`` 0 to 3, two of them complex if ``pair``, and what its letters say.
+
+    U complex pair, H half-order cement, Z zero, D dead time, I integrator.
+
+    >>> Structure.of("P2DZ").parameters
+    ('Tp1', 'Tp2', 'Tz', 'Td')
+    """
+
+    name: str
+    poles: int
+    pair: bool = False
+    cement: bool = False
+    zero: bool = False
+    delay: bool = False
+    integrator: bool = False
+
+    @classmethod
+    def of(cls, name: str) -> Structure:
+        """The structure called ``name``. Raises InputError for one that there is not, or that cannot be simulated."""
+        match = re.match(r"^P([0-3])([UHZDI]*)$", name)
+        if match is None or len(set(match[2])) < len(match[2]):
+            raise InputError(
+                f"there is no process model {name!r}",
+                expected="P0, P1, P2 or P3 followed by letters of U, H, Z, D, I, such as P2DZ",
+            )
+        found = cls(name, int(match[1]), *(letter in match[2] for letter in "UHZDI"))
+        if found.pair and found.poles < 2:
+            raise InputError(f"{name}: complex poles need at least two", remedy="use P2U or P3U")
+        if found.zero and not (found.poles or found.cement or found.integrator):
+            raise InputError(f"{name}: a zero without a pole cannot be simulated", remedy="use P1Z")
+        return found
+
+    @property
+    def lags(self) -> tuple[str, ...]:
+        """Names of its real lags: Tp1, Tp2, Tp3, or Tp3 beside a pair."""
+        return tuple(f"Tp{i}" for i in range(3 if self.pair else 1, self.poles + 1))
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of its parameters, the gain left out, lags first."""
+        asked = (("Tw", self.pair), ("Zeta", self.pair), ("Tz", self.zero), ("Tc", self.cement), ("Td", self.delay))
+        return (*self.lags, *(name for name, there in asked if there))
+
+    @property
+    def meaning(self) -> str:
+        """What the name stands for, in words.
+
+        >>> Structure.of("P2D").meaning
+        'two lags and a dead time'
+        """
+        asked = (
+            ("a complex pair", self.pair),
+            ("cement", self.cement),
+            ("a zero", self.zero),
+            ("a dead time", self.delay),
+            ("an integrator", self.integrator),
+        )
+        return " and ".join([COUNTED[len(self.lags)], *(words for words, there in asked if there)])
