@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
 from tcdyn.plots.style import FAST, SLOW, finish
-from tcdyn.verify.checks import Comparison, Convergence
-from tcdyn.verify.mesh_study import IDEAL_TIMES_S, MeshErrors
+from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -52,7 +51,7 @@ def draw_profiles(
     return ax
 
 
-def draw_comparison(check: Comparison, ax: Axes) -> Axes:
+def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
     """A closed form (line) and the scheme (dots), with the error in percent on the right."""
     ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
@@ -104,23 +103,22 @@ def verify_figures() -> dict[str, Figure]:
     """The pictures of the verification report, by caption."""
     from matplotlib.figure import Figure
 
-    from tcdyn.verify import checks
-    from tcdyn.verify.mesh_rows import TABLE_3_2
-    from tcdyn.verify.mesh_study import ideal_study
+    from tcdyn.verify import studies
+    from tcdyn.verify.rim_rows import TABLE_3_2
 
     def one() -> tuple[Figure, Axes]:
         figure = Figure(figsize=(6.4, 3.6), layout="constrained")
         return figure, finish(figure.subplots())
 
     out = {}
-    for check in (checks.transient_check(), checks.steady_check()):
+    for check in (studies.transient_check(), studies.steady_check()):
         figure, ax = one()
         draw_comparison(check, ax)
         out[check.title] = figure
     figure, ax = one()
-    draw_convergence([checks.series_convergence(), checks.product_convergence()], ax)
+    draw_convergence([studies.series_convergence(), studies.product_convergence()], ax)
     out["order of convergence against two closed forms"] = figure
     figure, ax = one()
-    draw_mesh_errors(ideal_study(late_steps=1), TABLE_3_2, ax)
+    draw_mesh_errors(studies.ideal_study(late_steps=1), TABLE_3_2, ax)
     out["table 3.2: ours with the heat one step late (lines), published (crosses)"] = figure
     return out

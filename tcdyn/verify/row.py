@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+LOADS_N = (850, 1460, 1850, 2320)  # of the programme (table 6.1), and the half widths of their tracks (table 3.4)
+HALF_WIDTHS_mm = (1.25, 1.50, 1.62, 1.75)
 Verdict = Literal["agrees", "same trend", "differs", "not checkable"]
 
 
@@ -43,6 +45,6 @@ def within(ours: Sequence[float], published: Sequence[float], relative: float = 
     return all(abs(a - b) <= relative * abs(b) + absolute for a, b in pairs)
 
 
-def numbers(values: Sequence[float], digits: int) -> str:
+def numbers(values: Iterable[float], digits: int) -> str:
     """Numbers with so many decimals, separated by commas."""
     return ", ".join(f"{v:.{digits}f}" for v in values)

@@ -43,10 +43,10 @@ def test_rows_that_agree_end_well_and_print_their_reasons_when_asked(monkeypatch
 
 def test_a_changed_formula_is_caught(monkeypatch):
     """The misprinted (4.7) gives another beta: the row must say so."""
-    from tcdyn.verify import partition_rows
+    from tcdyn.verify import contact_rows
 
-    monkeypatch.setattr(partition_rows, "speed_law_beta", lambda a, b, c, d, chi: (a * d + chi * b * c) / (d + chi * b))
-    failed = [r.quantity for r in partition_rows._speed_law() if r.failed]
+    monkeypatch.setattr(contact_rows, "speed_law_beta", lambda a, b, c, d, chi: (a * d + chi * b * c) / (d + chi * b))
+    failed = [r.quantity for r in contact_rows.speed_law_rows() if r.failed]
     assert "beta of the worked example" in failed
 
 

@@ -5,8 +5,7 @@ from matplotlib.figure import Figure
 
 from tcdyn.conduction.rim import Mesh
 from tcdyn.plots import conduction as plots
-from tcdyn.verify.checks import Comparison, Convergence
-from tcdyn.verify.mesh_study import MeshErrors
+from tcdyn.verify.studies import ClosedForm, Convergence, MeshErrors
 
 
 def axes():
@@ -15,7 +14,7 @@ def axes():
 
 def test_every_picture_returns_the_axes_it_was_given(rim, points):
     x = np.linspace(1.0, 2.0, 5)
-    comparison = Comparison("t", "x", x, x, x + 0.01)
+    comparison = ClosedForm("t", "x", x, x, x + 0.01)
     errors = {"I": MeshErrors("I", (1.0, 0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))}
     field = np.add.outer(np.arange(9.0), np.arange(14.0))
     for draw, args in (

@@ -1,0 +1,203 @@
+"""The comparisons of section 3.6 as data, closed forms and meshes: what the rows judge and the pictures draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.rig import load_rig
+from tcdyn.conduction.closed_forms import product_decay_K, ring_steady_degC, ring_transient_degC, semi_infinite
+from tcdyn.conduction.engine import free_decay, step_fields
+from tcdyn.conduction.modal import forcing, spectrum
+from tcdyn.conduction.reference import scheme, steady_field
+from tcdyn.conduction.rim import Mesh, Rim, correction_factor
+
+Array = NDArray[np.float64]
+FILM_W_m2K = 700.0
+POWER_W = 250.0  # heat into one disk, about that of test B3
+# mesh I has 14 nodes in z here, so that its nodes are nodes of the others, as section 3.6.1 did
+SETS = {"I": Mesh(9, 14), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": Mesh(65, 105)}
+STEP_S = {"I": 0.04, "II": 0.01, "III": 0.005, "IV": 0.001}  # table 3.1
+IDEAL_TIMES_S = (2.0, 4.0, 8.0, 15.0)
+HALF_WIDTH_D4_m = 1.75e-3
+
+
+@dataclass(frozen=True)
+class ClosedForm:
+    """A closed form and the scheme at the same x (N,), with what x is and where the picture stands."""
+
+    title: str
+    x_label: str
+    x: Array
+    exact: Array
+    scheme: Array
+
+    @property
+    def error_percent(self) -> Array:
+        """(exact - scheme)/exact in percent, as (3.33) of section 3.6.2."""
+        return np.asarray((self.exact - self.scheme) / self.exact * 100)
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """Largest error [K] on meshes whose cells halve, and the fitted order."""
+
+    title: str
+    nodes: tuple[int, ...]
+    error_K: tuple[float, ...]
+
+    @property
+    def order(self) -> float:
+        """Slope of log error against log cell size."""
+        return float(-np.polyfit(np.arange(len(self.nodes)), np.log2(self.error_K), 1)[0])
+
+
+def default_rim(washer: bool = True) -> Rim:
+    """The rim of the default rig file, with its washers or with ideal ones."""
+    rim = Rim.from_setup(load_rig().disk_setup("fast"))
+    return rim if washer else replace(rim, washer_W_m2K=0.0)
+
+
+def transient_check(nodes: int = 1313) -> ClosedForm:
+    """Figure 3.15: a 2 m disk whose surface jumps from 20 to 160 degC, 3 mm below it, up to 93 s."""
+    rim = replace(default_rim(False), outer_radius_m=2.0)
+    time = np.linspace(2.0, 93.0, 92)
+    mesh = Mesh(nodes, 7)
+    jump = [0.0, 20.0, 20.0, 20.0, 160.0]
+    fields = step_fields(rim, 1e9, rim.width_m / 2, [0.0, 20, 20, 20, 20], jump, time, flux="uniform", mesh=mesh)
+    r = np.linspace(rim.inner_radius_m, 2.0, nodes)
+    at = 2.0 - 3e-3
+    k = int(np.searchsorted(r, at))
+    part = (at - r[k - 1]) / (r[k] - r[k - 1])
+    ours = (1 - part) * fields[:, k - 1, 3] + part * fields[:, k, 3]
+    exact = semi_infinite(3e-3, time, 20.0, 160.0, rim.diffusivity_m2_s)
+    return ClosedForm("3 mm below a surface that jumps (figure 3.15)", "time [s]", time, exact, ours)
+
+
+def steady_check(mesh: Mesh | None = None) -> ClosedForm:
+    """Figure 3.16: uniform flux on the whole track, ideal washers, against (3.36) as corrected and (3.37)."""
+    rim, mesh = default_rim(False), mesh or Mesh()
+    inputs = [POWER_W, 85.0, 85.0, 85.0, 60.0]
+    field = step_fields(rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh)[0]
+    r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
+    flux = POWER_W / (2 * np.pi * rim.outer_radius_m * rim.width_m)
+    exact = ring_steady_degC(
+        r, rim.inner_radius_m, rim.outer_radius_m, rim.conductivity_W_mK, FILM_W_m2K, flux, 85.0, 60.0
+    )
+    return ClosedForm("steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, field[:, mesh.nz // 2])
+
+
+def series_convergence(nodes: tuple[int, ...] = (9, 17, 33, 65)) -> Convergence:
+    """Hollow cylinder, fixed inside, flux and film outside, against its Bessel series at 0.3 and 2 s."""
+    rim = default_rim(False)
+    ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
+    times, errors = [0.3, 2.0], []
+    before, after = [0.0, 20, 20, 20, 20], [POWER_W, 20.0, 20.0, 20.0, 10.0]
+    flux = POWER_W / (2 * np.pi * ro * w)
+    for n in nodes:
+        mesh = Mesh(n, 9)
+        ours = step_fields(rim, FILM_W_m2K, w / 2, before, after, times, flux="uniform", mesh=mesh)
+        exact = ring_transient_degC(
+            np.linspace(ri, ro, n), times, ri, ro, rim.conductivity_W_mK, rim.diffusivity_m2_s, FILM_W_m2K, flux,
+            20.0, 10.0, 20.0,
+        )  # fmt: skip
+        errors.append(float(np.abs(ours[:, :, 4] - exact).max()))
+    return Convergence("hollow cylinder series", nodes, tuple(errors))
+
+
+def product_convergence(nodes: tuple[int, ...] = (9, 17, 33, 65), washer_W_m2K: float = 5000.0) -> Convergence:
+    """A field that varies in z, after 1 s of decay from one kelvin; leaky washers make the variation large."""
+    rim = replace(default_rim(), washer_W_m2K=washer_W_m2K)
+    ri, ro, w, errors = rim.inner_radius_m, rim.outer_radius_m, rim.width_m, []
+    for n in nodes:
+        mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
+        r, z = np.linspace(ri, ro, mesh.nr), np.linspace(0, w, mesh.nz)
+        args = (ri, ro, w, rim.conductivity_W_mK, rim.diffusivity_m2_s, FILM_W_m2K, washer_W_m2K)
+        start, later = (product_decay_K(r, z, t, *args) for t in (0.0, 1.0))
+        errors.append(float(np.abs(free_decay(rim, FILM_W_m2K, start, 1.0, mesh) - later).max()))
+    return Convergence("product solution, varies in z", nodes, tuple(errors))
+
+
+@dataclass(frozen=True)
+class MeshErrors:
+    """Largest and mean error of a mesh against mesh IV, in percent, at the compared times."""
+
+    mesh: str
+    maximum: tuple[float, ...]
+    mean: tuple[float, ...]
+
+
+def crank_nicolson_field(rim: Rim, mesh: Mesh, dt_s: float, time_s: float, late_steps: int = 0) -> Array:
+    """Field (nr, nz) that Crank-Nicolson gives at ``time_s`` after a uniform flux starts, from 20 degC throughout.
+
+    Mode by mode a step multiplies by (1 - lambda dt/2)/(1 + lambda dt/2), so no stepping is needed; ``late_steps``
+    starts the heat so many steps late.
+    """
+    s = spectrum(rim, 0.0, rim.width_m / 2, "modal", "uniform", mesh)
+    unit = forcing(s)
+    old, new = (np.tensordot([p, 20.0, 20.0, 20.0, 20.0], unit, axes=1) for p in (0.0, POWER_W))
+    half = (s.lam_r[:, None] + s.lam_z) * dt_s / 2
+    ratio = (1 - half) / (1 + half)
+    amplitude = new + (old - new) * ratio ** (round(time_s / dt_s) - late_steps)
+    return np.vstack([np.full(mesh.nz, 20.0), s.shape_r @ amplitude @ s.shape_z.T])
+
+
+def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
+    """Tables 3.2 and 3.3: constant flux on the whole track, ideal washers, 20 degC inside, steps of table 3.1."""
+    rim = default_rim(washer=False)
+    fields = {
+        k: [_common(crank_nicolson_field(rim, m, STEP_S[k], t, late_steps), m) for t in IDEAL_TIMES_S]
+        for k, m in SETS.items()
+    }
+    return {k: _errors(k, fields[k], fields["IV"]) for k in ("I", "II", "III")}
+
+
+def time_step_error_percent() -> dict[str, float]:
+    """Largest change [%] at 2 s when table 3.1's step is made ten times smaller; "I at 1 s": that of figure 3.10."""
+    rim = default_rim(washer=False)
+    out = {}
+    for key, name, dt in [*((k, k, STEP_S[k]) for k in SETS), ("I at 1 s", "I", 1.0)]:
+        coarse, fine = (crank_nicolson_field(rim, SETS[name], d, 2.0) for d in (dt, STEP_S[name] / 10))
+        out[key] = float((np.abs(coarse - fine) / fine).max() * 100)
+    return out
+
+
+def real_study(inner_degC: float, ambient_degC: float) -> dict[str, MeshErrors]:
+    """Tables 3.5 and 3.6 by quasi-steady fields of test D4: nodal parabola times table 3.4's factor, as the thesis."""
+    rim = default_rim()
+    power = 0.65 * 22.0 * 20.0  # beta F u_s of test D4 (tables 6.1, 7.1 and 7.2)
+    fields = {}
+    for k, mesh in SETS.items():
+        s = scheme(rim, 721.0, mesh)
+        across = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
+        inner = inner_degC - 3.0 * (across / 2.765e-3) ** 2  # d and f about 3 K below b, as figure 3.8
+        heat = power * nodal_parabola(rim, mesh, k)
+        air = (s.film + s.face_d + s.face_f) * ambient_degC
+        field = steady_field(s, s.outer @ heat + s.inner @ inner + air).reshape(mesh.nr - 1, mesh.nz)
+        fields[k] = [_common(np.vstack([inner, field]), mesh)]
+    return {k: _errors(k, fields[k], fields["IV"]) for k in ("I", "II", "III")}
+
+
+def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
+    """Point values of (3.32) for one watt [1/m2], raised by the factor of table 3.4 (mesh I: for 13 nodes)."""
+    b = HALF_WIDTH_D4_m
+    z = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
+    density = np.where(np.abs(z) <= b, 0.75 / b * (1 - (z / b) ** 2), 0.0)
+    factor = correction_factor(b, 13 if name == "I" else mesh.nz, rim.width_m)
+    return np.asarray(density * factor / (2 * np.pi * rim.outer_radius_m))
+
+
+def _common(field: Array, mesh: Mesh) -> Array:
+    """The nodes that all four meshes share (9, 14)."""
+    return field[:: (mesh.nr - 1) // 8, :: (mesh.nz - 1) // 13]
+
+
+def _errors(name: str, fields: list[Array], finest: list[Array]) -> MeshErrors:
+    gaps = [np.abs(a - b) for a, b in zip(fields, finest, strict=True)]
+    return MeshErrors(
+        name,
+        tuple(float((g / f).max() * 100) for g, f in zip(gaps, finest, strict=True)),
+        tuple(float(g.sum() / f.sum() * 100) for g, f in zip(gaps, finest, strict=True)),
+    )
