@@ -81,12 +81,22 @@ IDENTIFY: dict[str, Words] = {}
 # tcdyn/compensate
 COMPENSATE: dict[str, Words] = {}
 
-# tcdyn/traces, tcdyn/partition
+# tcdyn/traces
+TRACES: dict[str, Words] = {
+    "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
+    "traces.coarse": lambda subject, step_K, channels, **_: (
+        f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
+        f"{', '.join(channels)}: such rounding is no white noise, and lags and transient fits may be further off than "
+        "they say"
+    ),
+}
+
+# tcdyn/partition
 PARTITION: dict[str, Words] = {}
 
 # tcdyn/pipeline
 PIPELINE: dict[str, Words] = {}
 
 WORDS: dict[str, Words] = {
-    **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **PARTITION, **PIPELINE,
+    **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
 }  # fmt: skip

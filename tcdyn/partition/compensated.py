@@ -14,9 +14,10 @@ from tcdyn.conduction.rim import Profile
 from tcdyn.partition.cooling import CoolingFit
 from tcdyn.partition.lines import DiskLine
 from tcdyn.partition.nuisance import Nuisances, with_common_u
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.shift import FitShift
 from tcdyn.partition.window import DiskWindow, disk_window
+from tcdyn.traces import DiskTraces
 
 LAG_STEP_S = 0.01
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from tcdyn.chain import equalised
 from tcdyn.partition.nuisance import boundary_gradient
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.refine import joint_start, lagged_window, steady_lines
 from tcdyn.partition.window import deeper_than_b_m, stretch_of
+from tcdyn.traces import DiskTraces
 
 LONGEST_S = 20.0  # of cooling that any fit looks at
 ROUNDS = 2  # what moves share and h in the second is a hundredth of what moved them in the first

@@ -13,8 +13,9 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.nuisance import Nuisances, nuisances
-from tcdyn.partition.prepare import DiskTraces, EhlTest, white_noise
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, chained_power, disk_window, stretch_of
+from tcdyn.traces import DiskTraces, white_noise
 
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02

@@ -14,7 +14,6 @@ from calibration.rig import UncertaintyTable
 from tcdyn.chain import discretised
 from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.modal import RimGains
-from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
     INNER,
@@ -24,6 +23,7 @@ from tcdyn.partition.window import (
     above_inner_row,
     perturbed_gains,
 )
+from tcdyn.traces import DiskTraces
 
 MATERIAL_STEP = 0.01
 SMOOTH_RATE_S = 0.5

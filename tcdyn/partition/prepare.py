@@ -2,81 +2,24 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from calibration.compare import changed_keys
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
+from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.lines.static import apply_static, extrapolated, static_u
 from calibration.log import COMPENSATED, Log
-from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
-from calibration.rig import Rig, UncertaintyTable
-from tcdyn.chain import Chain
+from calibration.rig import Rig
 from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
+from tcdyn.traces import DiskTraces, bridged, disk_traces, gathered
 
-SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
-SPIKE_SIGMA = 6.0
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
-FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
-SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
-
-
-@dataclass(frozen=True)
-class DiskTraces:
-    """One disk in one test: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
-
-    ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise_K`` (6,): white noise of each
-    channel; ``static_u_K`` (6,): standard uncertainty of the static lines at the steady temperature;
-    ``lag_covariance_s2`` (6, 6); ``uncertainty``: of what nobody measured, rig.toml's for this disk; ``inner_K``
-    (N, 3): what d, b and f would read more if they lay as deep as b (see :mod:`tcdyn.partition.inner_row`).
-    """
-
-    name: str
-    setup: DiskSetup
-    readings_degC: NDArray[np.float64]
-    missing: NDArray[np.bool_]
-    chains: tuple[Chain, ...]
-    noise_K: NDArray[np.float64]
-    static_u_K: NDArray[np.float64]
-    lag_covariance_s2: NDArray[np.float64]
-    uncertainty: UncertaintyTable
-    inner_K: NDArray[np.float64]
-
-    @property
-    def measured_degC(self) -> NDArray[np.float64]:
-        """Readings (N, 6) with NaN where they are missing."""
-        return np.where(self.missing, np.nan, self.readings_degC)
-
-    @property
-    def common_lag_s(self) -> float:
-        """Mean of the channels' lags [s]."""
-        return float(np.mean([c.lag_s for c in self.chains]))
-
-    @property
-    def common_lag_u_s(self) -> float:
-        """Standard uncertainty of that mean [s]."""
-        return float(np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)))
-
-    @property
-    def mean_chain(self) -> Chain:
-        """The chain with the mean of the channels' parameters."""
-        taus = np.mean([sorted(c.taus_s, reverse=True) for c in self.chains], axis=0)
-        return replace(
-            self.chains[0],
-            taus_s=tuple(float(x) for x in taus),
-            zero_s=float(np.mean([c.zero_s for c in self.chains])),
-            delay_s=float(np.mean([c.delay_s for c in self.chains])),
-        )
 
 
 @dataclass(frozen=True)
@@ -190,86 +133,29 @@ def prepare(
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     half_width = half_width_m(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
-    unseen, u = added.u_N / friction_N, rig.common.uncertainty
+    ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
+    disks = {}
+    for d in DISKS:
+        warnings += _other_disk(rig, d, records[d])
+        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where)
+        warnings += [f.sentence for f in traces.findings] + traces.outside_lines(f"{d} disk", steady)
+        friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
+        disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
     return EhlTest(
         time_s=t,
         dt_s=dt,
         events=events,
         power_W=friction * (speeds[0] - speeds[1]),
-        ambient_degC=_filled(frame["ambient_degC"].to_numpy(dtype=float)),
+        ambient_degC=bridged(ambient, np.isfinite(ambient)),
         load_N=load_N,
         friction_N=friction_N,
         speeds_m_s=speeds,
         half_width_m=half_width,
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
-        disks={d: disk_traces(frame, d, rig, records[d], steady, unseen, warnings, where) for d in DISKS},
+        disks=disks,
         warnings=tuple(warnings),
         added=added,
-    )
-
-
-def gathered(warnings: Sequence[str]) -> list[str]:
-    """The reader's warnings, those about spikes in one sentence: every slip ring has some."""
-    spiky = [(int(found[2]), found[1]) for w in warnings if (found := SPIKES.search(w))]
-    rest = [w for w in warnings if not SPIKES.search(w)]
-    if not spiky:
-        return rest
-    total, (most, column) = sum(n for n, _ in spiky), max(spiky)
-    return [f"{total} spikes in {len(spiky)} channels were taken as missing, most in {column} ({most})", *rest]
-
-
-def disk_traces(
-    frame: pd.DataFrame,
-    disk: str,
-    rig: Rig,
-    record: DiskRecord,
-    steady: NDArray[np.bool_],
-    friction_u_rel: float,
-    warnings: list[str],
-    where: str,
-) -> DiskTraces:
-    """Static lines, spikes and noise of one disk; adds to ``warnings`` what a user should know.
-
-    ``friction_u_rel``: relative uncertainty of friction besides rig.toml's.
-    """
-    setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
-    warnings += _other_disk(rig, disk, record)
-    if record.disk not in (disk, setup.name):
-        raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
-    if record.chain is None:
-        raise InputError(f"the record of the {disk} disk holds no chain", remedy="calibrate it with plunge logs")
-    absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
-    if absent:
-        raise InputError(f"the record of the {disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
-    columns, missing, static, coarse = [], [], [], []
-    for ch in CHANNELS:
-        line = record.static[ch]
-        raw = frame[f"{disk}_{ch}_degC"].to_numpy(dtype=float)
-        if (step := coarse_step_K(raw)) > 0:
-            coarse.append((step, ch))
-        values, marked = despiked(np.asarray(apply_static(raw, line), dtype=float))
-        if np.mean(marked) > 0.05:
-            warnings.append(f"{disk}_{ch}: {100 * np.mean(marked):.1f} % of the samples are spikes or missing")
-        mean = float(np.mean(values[steady]))
-        columns.append(values)
-        missing.append(marked)
-        static.append(float(np.hypot(static_u(line, mean), step / 12**0.5)))
-    if coarse:
-        warnings.append(f"{disk} disk: {coarse_sentence(coarse)}")
-    y = np.column_stack(columns)
-    warnings += extrapolated(f"{disk} disk", dict(zip(CHANNELS, y[steady].T)), record.static)
-    return DiskTraces(
-        name=disk,
-        setup=setup,
-        readings_degC=y,
-        missing=np.column_stack(missing),
-        chains=record_chains(record, setup),
-        noise_K=white_noise(y),
-        static_u_K=np.array(static),
-        lag_covariance_s2=record.chain.lag_covariance(),
-        uncertainty=u.model_copy(update={"friction_rel": float(np.hypot(u.friction_rel, friction_u_rel))}),
-        inner_K=np.zeros((len(y), len(INNER_ROW))),
     )
 
 
@@ -284,74 +170,3 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[str]:
         return []
     words = ", ".join(differs[:3]) + (f" and {len(differs) - 3} more" if len(differs) > 3 else "")
     return [f"{disk} disk: rig.toml is used, and is not what the record was made with: {words}"]
-
-
-def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
-    """The chains of channels a..f as the record states them, conditioning filter included.
-
-    Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
-    """
-    assert record.chain is not None
-    own = record.conditioning.conditioning()
-    if setup.conditioning.poles != own.poles or (own.poles > 0 and setup.conditioning != own):
-        raise InputError(
-            f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
-            f"rig.toml states {_filter_text(setup.conditioning)}",
-            expected="the filter that the disk was calibrated with",
-            remedy="give --rig the rig file of the calibration, or calibrate again",
-        )
-    return tuple(
-        Chain(
-            taus_s=(c.tau1_s, c.tau2_s),
-            zero_s=c.zero_s,
-            delay_s=c.delay_s,
-            conditioning=own,
-        )
-        for c in (record.chain.channels[ch] for ch in CHANNELS)
-    )
-
-
-def _filter_text(b: Conditioning) -> str:
-    return f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" if b.poles else "of no pole"
-
-
-def despiked(y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
-    missing = ~np.isfinite(y)
-    filled = _filled(y)
-    away = np.abs(filled - median_filter(filled, SPIKE_SAMPLES, mode="nearest"))
-    noise = float(white_noise(filled[:, None])[0])
-    marked = missing | (away > SPIKE_SIGMA * max(noise, 1e-6))
-    if not marked.any():
-        return filled, marked
-    rows = np.arange(len(y))
-    return np.interp(rows, rows[~marked], filled[~marked]), marked
-
-
-def white_noise(y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard deviation of the white noise of each column, from third differences and their median; (N, M) -> (M,)."""
-    return white_noise_sd(y, 3)
-
-
-def coarse_sentence(coarse: Sequence[tuple[float, str]]) -> str:
-    """What to say of channels, each with the step [K] that hides its noise."""
-    return (
-        f"the logger writes in steps of {max(coarse)[0]:.2g} K, coarser than the noise, in "
-        f"{', '.join(ch for _, ch in coarse)}: such rounding is no white noise, and lags and transient fits may be "
-        "further off than they say"
-    )
-
-
-def coarse_step_K(raw: NDArray[np.float64]) -> float:
-    """Step of a logger that hides the noise of a trace (N,), zero where the noise is seen or the step is fine [K]."""
-    rounding = rounding_sd(raw)
-    hidden = rounding > FINE_ROUNDING_K and rounding >= float(white_noise(raw[:, None])[0])
-    return rounding * 12**0.5 if hidden else 0.0
-
-
-def _filled(y: NDArray[np.float64]) -> NDArray[np.float64]:
-    good = np.isfinite(y)
-    if good.all():
-        return y
-    rows = np.arange(len(y))
-    return np.interp(rows, rows[good], y[good])

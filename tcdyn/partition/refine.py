@@ -15,9 +15,10 @@ from tcdyn.conduction.rim import Profile
 from tcdyn.partition.joint import DiskFit, joint_fits
 from tcdyn.partition.lines import DiskLine, disk_line
 from tcdyn.partition.nuisance import Nuisances, nuisances
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.steady import SpeedLawPoint, speed_law
 from tcdyn.partition.window import DiskWindow, chained_power, disk_window, stretch_of
+from tcdyn.traces import DiskTraces
 
 JOINT_WINDOW_S = 10.0
 EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first

@@ -17,7 +17,8 @@ from tcdyn.chain import Chain
 from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Profile, Rim
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
 FORGET_S = 20.0

@@ -21,8 +21,8 @@ from tcdyn.compensate.inverse import proper_inverse
 from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.noise import noise_sd
 from tcdyn.compensate.stream import CONTEXT, InverseState, InverseStream
-from tcdyn.partition.prepare import record_chains
 from tcdyn.pipeline.live_report import MOST_GAIN, live_before_use
+from tcdyn.traces import record_chains
 
 Array = NDArray[np.float64]
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s

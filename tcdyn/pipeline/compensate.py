@@ -15,29 +15,20 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files.table import open_table, shown
-from calibration.lines.static import apply_static, extrapolated, static_u
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.events import find_events
 from tcdyn.partition.inner_row import at_one_radius
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.nuisance import with_common_u
-from tcdyn.partition.prepare import (
-    coarse_sentence,
-    coarse_step_K,
-    despiked,
-    gathered,
-    prepare,
-    record_chains,
-    white_noise,
-)
+from tcdyn.partition.prepare import prepare
 from tcdyn.partition.refine import refine_lags, refined_chains
 from tcdyn.pipeline.records import rig_of
+from tcdyn.traces import DiskTraces, disk_traces, gathered, white_noise
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 
@@ -114,33 +105,31 @@ def compensate_log(
                 f"no record of the {disk} disk was given: its columns are as logged, and the lag common to the {other} "
                 f"disk is the record's, which an unloading would tell better; add --record {disk}.disk.json"
             )
+    traces: Mapping[str, DiskTraces] = {}
     fits: Mapping[str, DiskFit] = {}
     if refine and kind == "ehl" and {"fast", "slow"} <= set(records):
         progress("common lags from the unloading")
-        fits, said = _refined(table, rig, records)
+        traces, fits, said = _refined(table, rig, records)
         warnings += said
     done = {}
+    prefixes = {disk: f"{disk}_" if kind == "ehl" else "" for disk in records}
     for disk, record in records.items():
         progress(f"{disk} disk")
-        if record.chain is None:
-            raise InputError(f"the record of the {disk} disk holds no chain", remedy="calibrate it with plunge logs")
-        setup = rig.disk_setup(disk)
-        chains: tuple[Chain, ...] = record_chains(record, setup)
-        covariance = record.chain.lag_covariance()
+        one = traces.get(disk) or disk_traces(frame, disk, rig, record, prefix=prefixes[disk], where=table.path.name)
         if disk in fits:
             lag = fits[disk].estimates["lag_s"]
-            chains = refined_chains(chains, fits[disk].chain)
-            covariance = with_common_u(covariance, lag.u)
+            chains = refined_chains(one.chains, fits[disk].chain)
+            one = replace(one, chains=chains, lag_covariance_s2=with_common_u(one.lag_covariance_s2, lag.u))
             notes[f"{disk}_common_lag_s"] = f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
         else:
+            assert record.chain is not None
             common = record.chain.common_lag_s
             notes[f"{disk}_common_lag_s"] = f"{with_u(common.value, common.u)} s, from the record"
-        prefix = f"{disk}_" if kind == "ehl" else ""
-        done[disk] = _one_disk(frame, prefix, record, chains, covariance, dt, known, time)
-        for i, ch in enumerate(CHANNELS):
-            frame[f"{prefix}{ch}_degC"] = np.round(done[disk].temperature[:, i], DECIMALS)
-            frame[f"{prefix}{ch}_u_K"] = np.round(done[disk].sd[:, i], DECIMALS)
-        warnings += [f"{disk}: {w}" for w in done[disk].warnings]
+        done[disk] = _one_disk(one, dt, known, float(time[0]))
+        for i, column in enumerate(one.columns):
+            frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
+            frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
+        warnings += done[disk].warnings
     return CompensatedLog(frame, notes, tuple(warnings), done, table)
 
 
@@ -172,48 +161,32 @@ def kind_of_columns(
     return "immersion", disk
 
 
-def _one_disk(
-    frame: pd.DataFrame,
-    prefix: str,
-    record: DiskRecord,
-    chains: tuple[Chain, ...],
-    covariance: np.ndarray,
-    dt: float,
-    events: Mapping[float, float],
-    time: np.ndarray,
-) -> Compensated:
+def _one_disk(traces: DiskTraces, dt: float, events: Mapping[float, float], start_s: float) -> Compensated:
     """One disk's traces; ``events``: time [s] of each and its uncertainty [s]."""
-    readings, uncertain, coarse = [], [], []
-    for ch in CHANNELS:
-        raw = frame[f"{prefix}{ch}_degC"].to_numpy(dtype=float)
-        clean, missing = despiked(np.asarray(apply_static(raw, record.static[ch])))
-        step = coarse_step_K(raw)
-        if step > 0:
-            coarse.append((step, ch))
-        readings.append(np.where(missing, np.nan, clean))
-        uncertain.append(np.hypot(static_u(record.static[ch], clean), step / 12**0.5))
-    y = np.column_stack(readings)
+    y = traces.measured_degC
     done = smooth(
         y,
         dt,
-        chains,
+        traces.chains,
         noise_sd=white_noise(y),
-        events_s=tuple(float(e - time[0]) for e in events),
+        events_s=tuple(float(e - start_s) for e in events),
         event_u_s=tuple(events.values()),
-        lag_covariance=covariance,
-        static_u=np.column_stack(uncertain),
-        names=[f"{prefix}{ch}" for ch in CHANNELS],
+        lag_covariance=traces.lag_covariance_s2,
+        static_u=np.hypot(traces.static_u(traces.readings_degC), traces.rounding_K),
+        names=[c.removesuffix("_degC") for c in traces.columns],
     )
-    said = extrapolated("the log", dict(zip(CHANNELS, y.T)), record.static)
-    if coarse:
-        said.append(coarse_sentence(coarse))
-    return replace(done, warnings=(*done.warnings, *said))
+    said = [f"{traces.name}: {w}" for w in (*done.warnings, *traces.outside_lines("the log"))]
+    return replace(done, warnings=(*said, *(f.sentence for f in traces.findings)))
 
 
-def _refined(table: Log, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[Mapping[str, DiskFit], list[str]]:
-    """Joint fits of both disks, or nothing and why."""
+def _refined(
+    table: Log, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[Mapping[str, DiskTraces], Mapping[str, DiskFit], list[str]]:
+    """Traces of both disks and joint fits for their lags; what could not be had is empty, and why is said."""
+    traces: Mapping[str, DiskTraces] = {}
     try:
         test = prepare(table, rig, records)
-        return refine_lags(at_one_radius(test)), []
+        traces = test.disks
+        return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:
-        return {}, [f"the common lags are the records': the unloading could not be used ({problem})"]
+        return traces, {}, [f"the common lags are the records': the unloading could not be used ({problem})"]

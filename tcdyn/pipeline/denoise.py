@@ -20,9 +20,9 @@ from calibration.rig import Rig
 from immersion.events import find_entry
 from tcdyn.compensate.denoise import METHODS, Denoised, remove_noise
 from tcdyn.partition.events import find_events
-from tcdyn.partition.prepare import despiked, gathered
 from tcdyn.pipeline.compensate import DECIMALS, log_kind
 from tcdyn.pipeline.records import rig_of
+from tcdyn.traces import despiked, gathered
 
 METHOD = "noise removed (section 4.2), static lines applied, lag left in"
 Progress = Callable[[str, int, int], None]  # (channel, channels done, channels in all)

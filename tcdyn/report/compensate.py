@@ -14,12 +14,12 @@ from calibration.record import DiskRecord
 from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
 from tcdyn.compensate.inverse import proper_inverse
 from tcdyn.compensate.result import Compensated
-from tcdyn.partition.prepare import record_chains
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
 from tcdyn.plots.style import BAND, SLOW, figure
 from tcdyn.report.page import Section, write_page
+from tcdyn.traces import record_chains
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
 AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows

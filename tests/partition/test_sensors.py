@@ -12,9 +12,10 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
-from tcdyn.partition.prepare import DiskTraces, EhlTest, prepare
+from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
 from tcdyn.partition.sensors.pairs import angle_groups, demand
+from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
 
 

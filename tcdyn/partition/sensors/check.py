@@ -11,11 +11,12 @@ import pandas as pd
 
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.estimate import Estimate
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.depths import DepthTest, depth_test
 from tcdyn.partition.sensors.faults import H_GRID_W_M2K, MISPLACED_M, Fault, Verdict, hypotheses, judge
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
 from tcdyn.partition.sensors.pairs import angle_groups, pair_matrix, pair_table
+from tcdyn.traces import DiskTraces
 
 NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
 RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it

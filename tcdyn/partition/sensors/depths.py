@@ -11,10 +11,10 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.sensors.errors import covariance, errors_about
 from tcdyn.partition.sensors.faults import AS_WIRED, H_GRID_W_M2K, LOG_H_SD, Verdict
 from tcdyn.partition.sensors.features import DiskFeatures
+from tcdyn.traces import DiskTraces
 
 DRAWS = 20_000
 LEAST_TOLD = 0.02

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from calibration.rig import UncertaintyTable
 from tcdyn.partition.nuisance import differential_lag_u_s
-from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.sensors.features import DiskFeatures
 from tcdyn.partition.window import GRADIENT_STEP_M, INNER, NOMINAL, OUTER, Perturbation
+from tcdyn.traces import DiskTraces
 
 Array = NDArray[np.float64]
 Order = tuple[int, ...]

@@ -19,7 +19,6 @@ from scipy.linalg import solve_triangular
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from tcdyn.partition.prepare import DiskTraces
 from tcdyn.partition.sensors.errors import (
     SHARE_SD,
     Array,
@@ -30,6 +29,7 @@ from tcdyn.partition.sensors.errors import (
     independent_K,
 )
 from tcdyn.partition.sensors.features import DiskFeatures, Gains
+from tcdyn.traces import DiskTraces
 
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h

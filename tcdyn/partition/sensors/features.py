@@ -15,7 +15,7 @@ from tcdyn.chain import equalised
 from tcdyn.conduction.bank import lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Rim
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
     INNER,
@@ -27,6 +27,7 @@ from tcdyn.partition.window import (
     deeper_than_b_m,
     perturbed_gains,
 )
+from tcdyn.traces import DiskTraces
 
 Array = NDArray[np.float64]
 T = TypeVar("T")

@@ -10,8 +10,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS, DiskSetup
-from tcdyn.partition.prepare import DiskTraces, EhlTest
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.features import DiskFeatures
+from tcdyn.traces import DiskTraces
 
 SAME_PLACE_M = 0.15e-3
 SURE_Z = 2.0

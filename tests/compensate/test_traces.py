@@ -1,4 +1,4 @@
-"""What a record gives to the fits, and a rig file that contradicts it."""
+"""Log and record to traces: what a record gives, a rig file that contradicts it, and each channel looked at once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.record import DiskRecord
 from calibration.rig import load_rig
-from tcdyn.partition.prepare import disk_traces, record_chains
+from tcdyn import traces
+from tcdyn.pipeline import compensate
 from tcdyn.simulate.truth import draw_truth
+from tcdyn.traces import disk_traces, record_chains
+from tests.conftest import Campaign
 from tests.partition.study_rigs import _record
 
 
@@ -40,14 +43,41 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
     t = np.arange(3000) / 75
     fine = {f"fast_{c}_degC": 90 + 0.1 * t + 0.12 * rng.standard_normal(len(t)) for c in "abcdef"}
     coarse = np.round((90 + 0.1 * t + 0.02 * rng.standard_normal(len(t))) / 0.21) * 0.21
-    said: dict[str, list[str]] = {"fine": [], "coarse": []}
+    said = {}
     for name, columns in (("fine", fine), ("coarse", {**fine, "fast_e_degC": coarse})):
         frame = pd.DataFrame(columns)
-        traces = disk_traces(frame, "fast", load_rig(), record, t > 30, 0.0, said[name], "log")
+        traces = disk_traces(frame, "fast", load_rig(), record, rows=t > 30)
+        said[name] = traces.findings
         assert (traces.noise_K > 0.05).all()  # rounding of 0.21 K steps is 0.06 K
         if name == "coarse":  # a rounding that stands still does not average out: it adds to the line's uncertainty
             assert traces.static_u_K[4] > 0.06 > 0.05 > traces.static_u_K[0]
-    assert said["fine"] == []
-    (sentence,) = said["coarse"]
-    assert "steps of 0.21 K" in sentence
-    assert "in e:" in sentence
+    assert said["fine"] == ()
+    (found,) = said["coarse"]
+    assert (found.code, found.subject, found.numbers["channels"]) == ("traces.coarse", "fast", ("e",))
+    assert found.numbers["step_K"] == pytest.approx(0.21, rel=1e-3)
+
+
+def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Twelve channels, twelve calls, although the lags are refined first: that fit's traces are the compensator's."""
+    calls = {"despiked": 0, "apply_static": 0}
+
+    def counting(name: str) -> None:
+        plain = getattr(traces, name)
+
+        def counted(*args: object) -> object:
+            calls[name] += 1
+            return plain(*args)
+
+        monkeypatch.setattr(traces, name, counted)
+
+    def no_refinement(*_: object) -> object:
+        raise InputError("the fit is another test's")
+
+    counting("despiked")
+    counting("apply_static")
+    monkeypatch.setattr(compensate, "refine_lags", no_refinement)
+    done = compensate.compensate_log(campaign.files.ehl["B3"], campaign.records, campaign.rig)
+    assert calls == {"despiked": 12, "apply_static": 12}
+    assert any("the fit is another test's" in w for w in done.warnings)

@@ -1,0 +1,235 @@
+"""Log and record to the traces of one disk: static lines, spikes, noise and chains, made once and for everybody."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from calibration.disk import CHANNELS, INNER_ROW, Conditioning, DiskSetup
+from calibration.errors import InputError
+from calibration.finding import Finding, look
+from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
+from calibration.noise import rounding_sd, white_noise_sd
+from calibration.record import DiskRecord
+from calibration.rig import Rig, UncertaintyTable
+from tcdyn.chain import Chain
+
+Array = NDArray[np.float64]
+Rows = slice | NDArray[np.bool_]
+SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
+SPIKE_SIGMA = 6.0
+MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
+SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
+FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
+
+
+@dataclass(frozen=True)
+class DiskChannels:
+    """How the thermocouples a..f of a disk are read, as its record knows it.
+
+    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (6, 6), of the lags.
+    """
+
+    columns: tuple[str, ...]
+    lines: tuple[StaticLine, ...]
+    chains: tuple[Chain, ...]
+    lag_covariance_s2: Array
+
+    def static_u(self, temperature_degC: Array) -> Array:
+        """Standard uncertainty [K] of each line at temperatures (N, 6) or (6,) [degC], same shape."""
+        t = np.asarray(temperature_degC, dtype=float)
+        return np.stack([static_u(line, t[..., i]) for i, line in enumerate(self.lines)], axis=-1)
+
+
+@dataclass(frozen=True)
+class DiskTraces(DiskChannels):
+    """One disk in one log: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
+
+    ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise_K`` (6,): white noise of each
+    channel; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,): standard
+    uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody measured,
+    rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b (see
+    :mod:`tcdyn.partition.inner_row`); ``findings``: what was noticed.
+    """
+
+    name: str
+    setup: DiskSetup
+    readings_degC: Array
+    missing: NDArray[np.bool_]
+    noise_K: Array
+    rounding_K: Array
+    static_u_K: Array
+    uncertainty: UncertaintyTable
+    inner_K: Array
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def measured_degC(self) -> Array:
+        """Readings (N, 6) with NaN where they are missing."""
+        return np.where(self.missing, np.nan, self.readings_degC)
+
+    @property
+    def common_lag_s(self) -> float:
+        """Mean of the channels' lags [s]."""
+        return float(np.mean([c.lag_s for c in self.chains]))
+
+    @property
+    def common_lag_u_s(self) -> float:
+        """Standard uncertainty of that mean [s]."""
+        return float(np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)))
+
+    @property
+    def mean_chain(self) -> Chain:
+        """The chain with the mean of the channels' parameters."""
+        taus = np.mean([sorted(c.taus_s, reverse=True) for c in self.chains], axis=0)
+        return replace(
+            self.chains[0],
+            taus_s=tuple(float(x) for x in taus),
+            zero_s=float(np.mean([c.zero_s for c in self.chains])),
+            delay_s=float(np.mean([c.delay_s for c in self.chains])),
+        )
+
+    def outside_lines(self, where: str, rows: Rows = slice(None)) -> list[str]:
+        """What to say of channels that left the range of their static lines by far, in ``rows``; ``where`` in front."""
+        named = dict(zip(CHANNELS, self.measured_degC[rows].T))
+        return extrapolated(where, named, dict(zip(CHANNELS, self.lines)))
+
+
+def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "") -> DiskChannels:
+    """Lines and chains of the record for the log's columns ``{prefix}a_degC`` and so on.
+
+    Raises InputError for a record without a chain or without one of the six channels, and when ``setup`` (rig.toml)
+    states another filter than the record, whose lags were found with its own.
+    """
+    if record.chain is None:
+        raise InputError(f"the record of the {record.disk} disk holds no chain", remedy="calibrate it with plunge logs")
+    absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
+    if absent:
+        raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
+    return DiskChannels(
+        tuple(f"{prefix}{ch}_degC" for ch in CHANNELS),
+        tuple(record.static[ch] for ch in CHANNELS),
+        record_chains(record, setup),
+        record.chain.lag_covariance(),
+    )
+
+
+def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
+    """The chains of channels a..f as the record states them, conditioning filter included.
+
+    Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
+    """
+    assert record.chain is not None
+    own = record.conditioning.conditioning()
+    if setup.conditioning.poles != own.poles or (own.poles > 0 and setup.conditioning != own):
+        raise InputError(
+            f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
+            f"rig.toml states {_filter_text(setup.conditioning)}",
+            expected="the filter that the disk was calibrated with",
+            remedy="give --rig the rig file of the calibration, or calibrate again",
+        )
+    return tuple(
+        Chain(
+            taus_s=(c.tau1_s, c.tau2_s),
+            zero_s=c.zero_s,
+            delay_s=c.delay_s,
+            conditioning=own,
+        )
+        for c in (record.chain.channels[ch] for ch in CHANNELS)
+    )
+
+
+def _filter_text(b: Conditioning) -> str:
+    return f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" if b.poles else "of no pole"
+
+
+def disk_traces(
+    frame: pd.DataFrame,
+    disk: str,
+    rig: Rig,
+    record: DiskRecord,
+    *,
+    prefix: str | None = None,
+    rows: Rows = slice(None),
+    where: str = "",
+) -> DiskTraces:
+    """Readings of one disk in ``frame`` (a log's) through static lines, spikes bridged, with their noise.
+
+    ``prefix`` of its columns, ``{disk}_`` unless told; ``rows``: where the static lines' uncertainty is stated.
+    Raises InputError for the record of another disk, and as :func:`disk_channels` does.
+    """
+    setup = rig.disk_setup(disk)
+    if record.disk not in (disk, setup.name):
+        raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
+    channels = disk_channels(record, setup, f"{disk}_" if prefix is None else prefix)
+    found: list[Finding] = []
+    columns, marks, rounding = [], [], []
+    for name, line in zip(channels.columns, channels.lines):
+        raw = frame[name].to_numpy(dtype=float)
+        rounding.append(hidden_rounding_K(raw))
+        values, marked = despiked(apply_static(raw, line))
+        share = float(np.mean(marked))
+        if share > MANY_MISSING:
+            found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * share))
+        columns.append(values)
+        marks.append(marked)
+    if coarse := [ch for ch, error in zip(CHANNELS, rounding) if error > 0]:
+        found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
+    y = np.column_stack(columns)
+    return DiskTraces(
+        **vars(channels),
+        name=disk,
+        setup=setup,
+        readings_degC=y,
+        missing=np.column_stack(marks),
+        noise_K=white_noise(y),
+        rounding_K=np.array(rounding),
+        static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), rounding),
+        uncertainty=rig.tables(disk).uncertainty,
+        inner_K=np.zeros((len(y), len(INNER_ROW))),
+        findings=tuple(found),
+    )
+
+
+def despiked(y: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
+    missing = ~np.isfinite(y)
+    filled = bridged(y, ~missing)
+    away = np.abs(filled - median_filter(filled, SPIKE_SAMPLES, mode="nearest"))
+    noise = float(white_noise(filled[:, None])[0])
+    marked = missing | (away > SPIKE_SIGMA * max(noise, 1e-6))
+    return bridged(filled, ~marked), marked
+
+
+def bridged(y: Array, good: NDArray[np.bool_]) -> Array:
+    """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
+    rows = np.arange(len(y))
+    return y if good.all() else np.interp(rows, rows[good], y[good])
+
+
+def white_noise(y: Array) -> Array:
+    """Standard deviation of the white noise of each column, from third differences and their median; (N, M) -> (M,)."""
+    return white_noise_sd(y, 3)
+
+
+def hidden_rounding_K(raw: Array) -> float:
+    """Rounding error [K] of a logger that hides the noise of a trace (N,); zero where the noise is seen."""
+    rounding = rounding_sd(raw)
+    hidden = rounding > FINE_ROUNDING_K and rounding >= float(white_noise(raw[:, None])[0])
+    return rounding if hidden else 0.0
+
+
+def gathered(warnings: Sequence[str]) -> list[str]:
+    """The reader's warnings, those about spikes in one sentence: every slip ring has some."""
+    spiky = [(int(found[2]), found[1]) for w in warnings if (found := SPIKES.search(w))]
+    rest = [w for w in warnings if not SPIKES.search(w)]
+    if not spiky:
+        return rest
+    total, (most, column) = sum(n for n, _ in spiky), max(spiky)
+    return [f"{total} spikes in {len(spiky)} channels were taken as missing, most in {column} ({most})", *rest]
