@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -31,7 +31,10 @@ TAYLOR = 1.0 / np.cumprod(np.concatenate([[1.0], np.arange(1.0, 16.0)]))
 
 def product(factors: Iterable[ArrayLike]) -> Array:
     """Ascending coefficients of a product of polynomials, from theirs."""
-    return np.asarray(reduce(np.convolve, factors, np.ones(1)), dtype=float)
+    out: Array = np.ones(1)
+    for f in factors:
+        out = np.convolve(out, np.asarray(f, dtype=float))
+    return out
 
 
 @dataclass(frozen=True)

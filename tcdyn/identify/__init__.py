@@ -13,7 +13,6 @@ from tcdyn.chain.rational import simulate
 from tcdyn.identify.bands import bode_band, percent_times, step_band
 from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
 from tcdyn.identify.data import IOData, Run
-from tcdyn.identify.discrete import DiscreteFit, arx, oe
 from tcdyn.identify.fit import Fit, fit
 from tcdyn.identify.identified import Identified, read_identified
 from tcdyn.identify.likelihood import profile
@@ -24,7 +23,6 @@ from tcdyn.identify.validate import Validation, validate
 __all__ = [
     "CANDIDATES",
     "Comparison",
-    "DiscreteFit",
     "Fit",
     "IOData",
     "Identified",
@@ -32,7 +30,6 @@ __all__ = [
     "Model",
     "Run",
     "Validation",
-    "arx",
     "bode_band",
     "chain_model",
     "compare",
@@ -40,7 +37,6 @@ __all__ = [
     "from_csv",
     "from_frame",
     "held_out_score",
-    "oe",
     "percent_times",
     "process",
     "profile",

@@ -13,7 +13,6 @@ import numpy as np
 from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.identify.data import IOData
-from tcdyn.identify.discrete import complete
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,11 @@ def narx(
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
 
-    run = complete(data)[0]
+    run = data.runs[0]
+    if any(np.isnan(r.u).any() or np.isnan(r.y).any() for r in data.runs):
+        raise InputError(
+            "narx: samples are missing", where=data.name or "IOData", remedy="use fit(), which tolerates gaps"
+        )
     u = np.concatenate([np.full(dead_samples, run.u[0, 0]), run.u[: run.n - dead_samples, 0]])
     y = run.y[:, 0]
     edge = int(len(y) * (1 - held_out))

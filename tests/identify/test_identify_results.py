@@ -1,24 +1,20 @@
-"""Residual tests, order choice, bands, discrete models, NARX, command line, real data."""
+"""Residual tests, order choice, bands, NARX, command line, real data."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pandas as pd
 import pytest
-from identify_cases import CASE_A, case_a, case_a_input, data_dir
+from identify_cases import CASE_A, case_a, data_dir
 
 from calibration.errors import InputError
 from tcdyn.identify import (
     Identified,
     IOData,
-    arx,
     bode_band,
     compare,
     fit,
     from_frame,
-    oe,
     percent_times,
     process,
     simulate,
@@ -137,25 +133,6 @@ def test_frequency_sensitivity_equals_central_differences():
         assert np.allclose(rows[i], difference, atol=1e-8)
 
 
-def test_discrete_output_error_agrees_with_the_sampled_truth_and_arx_does_not():
-    u, hold = case_a_input("PRBS", np.random.default_rng(3))
-    truth = process("P2").rational({"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5})
-    y = simulate(truth, u, 0.05, hold) + 0.5 * np.random.default_rng(0).normal(size=800)
-    data = IOData.from_arrays(u, y, 0.05, hold=hold)
-    out, regression = oe(data, 2, 2, 1), arx(data, 2, 2, 1)
-    poles = np.sort(np.exp(-0.05 / np.array([2.0, 0.5])))
-    assert np.sort(out.poles.real) == pytest.approx(poles, abs=0.01)
-    assert out.gain == pytest.approx(1.0, abs=0.01)
-    assert out.fit_percent > 90 > regression.fit_percent  # white output noise biases the equation error
-
-
-def test_discrete_models_say_themselves_and_go_into_json():
-    found = oe(case_a("PRBS", 0), 1, 1, 8)
-    assert found.summary().startswith("OE, 8 samples of dead time")
-    assert "+-" in found.summary()
-    assert json.loads(json.dumps(found.to_dict()))["gain"] == found.gain
-
-
 def quantised(seed: int) -> IOData:
     """A step of 6 K behind one lag and a dead time, logged in steps of 0.1 K with next to no noise."""
     rng = np.random.default_rng(seed)
@@ -215,12 +192,12 @@ def test_a_gain_the_data_do_not_determine_is_remarked_on():
     assert any(w.startswith("Kp is hardly determined") for w in found.warnings)
 
 
-def test_arx_refuses_gaps_and_names_the_remedy():
+def test_narx_refuses_gaps_and_names_the_remedy():
     data = case_a("PRBS", 0)
     y = data.runs[0].y.copy()
     y[5] = np.nan
     with pytest.raises(InputError, match="fit\\(\\)"):
-        arx(IOData.from_arrays(data.runs[0].u, y, 0.05), 1, 1)
+        temperature_dependence(IOData.from_arrays(data.runs[0].u, y, 0.05))
 
 
 @pytest.mark.filterwarnings("ignore")
