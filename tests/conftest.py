@@ -12,7 +12,7 @@ import pytest
 from calibration.record import DiskRecord, read_record, write_record
 from calibration.rig import Rig, load_rig
 from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
-from tcdyn.simulate.script import EhlOptions
+from tcdyn.simulate.ehl import EhlOptions
 
 if TYPE_CHECKING:
     from tcdyn.pipeline import CalibrationRun

@@ -34,7 +34,7 @@ def results(campaign: Campaign) -> dict[str, Any]:
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plunge_plan import PlungePlan
     from tcdyn.plunge.hole import compare_holes
-    from tcdyn.simulate.hole import simulate_hole
+    from tcdyn.simulate.plunge import simulate_hole
 
     rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
     chain = tcdyn.Chain((0.6, 0.1))

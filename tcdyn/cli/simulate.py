@@ -12,14 +12,19 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
-from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, Plunge, simulate_campaign
-from tcdyn.simulate.convection import FLUIDS, FluidName
-from tcdyn.simulate.ehl import simulate_ehl
-from tcdyn.simulate.files import write_json, write_log, write_traces
-from tcdyn.simulate.hole import simulate_hole
+from tcdyn.simulate.bath import FLUIDS, FluidName
+from tcdyn.simulate.campaign import (
+    ALL_TESTS,
+    DEFAULT_PLUNGES,
+    PlannedPlunge,
+    simulate_campaign,
+    write_json,
+    write_log,
+    write_traces,
+)
+from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 from tcdyn.simulate.oven import simulate_oven
-from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
-from tcdyn.simulate.script import EhlOptions
+from tcdyn.simulate.plunge import PlungeOptions, simulate_hole, simulate_plunge
 from tcdyn.simulate.truth import CLEAN, RigTruth, draw_truth
 
 app = typer.Typer(
@@ -136,7 +141,7 @@ def campaign(
     tests = tuple(test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
-    plunges = tuple(Plunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
+    plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
     with counted(None, quiet or json_) as progress:
         files = simulate_campaign(
             out,

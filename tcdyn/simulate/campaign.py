@@ -1,34 +1,65 @@
-"""A whole campaign of the synthetic rig in one folder: oven, plunges, EHL tests, rig file and truth."""
+"""A whole campaign of the synthetic rig in one folder: oven, plunges, EHL tests, rig file and truth; its files."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import pyarrow as pa
 from joblib import Parallel, delayed
+from pyarrow import csv, parquet
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.files.write import sha256, write_text
-from calibration.result import Result
+from calibration.files.write import atomic_path, sha256, write_text
+from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml
-from tcdyn.simulate.convection import FluidName
+from tcdyn.simulate.bath import FluidName
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
-from tcdyn.simulate.files import write_json, write_log, write_traces
 from tcdyn.simulate.oven import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
 
+_DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
+_WHOLE = ("contact", "switch", "repeat")
+
+
+def write_log(frame: pd.DataFrame, path: Path) -> None:
+    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond."""
+    columns = {
+        name: values.astype(np.int64) if name in _WHOLE else values.astype(float).round(_DECIMALS.get(name, 4))
+        for name, values in ((name, frame[name].to_numpy()) for name in frame.columns)
+    }
+    with atomic_path(path) as beside, beside.open("wb") as stream:
+        stream.write((",".join(columns) + "\n").encode())
+        csv.write_csv(pa.table(columns), stream, csv.WriteOptions(include_header=False))
+
+
+def write_traces(frame: pd.DataFrame, path: Path) -> None:
+    """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
+    columns = {name: frame[name].to_numpy().astype(float if name == "time_s" else np.float32) for name in frame.columns}
+    with atomic_path(path) as beside:
+        parquet.write_table(pa.table(columns), beside)
+
+
+def write_json(data: dict[str, Any], path: Path) -> None:
+    """Write plain or numpy numbers as JSON; a key called ``traces`` is left out."""
+    write_text(path, json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n")
+
+
+Job = Callable[[], tuple[pd.DataFrame, dict[str, Any]]]  # a log and its truth
 Progress = Callable[[str, int, int], None]  # (what is done, jobs done, jobs in all)
 
 
 @dataclass(frozen=True)
-class Plunge:
+class PlannedPlunge:
     """One planned plunge: the bath and its temperature [degC]."""
 
     bath_degC: float
@@ -36,7 +67,7 @@ class Plunge:
 
 
 ALL_TESTS = tuple(PROGRAMME)
-DEFAULT_PLUNGES = (Plunge(110.0), Plunge(138.0))
+DEFAULT_PLUNGES = (PlannedPlunge(110.0), PlannedPlunge(138.0))
 
 
 @dataclass(frozen=True)
@@ -62,7 +93,7 @@ def simulate_campaign(
     out_dir: str | Path,
     seed: int = 0,
     tests: Sequence[str] = ("B3",),
-    plunges: Sequence[Plunge] = DEFAULT_PLUNGES,
+    plunges: Sequence[PlannedPlunge] = DEFAULT_PLUNGES,
     *,
     rig: Rig | None = None,
     truth: RigTruth | None = None,
@@ -85,20 +116,20 @@ def simulate_campaign(
     folder = Path(out_dir)
     believed = rig or load_rig()
     true = truth or draw_truth(seed, believed, uncertain=uncertain)
-    jobs: list[_Job] = []
+    jobs: dict[str, Job] = {}
     for disk in DISKS:
-        jobs.append(_Job(f"oven_{disk}", simulate_oven, (disk, seed, true)))
-        for run, plunge in enumerate(plunges, 1):
-            arguments = (disk, seed, plunge.fluid, plunge.bath_degC, run, true, plunge_options)
-            jobs.append(_Job(f"plunge_{disk}_{run}", simulate_plunge, arguments))
-    jobs += [_Job(f"EHL_{t}", simulate_ehl, (t, seed, true, ehl_options)) for t in tests]
-    for job in jobs:
-        if (folder / f"{job.name}.csv").exists() and not _traces(folder, job.name).exists():
-            raise _not_ours(folder, f"{job.name}.csv")
+        jobs[f"oven_{disk}"] = partial(simulate_oven, disk, seed, true)
+        for run, p in enumerate(plunges, 1):
+            job = partial(simulate_plunge, disk, seed, p.fluid, p.bath_degC, run, true, plunge_options)
+            jobs[f"plunge_{disk}_{run}"] = job
+    jobs |= {f"EHL_{t}": partial(simulate_ehl, t, seed, true, ehl_options) for t in tests}
+    for name in jobs:
+        if (folder / f"{name}.csv").exists() and not _traces(folder, name).exists():
+            raise _not_ours(folder, f"{name}.csv")
     written = _write_rig(folder, believed)
 
     scalars: dict[str, Any] = {}
-    done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(job, folder) for job in jobs)
+    done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(*job, folder) for job in jobs.items())
     for number, (name, values) in enumerate(done, 1):
         scalars[name] = values
         if progress:
@@ -110,11 +141,10 @@ def simulate_campaign(
         plunges={d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS},
         ehl={t: folder / f"EHL_{t}.csv" for t in tests},
         truth=folder / "truth" / "truth.json",
-        traces={job.name: _traces(folder, job.name) for job in jobs},
+        traces={name: _traces(folder, name) for name in jobs},
     )
-    ehl = {name.removeprefix("EHL_"): v for name, v in scalars.items() if name.startswith("EHL_")}
-    others = {name: v for name, v in scalars.items() if not name.startswith("EHL_")}
-    write_json({"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **others}, files.truth)
+    ehl = {t: scalars.pop(f"EHL_{t}") for t in tests}
+    write_json({"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **scalars}, files.truth)
     return files
 
 
@@ -146,15 +176,8 @@ def _traces(folder: Path, name: str) -> Path:
     return folder / "truth" / f"{name}_traces.parquet"
 
 
-@dataclass(frozen=True)
-class _Job:
-    name: str
-    simulate: Callable[..., tuple[pd.DataFrame, dict[str, Any]]]
-    arguments: tuple[Any, ...]
-
-
-def _run(job: _Job, folder: Path) -> tuple[str, dict[str, Any]]:
-    frame, truth = job.simulate(*job.arguments)
-    write_traces(truth["traces"], _traces(folder, job.name))
-    write_log(frame, folder / f"{job.name}.csv")
-    return job.name, {k: v for k, v in truth.items() if k != "traces"}
+def _run(name: str, job: Job, folder: Path) -> tuple[str, dict[str, Any]]:
+    frame, truth = job()
+    write_traces(truth["traces"], _traces(folder, name))
+    write_log(frame, folder / f"{name}.csv")
+    return name, {k: v for k, v in truth.items() if k != "traces"}

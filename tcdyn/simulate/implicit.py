@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 
+from calibration.arrays import Array
 from tcdyn.simulate.mesh import DiskSystem
 
-Array = NDArray[np.float64]
 Signal = Callable[[Array], Array]  # time [s] -> value, smooth between breaks
 
 # Singly diagonally implicit Runge-Kutta, five stages, order four, stiffly accurate

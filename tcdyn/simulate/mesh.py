@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.simulate.truth import DiskTruth
 
-Array = NDArray[np.float64]
 Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
 SHAFT_LENGTH_m = 0.12  # free length to the bearing on each side (assumed)
 SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wires (assumed)

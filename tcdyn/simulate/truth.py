@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 
-from calibration.disk import CHANNELS, Conditioning, DiskSetup, Junction
+from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
+from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
 
 
@@ -119,7 +120,7 @@ def draw_truth(
     n_uncertain = rng.uniform(table.speed_exponent_low, table.speed_exponent_high)
     n_usual = contact.speed_exponent + float(np.clip(rng.normal(0, 0.02), -0.05, 0.05))
     disks = {}
-    for name in ("fast", "slow"):
+    for name in DISKS:
         own = rng_for(seed, "disk", name)
         setup = rig.disk_setup(name)
         moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
@@ -196,27 +197,10 @@ def butterworth_poles(conditioning: Conditioning) -> list[complex]:
 
 def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
     """The rig as plain numbers, with the derived lags beside them: what ``truth/truth.json`` holds."""
-    out: dict[str, Any] = {
-        "gear_ratio": truth.gear_ratio,
-        "speed_exponent": truth.speed_exponent,
-        "half_width_scale": truth.half_width_scale,
-        "friction_scale": truth.friction_scale,
-        "ambient_bias_K": truth.ambient_bias_K,
-        "imperfections": asdict(truth.imperfections),
-    }
-    for name in ("fast", "slow"):
+    out: dict[str, Any] = jsonable(truth)
+    for name in DISKS:
         disk = truth.disk(name)
-        lags = disk.lags_s
-        channels = {
-            c: {**asdict(ch), "lag_s": lags[c], "differential_lag_s": lags[c] - disk.common_lag_s}
-            for c, ch in disk.channels.items()
-        }
-        out[name] = {
-            "common_lag_s": disk.common_lag_s,
-            "channels": channels,
-            "bore_conductance_W_m2K": disk.bore_conductance_W_m2K,
-            "shaft_W_m2K": disk.shaft_W_m2K,
-            "bearing_offset_K": list(disk.bearing_offset_K),
-            "setup": asdict(replace(disk.setup, junctions=dict(disk.setup.junctions))),
-        }
+        out[name]["common_lag_s"] = disk.common_lag_s
+        for c, lag in disk.lags_s.items():
+            out[name]["channels"][c] |= {"lag_s": lag, "differential_lag_s": lag - disk.common_lag_s}
     return out

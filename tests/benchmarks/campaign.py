@@ -13,7 +13,7 @@ from calibration.rig import load_rig
 from tcdyn.pipeline import calibrate_disk
 from tcdyn.pipeline.campaign import CampaignSettings, run_campaign
 from tcdyn.simulate.campaign import simulate_campaign
-from tcdyn.simulate.script import STUDY_MESH, EhlOptions
+from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 
 
 def main(count: int = 4) -> None:

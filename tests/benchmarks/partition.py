@@ -13,7 +13,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from tcdyn.simulate.campaign import ALL_TESTS
-from tcdyn.simulate.script import EhlOptions
+from tcdyn.simulate.ehl import EhlOptions
 from tests.partition.study_rigs import study_rig
 
 

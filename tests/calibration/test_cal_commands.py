@@ -73,7 +73,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
 def test_the_certificate_shows_the_plunges(tmp_path):
     from calibration.rig import load_rig
     from tcdyn.pipeline import calibrate_disk
-    from tcdyn.simulate.files import write_log as write_rig_log
+    from tcdyn.simulate.campaign import write_log as write_rig_log
     from tcdyn.simulate.oven import simulate_oven
     from tcdyn.simulate.plunge import simulate_plunge
 

@@ -6,7 +6,7 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.plunge.hole import compare_holes
-from tcdyn.simulate.hole import simulate_hole
+from tcdyn.simulate.plunge import simulate_hole
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -21,7 +21,7 @@ from tcdyn.plunge.compare import junction_traces, uncalibrated_traces
 from tcdyn.plunge.fit import identify_plunges
 from tcdyn.plunge.hole import compare_holes
 from tcdyn.plunge.result import PlungeFit
-from tcdyn.simulate.hole import simulate_hole
+from tcdyn.simulate.plunge import simulate_hole
 
 SETUP = load_rig().disk_setup("fast")
 

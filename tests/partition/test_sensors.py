@@ -153,7 +153,7 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
 def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
     from tcdyn.pipeline import calibrate_disk
     from tcdyn.simulate.campaign import simulate_campaign
-    from tcdyn.simulate.script import STUDY_MESH, EhlOptions
+    from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     files = simulate_campaign(tmp_path, seed, ("A1", "D4"), ehl_options=options, uncertain=True)
@@ -173,9 +173,8 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
 ) -> None:
     """The true disks have the junction elsewhere, so that the whole field is right; the rig file does not know."""
-    from tcdyn.simulate.ehl import simulate_ehl
-    from tcdyn.simulate.files import write_log
-    from tcdyn.simulate.script import STUDY_MESH, EhlOptions
+    from tcdyn.simulate.campaign import write_log
+    from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
     from tcdyn.simulate.truth import draw_truth
 
     true = draw_truth(3, campaign.rig)  # the fixture's rig

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from calibration.errors import InputError
 from calibration.rig import load_rig, parse_rig
 from tcdyn.cli.simulate import app
-from tcdyn.simulate.campaign import Plunge, simulate_campaign
+from tcdyn.simulate.campaign import PlannedPlunge, simulate_campaign
+from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 from tcdyn.simulate.plunge import PlungeOptions
-from tcdyn.simulate.script import STUDY_MESH, EhlOptions
 
 EHL = EhlOptions(load_on_s=3.0, unload_s=8.0, duration_s=12.0, mesh=STUDY_MESH)
 PLUNGE = PlungeOptions(after_s=5.0)
@@ -55,7 +55,7 @@ def test_logs_read_back_and_stand_beside_their_truth(tmp_path: Path) -> None:
 
 def test_a_file_depends_on_the_seed_and_its_own_name_only(tmp_path: Path) -> None:
     alone = campaign(tmp_path / "a")
-    among = campaign(tmp_path / "b", tests=("A1", "B3"), plunges=(Plunge(110.0),), n_jobs=2)
+    among = campaign(tmp_path / "b", tests=("A1", "B3"), plunges=(PlannedPlunge(110.0),), n_jobs=2)
     assert alone.ehl["B3"].read_bytes() == among.ehl["B3"].read_bytes()
     assert alone.ovens["fast"].read_bytes() == among.ovens["fast"].read_bytes()
     assert alone.plunges["fast"][0].read_bytes() == among.plunges["fast"][0].read_bytes()
@@ -64,7 +64,7 @@ def test_a_file_depends_on_the_seed_and_its_own_name_only(tmp_path: Path) -> Non
 
 def test_a_folder_used_again_gives_this_campaign_s_files_only(tmp_path: Path) -> None:
     first = campaign(tmp_path, tests=("A1", "B3"))
-    again = campaign(tmp_path, tests=("b3", "B3"), plunges=(Plunge(110.0),))
+    again = campaign(tmp_path, tests=("b3", "B3"), plunges=(PlannedPlunge(110.0),))
     assert first.ehl["A1"].exists()  # left alone, and in nobody's way
     assert set(again.ehl) == {"B3"}
     assert [p.name for p in again.plunges["fast"]] == ["plunge_fast_1.csv"]

@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.simulate.ehl import simulate_ehl
+from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, draw_test, simulate_ehl
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import build_system
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
-from tcdyn.simulate.script import STUDY_MESH, EhlOptions, draw_test
 from tcdyn.simulate.truth import CLEAN, draw_truth
 
 SHORT = EhlOptions(load_on_s=5.0, unload_s=25.0, duration_s=35.0, mesh=STUDY_MESH)

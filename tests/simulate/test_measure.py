@@ -5,8 +5,16 @@ import pytest
 
 from calibration.disk import Conditioning
 from tcdyn.chain import Chain
-from tcdyn.simulate.chainsim import chain_matrices, through_chains
-from tcdyn.simulate.measure import BITS, RANGE_degC, log_disk, logged, quantised, spike_train
+from tcdyn.simulate.measure import (
+    BITS,
+    RANGE_degC,
+    chain_matrices,
+    log_disk,
+    logged,
+    quantised,
+    spike_train,
+    through_chains,
+)
 from tcdyn.simulate.truth import CLEAN, Imperfections, draw_truth
 
 FILTERS = [

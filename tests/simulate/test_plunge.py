@@ -5,11 +5,9 @@ import pytest
 from scipy.special import erfc, erfcx
 
 from calibration.rig import load_rig
-from tcdyn.simulate.convection import fluid_state, natural_h_W_m2K
-from tcdyn.simulate.hole import HOLE_COLUMNS, simulate_hole
+from tcdyn.simulate.bath import fluid_state, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.oven import simulate_oven
-from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
-from tcdyn.simulate.radial import heat_radially
+from tcdyn.simulate.plunge import HOLE_COLUMNS, PlungeOptions, simulate_hole, simulate_plunge
 from tcdyn.simulate.truth import CLEAN, draw_truth
 
 SETUP = load_rig().disk_setup("fast")
