@@ -30,6 +30,8 @@ class Layout:
 
 DISK_CHANNELS = tuple(f"{c}_degC" for c in CHANNELS)
 EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
+SWITCHES = ("switch", "contact")
+ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 
 LAYOUTS: dict[str, Layout] = {

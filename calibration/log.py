@@ -1,34 +1,34 @@
-"""Log files read, checked and made canonical; a doubt is an error or a warning with file, column, row and time."""
+"""Log files read, checked and made canonical; a doubt is an error or a finding with file, column, row and time."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import union_categoricals
 
-from calibration.checks.kind import check_contact, check_loads, check_oven, check_swapped, check_switch, two_level
+from calibration.arrays import Array, Flags
+from calibration.checks.kind import check_course, check_edges, check_places, two_level
 from calibration.checks.sampling import Sampling, check_time
-from calibration.checks.temperature import Place, PlainCheck, TemperatureCheck, check_group, check_temperature
-from calibration.checks.thin import thinned
-from calibration.columns import KNOWN, LAYOUTS, Kind, match_columns
-from calibration.disk import CHANNELS, DISKS
+from calibration.checks.temperature import LONGEST_NAN_S, Place, Thinned, check_sample, column_check
+from calibration.columns import KNOWN, LAYOUTS, ROOM_AND_BATH, SWITCHES, Kind, match_columns
 from calibration.errors import InputError
+from calibration.files import RowNumbers, Table, open_table, read_whole, shown
 from calibration.files.logwrite import write_log
-from calibration.files.table import Columns, Table, open_table, shown
+from calibration.files.table import PIECE_ROWS
 from calibration.files.write import sha256
-from calibration.lines.oven import steady_minutes
+from calibration.finding import Finding, look, sentences, with_where
+from calibration.lines.oven import oven_frame
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
-__all__ = ["COMPENSATED", "Log", "read_log", "write_log"]
+__all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
 
 COMPENSATED = "compensated"
-SWITCHES = ("switch", "contact")
-ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Log(Result):
     """One log: canonical columns (temperatures as logged, before the static lines), and where they come from.
 
     ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN
-    in ``frame`` and named in ``warnings``; the time is even.
+    in ``frame`` and named in ``findings``; the time is even. ``frame`` holds 8 bytes a sample and column.
     """
 
     frame: pd.DataFrame
@@ -45,7 +45,12 @@ class Log(Result):
     sha256: str
     dt_s: float | None
     metadata: dict[str, str] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -86,6 +91,161 @@ class Log(Result):
         return self.frame.interpolate(method="linear", limit_direction="both")
 
 
+@dataclass(frozen=True)
+class LogPiece:
+    """A stretch of a log: its canonical frame, whose first row is row ``first`` of the whole log.
+
+    What was counted while reading is told with the last piece; see ``LogPieces.findings`` for the rest.
+    """
+
+    frame: pd.DataFrame
+    first: int
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class LogPieces:
+    """A log that was looked through once, to be gone through piece by piece, as often as needed.
+
+    ``time_s`` (N,) and ``switches`` are of the whole log, row by row of the file; ``findings`` is what the first look
+    showed. Each walk checks what passes by, and refuses before the last piece what only then is known: frozen
+    channels, too many missing samples or spikes. So what the other pieces were used for must wait for the last.
+
+    Use it where a result is made piece by piece too, in memory that does not grow with the log::
+
+        log = iter_log("B3.csv", "ehl", rig)
+        for piece in log:                     # piece.frame is what read_log's frame holds in these rows
+            compensated.append(state.advance(piece.frame))
+    """
+
+    path: Path
+    kind: Kind
+    metadata: dict[str, str]
+    sampling: Sampling
+    switches: Mapping[str, Flags]
+    findings: tuple[Finding, ...]
+    _table: Table = field(repr=False)
+    _names: Mapping[str, str] = field(repr=False)
+    _limits_K: Mapping[str, float] = field(repr=False)
+    _numbers: RowNumbers = field(repr=False)
+    _piece_rows: int = field(repr=False)
+
+    @property
+    def dt_s(self) -> float:
+        """Sample interval [s]."""
+        return self.sampling.dt_s
+
+    @property
+    def rows(self) -> int:
+        """Rows of all pieces together."""
+        return self.sampling.rows
+
+    def __iter__(self) -> Iterator[LogPiece]:
+        where, sampling, total = shown(self.path), self.sampling, len(self.sampling.time_s)
+        place = Place(where, self._numbers, sampling.time_s, sampling.dt_s)
+        checks = {name: column_check(name, place, limit_K) for name, limit_K in self._limits_K.items()}
+        margin = 3 * int(max(LONGEST_NAN_S / self.dt_s, 3.0) + 1) + 3  # three neighbours, each behind a gap
+        kept: dict[str, Array] = {}
+        at = done = 0
+        for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):
+            new = {name: raw.data[self._names[name]] for name in checks}
+            kept = {name: np.concatenate([kept[name], new[name]]) for name in new} if kept else new
+            end = at + len(next(iter(kept.values())))
+            stop = end - margin if end < total else end
+            if end > total:
+                break
+            if stop == done or (stop - done < margin and end < total):
+                continue
+            columns: dict[str, Array] = {}
+            inside = slice(done - at, stop - at)
+            for name in self._names:
+                if name in self.switches:
+                    columns[name] = self.switches[name][done:stop].astype(np.float64)
+                elif name != "time_s":
+                    columns[name] = checks[name].clean(kept[name])[inside]
+                    checks[name].see(kept[name][inside], columns[name])
+            last = stop == total
+            found = [finding for check in checks.values() for finding in check.judge()] if last else []
+            yield LogPiece(
+                sampling.even_frame(columns, done, stop), int(sampling.place[done]), with_where(found, where)
+            )
+            done = stop
+            kept = {name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()}
+            at = max(stop - margin, at)
+        if done != total:
+            raise InputError("the file changed while it was read", where=where)
+
+    def joined(self) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
+        """All pieces as one frame, and everything that was noticed."""
+        whole: dict[str, Array] = {}
+        found = self.findings
+        for piece in self:
+            stop = piece.first + len(piece.frame)
+            for name in map(str, piece.frame):
+                whole.setdefault(name, np.empty(self.rows))[piece.first : stop] = piece.frame[name]
+            found += piece.findings
+        return pd.DataFrame(whole, copy=False), found
+
+
+def iter_log(
+    path: str | Path,
+    kind: Kind,
+    rig: Rig | None = None,
+    disk: str | None = None,
+    *,
+    rows: int = PIECE_ROWS,
+    allow_compensated: bool = False,
+) -> LogPieces:
+    """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
+
+    Put together they are ``read_log``'s frame. The file is read twice. The first time, here, keeps its time and
+    switches, and of the other columns a sample of at most 131072 rows: sampling, two-level columns, entry or
+    unloading, units, loads, swapped and dead channels are judged there, before any piece is given.
+
+    CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 40 bytes for each row of
+    the file, 250 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
+
+    Raises InputError as ``read_log`` does; for an oven log, which is always short.
+    """
+    if kind == "oven":
+        raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
+    file = Path(path)
+    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    where = shown(file)
+    clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
+    levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
+    thin = Thinned()
+    found: list[Finding] = []
+    number: RowNumbers | None = None
+    for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
+        number = number or raw.rows
+        found += raw.findings
+        clock += raw.data[names["time_s"]].tobytes()
+        for name, parts in levels.items():
+            parts.append(pd.Categorical(raw.data[names[name]]))
+        thin.see({name: raw.data[own] for name, own in names.items() if name != "time_s" and name not in levels})
+    if number is None:
+        raise InputError("no rows", where=where)
+    sampling = check_time(np.frombuffer(clock), number, where)
+    del clock
+    found += sampling.findings
+    place = Place(where, number, sampling.time_s, sampling.dt_s)
+    switches: dict[str, Flags] = {}
+    for name, parts in levels.items():
+        values, said = two_level(np.array(union_categoricals(parts), dtype=np.float64), name, place)
+        found += [*said, *check_edges(values, name, kind, place)]
+        switches[name] = values > 0.5
+    sample, at = thin.columns, thin.rows
+    limits_K = {name: check_sample(name, values, at, place) for name, values in sample.items()}
+    checked = {name: column_check(name, place, limits_K[name]).clean(values) for name, values in sample.items()}
+    checked |= {name: values[at].astype(np.float64) for name, values in switches.items()}
+    found += check_course(checked, kind, place)
+    found += check_places(pd.DataFrame(checked, copy=False), kind, rig, disk)
+    found += _not_there(names, kind)
+    head, told = dict(table.metadata), with_where(found, where)
+    return LogPieces(file, kind, head, sampling, switches, told, table, names, limits_K, number, rows)
+
+
 def read_log(
     path: str | Path,
     kind: Kind,
@@ -94,26 +254,24 @@ def read_log(
     *,
     allow_compensated: bool = False,
 ) -> Log:
-    """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it.
+    """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
 
     CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
     ``disk`` where given). Row numbers in messages are lines of the file.
 
-    Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a warning.
+    Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
     """
     file = Path(path)
-    table, chosen = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
-    where = shown(file)
-    raw = table.read(list(dict.fromkeys(chosen.values())))
-    notes = list(raw.notes)
-    columns = {canonical: raw.data[name] for canonical, name in chosen.items()}
-    if kind == "oven":
-        frame, dt_s = _oven_frame(columns, raw, where, notes), None
-    else:
-        frame, dt_s = trace_frame(columns, kind, raw, where, notes)
-        notes += check_places(frame, kind, rig, disk)
-    notes += not_there(columns, kind)
-    return Log(frame, kind, file, sha256(file), dt_s, dict(table.metadata), tuple(f"{where}: {n}" for n in notes))
+    if kind != "oven":
+        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+        frame, found = pieces.joined()
+        return Log(frame, kind, file, sha256(file), pieces.dt_s, pieces.metadata, found)
+    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    raw = read_whole(table, list(dict.fromkeys(names.values())))
+    columns = {canonical: raw.data[name] for canonical, name in names.items()}
+    frame, said = oven_frame(columns, Place(shown(file), raw.rows))
+    found = with_where([*raw.findings, *said], shown(file))
+    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), found)
 
 
 def open_log(
@@ -135,168 +293,6 @@ def open_log(
     return table, match_columns(table.names, kind, where, mapping)
 
 
-def trace_frame(
-    columns: Mapping[str, np.ndarray], kind: str, raw: Columns, where: str, notes: list[str]
-) -> tuple[pd.DataFrame, float]:
-    """Check and regularise a trace."""
-    time, sampling = check_time(columns["time_s"], raw.rows, where)
-    notes.extend(sampling.notes)
-    place = Place(where, raw.rows, time, sampling.dt_s)
-    checked: dict[str, np.ndarray] = {}
-    for name, values in columns.items():
-        if name == "time_s":
-            continue
-        if name in SWITCHES:
-            checked[name], said = two_level(values, name, place)
-            notes.extend(said)
-            continue
-        check = column_check(name, thinned(values), place)
-        checked[name] = check.clean(values)
-        check.see(values, checked[name])
-        notes.extend(check.judge())
-    for name in SWITCHES:
-        if name in checked:
-            notes.extend(check_edges(checked[name], name, kind, place))
-    notes.extend(check_course(checked, kind, place))
-    return even_frame(time, checked, sampling, 0, len(time)), sampling.dt_s
-
-
-def column_check(name: str, sample: np.ndarray, place: Place) -> TemperatureCheck | PlainCheck:
-    """What judges this column of a trace."""
-    if name.endswith("_degC"):
-        return TemperatureCheck(name, sample, place, junction=name not in ROOM_AND_BATH)
-    return PlainCheck(name, place)
-
-
-def check_edges(values: np.ndarray, name: str, kind: str, place: Place) -> list[str]:
-    """Whether a switch (N,) of 0 and 1 moves as this kind of log must have it."""
-    if kind == "ehl":
-        return check_contact(values, place)
-    return check_switch(values, name, place) if name == "switch" else []
-
-
-def check_course(checked: Mapping[str, np.ndarray], kind: str, place: Place) -> list[str]:
-    """What the columns show together, over the whole test (or rows picked from all of it)."""
-    notes: list[str] = []
-    _check_groups(checked, kind, place, notes)
-    return notes + (check_loads(checked, place.where) if kind == "ehl" else [])
-
-
-def even_frame(
-    time: np.ndarray, checked: Mapping[str, np.ndarray], sampling: Sampling, first: int, stop: int
-) -> pd.DataFrame:
-    """Rows ``first`` to ``stop`` of a trace on the even grid, up to the next row; ``checked`` holds those rows only.
-
-    ``time`` (N,) and ``sampling`` are of the whole trace.
-    """
-    place = sampling.place[first : stop + 1]
-    end = int(place[stop - first]) if stop < len(time) else int(place[-1]) + 1
-    if end - place[0] == stop - first:
-        return pd.DataFrame({"time_s": time[first:stop].copy(), **checked}, copy=False)
-    even = {"time_s": np.interp(np.arange(place[0], end), place, time[first : stop + 1])}
-    for name, values in checked.items():
-        even[name] = np.full(end - int(place[0]), np.nan)
-        even[name][place[: stop - first] - place[0]] = values
-        if name in SWITCHES:
-            even[name] = np.array(pd.Series(even[name]).ffill(), dtype=np.float64)
-    return pd.DataFrame(even)
-
-
-def _check_groups(checked: Mapping[str, np.ndarray], kind: str, place: Place, notes: list[str]) -> None:
-    reference = [float(np.nanmedian(checked[n])) for n in ROOM_AND_BATH if n in checked]
-    warmest = max(reference) if reference else None
-    if kind == "ehl":
-        groups = [{n: v for n, v in checked.items() if n.startswith(f"{d}_")} for d in DISKS]
-        room = float(np.nanmedian(checked["ambient_degC"]))
-        if room > 120.0:
-            raise InputError(
-                f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
-                where=place.where,
-                expected="degrees Celsius",
-            )
-        warmest = room
-    else:
-        groups = [{n: v for n, v in checked.items() if n.endswith("_degC") and n not in ROOM_AND_BATH}]
-    for group in groups:
-        notes.extend(check_group(group, place, warmest))
-
-
-def not_there(columns: Collection[str], kind: Kind) -> list[str]:
-    """Optional columns of a trace that the log has not."""
+def _not_there(columns: Collection[str], kind: Kind) -> list[Finding]:
     wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
-    return [f"column {name} is missing" for name in wanted if name not in columns]
-
-
-def check_places(frame: pd.DataFrame, kind: Kind, rig: Rig | None, disk: str | None) -> list[str]:
-    """Channels that look swapped, by the depths of their junctions in ``rig``."""
-    used = rig or load_rig()
-    notes: list[str] = []
-    if kind == "ehl":
-        contact = frame["contact"].to_numpy() > 0.5
-        first = int(np.argmax(contact))
-        late = contact & (np.arange(len(contact)) > first + 0.2 * contact.sum())
-        for name in DISKS:
-            notes.extend(check_swapped(frame, f"{name}_", _depths(used, name), late))
-    elif kind == "immersion":
-        mean = frame[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
-        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
-        if end - start > 10.0:
-            rise = (mean - start) / (end - start)
-            notes.extend(check_swapped(frame, "", _depths(used, disk or ""), (rise > 0.05) & (rise < 0.35)))
-    return notes
-
-
-def _depths(rig: Rig, disk: str) -> dict[str, float]:
-    junctions = rig.tables(disk).thermocouples
-    return {c: junctions[c].depth_mm for c in CHANNELS}
-
-
-def _oven_frame(columns: dict[str, np.ndarray], raw: Columns, where: str, notes: list[str]) -> pd.DataFrame:
-    place = Place(where, raw.rows)
-    checked = {}
-    for name, values in columns.items():
-        if name.endswith("_degC") and name != "setpoint_degC":
-            checked[name], said = check_temperature(values, name, place)
-            notes.extend(said)
-        else:
-            checked[name] = values
-    empty = ~np.isfinite(checked["prt_degC"])
-    if empty.any():
-        notes.append(f"{place.at('prt_degC', int(np.argmax(empty)))}: {int(empty.sum())} row(s) without PRT left out")
-    for name in (f"{c}_degC" for c in CHANNELS):
-        gaps = ~np.isfinite(checked[name]) & ~empty
-        if gaps.any():
-            notes.append(f"{place.at(name, int(np.argmax(gaps)))}: {int(gaps.sum())} value(s) missing")
-    frame = pd.DataFrame(checked)
-    if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
-        frame = _steady_rows(frame, place, notes)
-        empty = np.zeros(len(frame), dtype=bool)
-    notes.extend(check_oven(frame, place))
-    frame = frame.loc[~empty].reset_index(drop=True)
-    if "setpoint_degC" not in frame:
-        frame["setpoint_degC"] = 5.0 * np.rint(frame["prt_degC"] / 5.0)
-        notes.append("column setpoint_degC is missing; the PRT to the nearest 5 degC stands in")
-    if "repeat" not in frame:
-        hold = (frame["setpoint_degC"].diff() != 0).cumsum()
-        first = pd.DataFrame({"hold": hold, "at": frame["setpoint_degC"]}).drop_duplicates()
-        number = dict(zip(first["hold"], first.groupby("at").cumcount() + 1.0))
-        frame["repeat"] = hold.map(number).astype(float)
-        notes.append("column repeat is missing; each return to a set point counts as the next repeat")
-    return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]]
-
-
-def _steady_rows(frame: pd.DataFrame, place: Place, notes: list[str]) -> pd.DataFrame:
-    """Oven rows from a continuous log: the last steady minute of each plateau."""
-    time = frame["time_s"].to_numpy()
-    with np.errstate(invalid="ignore"):
-        bad = ~(np.diff(time) > 0)
-    if bad.any():
-        i = int(np.argmax(bad)) + 1
-        raise InputError(
-            f"{place.at('time_s', i)}: time does not rise ({time[i - 1]:.6g} s, then {time[i]:.6g} s)",
-            where=place.where,
-            expected="time that rises from row to row",
-        )
-    rows = steady_minutes(frame)
-    notes.append(f"a continuous log: {len(rows)} steady minutes were found in {(time[-1] - time[0]) / 3600:.3g} h")
-    return rows
+    return [look("column.not_there", subject=name) for name in wanted if name not in columns]

@@ -1,22 +1,23 @@
-"""How noisy a trace is, whatever it does slowly and however many spikes stand in it: one estimate for every room.
-
-Spikes are looked for in four places, which are not one job: the reader marks what no junction can do, in raw
-readings, with a floor in kelvin; the partition bridges spikes of calibrated traces, since its filters need every
-sample; the plunge drops them from block means; the compensators flag them bit by bit.
-"""
+"""How noisy a trace is, whatever it does slowly and however many spikes stand in it, and which samples are spikes."""
 
 from __future__ import annotations
 
 from math import comb
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.ndimage import median_filter
 
+from calibration.arrays import Array, Flags
+
+SPIKE_SIGMAS = 8.0  # of white noise, from the median of the neighbours: one clean sample in 1e15 lies so far away
+SPIKE_FLOOR_K = 0.5
+SPIKE_WIDTH = 7  # samples whose median stands for the trace: a spike is at most three samples wide
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
 MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
 
 
-def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -> NDArray[np.float64]:
+def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -> Array:
     """Standard deviation of the white noise of a trace, from its differences and their median.
 
     sd = 1.4826 median |d - median d| / sqrt(C(2k, k)), d the differences of order k, whose variance is C(2k, k) times
@@ -43,7 +44,7 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     return np.asarray(np.maximum(sd, np.reshape(columns, x.shape[1:])))
 
 
-def rounding_sd(x: NDArray[np.float64]) -> float:
+def rounding_sd(x: Array) -> float:
     """Rounding error of a trace (N,) whose neighbours are often equal: its logger's step over sqrt(12); else zero.
 
     Differences that take few values have a median that says nothing, and is zero where most of them are zero.
@@ -57,3 +58,28 @@ def rounding_sd(x: NDArray[np.float64]) -> float:
     if not len(moved) or len(moved) > MOSTLY_MOVING * len(step):
         return 0.0
     return float(np.median(moved) / np.sqrt(12))
+
+
+def spike_limit(values: Array) -> float:
+    """How far [K] a sample of ``values (N,)`` may lie from its neighbours: 8 standard deviations of noise, or 0.5 K.
+
+    Infinite where fewer than 15 samples tell the noise.
+    """
+    x = values[np.isfinite(values)]
+    return max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K) if len(x) >= 15 else np.inf
+
+
+def find_spikes(values: Array, limit_K: float) -> Flags:
+    """Samples of ``values (N,)`` further than ``limit_K`` from the median of the 7 around them.
+
+    A ramp or a clean step is no spike: the median follows both. NaN is never one.
+
+    >>> find_spikes(np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6]), 1.0).nonzero()[0]
+    array([3])
+    """
+    index = np.flatnonzero(np.isfinite(values))
+    out = np.zeros(len(values), dtype=bool)
+    x = values[index]
+    if (np.abs(np.diff(x)) > 0.5 * limit_K).any():  # otherwise four of seven cannot stand that far away
+        out[index] = np.abs(x - median_filter(x, SPIKE_WIDTH, mode="nearest")) > limit_K
+    return out

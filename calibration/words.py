@@ -51,8 +51,63 @@ def some(count: int, noun: str) -> str:
 # a file from before findings were kept: the sentence as it stood there
 OLD: dict[str, Words] = {"said": "{text}"}
 
+
+def _no_number(place: str, text: str, count: int, **_: Any) -> str:
+    return f"{place}: {text!r} is no number{f' (and {count - 1} more)' if count > 1 else ''}; taken as missing"
+
+
+def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
+    rates = ", ".join(f"{r:g}" for r in rates_Hz)
+    return (
+        f"channels start up to {spread_s:.6g} s apart ({subject} last), rates {rates} Hz; all put on the fastest "
+        "one's samples by straight lines"
+    )
+
+
+def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) -> str:
+    run = "1 value is" if longest == 1 else f"{longest} values in a row are"
+    more = f"; {count} in all, this run the longest" if count > longest else ""
+    return f"{place}: {run} missing ({longest_s:.2g} s){more}"
+
+
 # calibration: files, checks, log
-READER: dict[str, Words] = {}
+READER: dict[str, Words] = {
+    "text.no_line_end": "row {row}, the last, has no line end: its last value may be cut short",
+    "text.midnight": "column {subject}: the clock passes midnight; the time runs on",
+    "text.no_number": _no_number,
+    "tracks.assumed": "channel {subject} has no time track; that of {of} is assumed",
+    "tracks.aligned": _aligned,
+    "time.filled": "{place}: {count} missing time(s) filled from the neighbours",
+    "time.few_decimals": "column {subject}: the stamps have few decimals; they are taken as even, {rate_Hz:.5g} Hz",
+    "time.jitter": "{place}: {count} time stamps jitter by up to half a sample",
+    "time.lost": "{place}: {count} samples are missing in {places} place(s), first at {first_s:.6g} s; put in as NaN",
+    "time.slow": "column {subject}: sampled at {rate_Hz:.3g} Hz; 75 Hz is the rig's rate, lags below {lost_s:.2g} s "
+    "are lost",
+    "values.impossible": "{place}: {count} impossible value(s) such as {value:.4g}; taken as missing",
+    "values.missing": "{place}: {count} value(s) missing or impossible; taken as missing",
+    "values.absent": _absent,
+    "spikes.removed": "{place}: {count} spike(s); taken as missing",
+    "column.constant": "column {subject} is {value:.6g} in every row",
+    "column.frozen": "{place}: stays at {value:.6g} for {span_s:.3g} s",
+    "column.not_there": "column {subject} is missing",
+    "noise.high": "column {subject}: noise {noise_K:.2g} degC, the others' is {others_K:.2g}",
+    "switch.filled": "{place}: {count} value(s) missing; state kept",
+    "switch.levels": "column {subject}: levels {low:g} and {high:g} are read as 0 and 1",
+    "switch.bounces": "{place}: the switch bounces ({count} changes)",
+    "contact.from_start": "column contact: the log begins in contact; the loading is not in it",
+    "contact.short_cooling": "column contact: only {cooling_s:.2g} s of cooling after the unloading",
+    "friction.negative": "column friction_N is negative in contact; its sign may be turned round",
+    "friction.high": "column friction_N is above 0.3 of the load in contact",
+    "speed.slow": "column speed_slow_rpm: {speed_rpm:.3g} in contact; is it in revolutions per second?",
+    "junctions.swapped": "columns {subject} and {other}: the junction {depth_mm:g} mm deep warms {behind_K:.2g} degC "
+    "less than the one at {other_depth_mm:g} mm; are they swapped?",
+    "oven.no_prt": "{place}: {count} row(s) without PRT left out",
+    "oven.missing": "{place}: {count} value(s) missing",
+    "oven.far": "{place}: {value_degC:.4g} degC where the PRT reads {prt_degC:.4g}",
+    "oven.continuous": "a continuous log: {count} steady minutes were found in {span_h:.3g} h",
+    "oven.no_setpoint": "column setpoint_degC is missing; the PRT to the nearest 5 degC stands in",
+    "oven.no_repeat": "column repeat is missing; each return to a set point counts as the next repeat",
+}
 
 # calibration: lines, record
 LINES: dict[str, Words] = {}

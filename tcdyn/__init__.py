@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from calibration.errors import InputError
-    from calibration.log import read_log, write_log
+    from calibration.log import iter_log, read_log, write_log
     from calibration.record import read_record, write_record
     from calibration.rig import load_rig
     from tcdyn.chain import Chain
@@ -28,6 +28,7 @@ _HOMES = {
     "__version__": "tcdyn.version",
     "InputError": "calibration.errors",
     "load_rig": "calibration.rig",
+    "iter_log": "calibration.log",
     "read_log": "calibration.log",
     "write_log": "calibration.log",
     "simulate_campaign": "tcdyn.simulate.campaign",
@@ -54,6 +55,7 @@ __all__ = [
     "compensate_log",
     "estimate_beta",
     "fit",
+    "iter_log",
     "load_rig",
     "read_log",
     "read_record",

@@ -1,57 +1,65 @@
-"""What must hold for each kind of log: switches that move, loads in newtons, channels that follow the PRT."""
+"""What must hold for each kind of log: switches that move, loads in newtons, channels of a disk that agree."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calibration.arrays import Array, Flags
 from calibration.checks.temperature import Place
+from calibration.columns import ROOM_AND_BATH
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
-from calibration.files.table import FloatArray
+from calibration.finding import Finding, look, note
+from calibration.noise import white_noise_sd
+from calibration.rig import Rig, load_rig
 
 BOUNCE_S = 0.2
-SWAPPED = "are they swapped?"  # how the warning of such a pair ends
 
 
-def two_level(values: FloatArray, name: str, place: Place) -> tuple[FloatArray, list[str]]:
-    """A switch as 0 and 1; missing samples keep the state before them.
+def two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Finding]]:
+    """A switch (N,) as 0 and 1; missing samples keep the state before them.
 
     Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
     """
-    notes: list[str] = []
-    out = values
-    missing = ~np.isfinite(out)
+    missing = ~np.isfinite(values)
     if missing.all():
         raise InputError(f"column {name} holds no numbers", where=place.where, expected="0 and 1")
+    found: list[Finding] = []
     if missing.any():
+        first = int(np.argmax(missing))
         if missing.mean() > 0.05:
             raise InputError(
-                f"{place.at(name, int(np.argmax(missing)))}: {100 * missing.mean():.0f} % of it is missing",
-                where=place.where,
+                f"{place.at(name, first)}: {100 * missing.mean():.0f} % of it is missing", where=place.where
             )
-        notes.append(f"{place.at(name, int(np.argmax(missing)))}: {int(missing.sum())} value(s) missing; state kept")
-        out = np.array(pd.Series(out).where(~missing).ffill().bfill(), dtype=np.float64)
-    levels = np.sort(pd.unique(out))
+        found.append(look("switch.filled", subject=name, count=int(missing.sum()), **place.of(first)))
+        values = np.array(pd.Series(values).where(~missing).ffill().bfill(), dtype=np.float64)
+    levels = np.sort(pd.unique(values))
     if len(levels) > 2:
-        i = int(np.argmax((out != levels[0]) & (out != levels[-1])))
+        i = int(np.argmax((values != levels[0]) & (values != levels[-1])))
         raise InputError(
-            f"{place.at(name, i)}: {out[i]:.4g}; the column takes {len(levels)} different values",
+            f"{place.at(name, i)}: {values[i]:.4g}; the column takes {len(levels)} different values",
             where=place.where,
             expected="0 and 1",
         )
     if set(levels) <= {0.0, 1.0}:
-        return out, notes
+        return values, found
     if len(levels) == 2:
-        notes.append(f"column {name}: levels {levels[0]:g} and {levels[1]:g} are read as 0 and 1")
-        return (out == levels[1]).astype(float), notes
+        found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
+        return (values == levels[1]).astype(float), found
     raise InputError(f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1")
 
 
-def check_switch(values: FloatArray, name: str, place: Place) -> list[str]:
+def check_edges(values: Array, name: str, kind: str, place: Place) -> list[Finding]:
+    """Whether a switch (N,) of 0 and 1 moves as this kind of log must have it."""
+    if kind == "ehl":
+        return check_contact(values, place)
+    return check_switch(values, name, place) if name == "switch" else []
+
+
+def check_switch(values: Array, name: str, place: Place) -> list[Finding]:
     """An entry switch: must go from 0 to 1; held or momentary both are fine, bounces are noted."""
     up = np.flatnonzero(np.diff(values) > 0) + 1
     if len(up) == 0:
@@ -65,7 +73,7 @@ def check_switch(values: FloatArray, name: str, place: Place) -> list[str]:
     return _bounces(values, name, place)
 
 
-def check_contact(contact: FloatArray, place: Place) -> list[str]:
+def check_contact(contact: Array, place: Place) -> list[Finding]:
     """The contact switch of an EHL log (N,): must fall; bounces and a missing loading or cooling are noted."""
     down = np.flatnonzero(np.diff(contact) < 0) + 1
     if len(down) == 0:
@@ -76,17 +84,16 @@ def check_contact(contact: FloatArray, place: Place) -> list[str]:
             expected="1 while the disks touch, then 0",
             remedy="give the log of the whole test, through the cooling",
         )
-    notes = _bounces(contact, "contact", place)
+    found = _bounces(contact, "contact", place)
     if contact[0] > 0.5:
-        notes.append("column contact: the log begins in contact; the loading is not in it")
-    if place.dt_s is not None and (len(contact) - down[-1]) * place.dt_s < 5.0:
-        notes.append(
-            f"column contact: only {(len(contact) - down[-1]) * place.dt_s:.2g} s of cooling after the unloading"
-        )
-    return notes
+        found.append(look("contact.from_start", subject="contact"))
+    cooling_s = np.inf if place.dt_s is None else float((len(contact) - down[-1]) * place.dt_s)
+    if cooling_s < 5.0:
+        found.append(look("contact.short_cooling", subject="contact", cooling_s=cooling_s))
+    return found
 
 
-def check_loads(frame: Mapping[str, FloatArray], where: str) -> list[str]:
+def check_loads(frame: Mapping[str, Array], where: str) -> list[Finding]:
     """Load, friction and speeds of an EHL log while ``contact`` is 1. Raises InputError where they cannot be used."""
     contact, load = frame["contact"], frame["load_N"]
     on, off = float(np.nanmedian(load[contact > 0.5])), float(np.nanmedian(load[contact < 0.5]))
@@ -107,17 +114,89 @@ def check_loads(frame: Mapping[str, FloatArray], where: str) -> list[str]:
             if inverted
             else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
         )
-    notes: list[str] = []
+    found: list[Finding] = []
     friction = float(np.nanmedian(frame["friction_N"][contact > 0.5]))
     if friction < 0:
-        notes.append("column friction_N is negative in contact; its sign may be turned round")
+        found.append(look("friction.negative", subject="friction_N", friction_N=friction))
     elif friction > 0.3 * on:
-        notes.append("column friction_N is above 0.3 of the load in contact")
-    return notes + _speeds(frame, contact, where)
+        found.append(look("friction.high", subject="friction_N", friction_N=friction, load_N=on))
+    return found + _speeds(frame, contact, where)
 
 
-def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], hot: NDArray[np.bool_]) -> list[str]:
-    """Junctions nearer a heated surface must be warmer: pairs that stand the other way round are named.
+def check_course(checked: Mapping[str, Array], kind: str, place: Place) -> list[Finding]:
+    """What the columns show together, over the whole test (or rows picked from all of it)."""
+    bath = [float(np.nanmedian(checked[n])) for n in ROOM_AND_BATH if n in checked]
+    if kind != "ehl":
+        channels = {n: v for n, v in checked.items() if n.endswith("_degC") and n not in ROOM_AND_BATH}
+        return check_group(channels, place, max(bath) if bath else None)
+    room = float(np.nanmedian(checked["ambient_degC"]))
+    if room > 120.0:
+        raise InputError(
+            f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
+            where=place.where,
+            expected="degrees Celsius",
+        )
+    groups = ({n: v for n, v in checked.items() if n.startswith(f"{disk}_")} for disk in DISKS)
+    found = [finding for group in groups for finding in check_group(group, place, room)]
+    return found + check_loads(checked, place.where)
+
+
+def check_group(columns: Mapping[str, Array], place: Place, reference_degC: float | None) -> list[Finding]:
+    """Channels of one disk against one another: millivolts, and one that does not follow the rest.
+
+    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
+    """
+    high = {n: float(np.nanquantile(v, 0.99)) for n, v in columns.items()}
+    low = {n: float(np.nanquantile(v, 0.01)) for n, v in columns.items()}
+    warm = _middle(high.values())
+    for name, value in high.items():
+        others = max(warm, reference_degC if reference_degC is not None else 0.0)
+        if value < 16.0 and low[name] > -5.0 and (others > value + 8.0 or warm < 16.0):
+            raise InputError(
+                f"column {name} stays between {low[name]:.3g} and {value:.3g}: this looks like millivolts",
+                where=place.where,
+                expected="degrees Celsius",
+                remedy="convert with calibration.lines.typej.temperature_degC",
+            )
+    rise = {n: high[n] - low[n] for n in columns}
+    usual = _middle(rise.values())
+    for name, value in rise.items():
+        if usual > 10.0 and value < 0.1 * usual:
+            raise InputError(
+                f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
+                where=place.where,
+                remedy="check its wiring, or leave the channel out by repairing the disk",
+            )
+    if place.dt_s is None:
+        return []
+    noise = {n: _noise_K(v) for n, v in columns.items()}
+    calm = _middle(noise.values())
+    return [
+        look("noise.high", subject=name, noise_K=value, others_K=calm)
+        for name, value in noise.items()
+        if value > 4.0 * calm + 0.1
+    ]
+
+
+def check_places(frame: pd.DataFrame, kind: str, rig: Rig | None, disk: str | None) -> list[Finding]:
+    """Channels that look swapped, by the depths of their junctions in ``rig``."""
+    used = rig or load_rig()
+    if kind == "ehl":
+        contact = frame["contact"].to_numpy() > 0.5
+        first = int(np.argmax(contact))
+        late = contact & (np.arange(len(contact)) > first + 0.2 * contact.sum())
+        return [f for name in DISKS for f in check_swapped(frame, f"{name}_", _depths(used, name), late)]
+    if kind == "immersion":
+        mean = frame[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
+        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
+        if end - start > 10.0:
+            rise = (mean - start) / (end - start)
+            return check_swapped(frame, "", _depths(used, disk or ""), (rise > 0.05) & (rise < 0.35))
+    return []
+
+
+def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: Mapping[str, float], hot: Flags) -> list[Finding]:
+    """Junctions nearer a heated surface must be warmer: the pair that most stands the other way round is named.
 
     ``hot`` marks the samples where heat flows in; the start of the record takes out static offsets.
     """
@@ -131,56 +210,35 @@ def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: dict[str, float], 
     if not wrong:
         return []
     shallow, deep = min(wrong, key=lambda p: lead[p[0]] - lead[p[1]])
-    return [
-        f"columns {names[shallow]} and {names[deep]}: the junction {depth_mm[shallow]:g} mm deep warms "
-        f"{lead[deep] - lead[shallow]:.2g} degC less than the one at {depth_mm[deep]:g} mm; {SWAPPED}"
-    ]
+    found = look(
+        "junctions.swapped",
+        subject=names[shallow],
+        other=names[deep],
+        behind_K=lead[deep] - lead[shallow],
+        depth_mm=depth_mm[shallow],
+        other_depth_mm=depth_mm[deep],
+    )
+    return [found]
 
 
-def check_oven(frame: pd.DataFrame, place: Place) -> list[str]:
-    """Oven rows: enough of them, and every channel follows the PRT. Raises InputError."""
-    prt = frame["prt_degC"].to_numpy()
-    notes: list[str] = []
-    for name in [f"{c}_degC" for c in CHANNELS]:
-        y = frame[name].to_numpy()
-        ok = np.isfinite(y) & np.isfinite(prt)
-        if ok.sum() < 3 or np.ptp(prt[ok]) < 5.0:
-            raise InputError(
-                f"column {name}: {int(ok.sum())} rows over {np.ptp(prt[ok]) if ok.any() else 0:.3g} degC",
-                where=place.where,
-                expected="at least 3 rows over 5 degC or more",
-            )
-        slope, offset = np.polyfit(prt[ok], y[ok], 1)
-        rest = y[ok] - slope * prt[ok] - offset
-        _check_follows(name, float(slope), float(offset), float(np.std(rest)), float(np.ptp(prt[ok])), place)
-        far = np.abs(y - prt) > 15.0
-        if far.any():
-            i = int(np.argmax(far))
-            notes.append(f"{place.at(name, i)}: {y[i]:.4g} degC where the PRT reads {prt[i]:.4g}")
-    return notes
+def _depths(rig: Rig, disk: str) -> dict[str, float]:
+    junctions = rig.tables(disk).thermocouples
+    return {c: junctions[c].depth_mm for c in CHANNELS}
 
 
-def _check_follows(name: str, slope: float, offset: float, rest: float, span: float, place: Place) -> None:
-    looks = ""
-    if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
-        looks = "this looks like kelvin"
-    elif abs(slope - 1.8) < 0.15 and abs(offset - 32.0) < 15.0:
-        looks = "this looks like degrees Fahrenheit"
-    elif 0.03 < slope < 0.09 and abs(offset) < 3.0:
-        looks = "this looks like millivolts"
-    elif rest > 0.15 * span or abs(slope) < 0.3:
-        looks = "it does not follow the PRT: a dead channel, or shuffled rows"
-    elif not 0.7 < slope < 1.4 or abs(offset) > 25.0:
-        looks = "this is no thermocouple in degrees Celsius"
-    if looks:
-        raise InputError(
-            f"column {name}: {slope:.3g} x PRT {offset:+.3g}; {looks}",
-            where=place.where,
-            expected="degrees Celsius within some degrees of the PRT",
-        )
+def _middle(values: Iterable[float]) -> float:
+    """The middle one, or the upper one of two."""
+    ordered = sorted(values)
+    return ordered[len(ordered) // 2]
 
 
-def _speeds(frame: Mapping[str, FloatArray], contact: FloatArray, where: str) -> list[str]:
+def _noise_K(values: Array) -> float:
+    """White noise of a trace from its second differences (median, so that events do not count)."""
+    x = values[np.isfinite(values)]
+    return float(white_noise_sd(x, 2, centred=False)) if len(x) >= 10 else 0.0
+
+
+def _speeds(frame: Mapping[str, Array], contact: Array, where: str) -> list[Finding]:
     speed = {d: float(np.nanmedian(frame[f"speed_{d}_rpm"][contact > 0.5])) for d in DISKS}
     for disk, value in speed.items():
         if not np.isfinite(value) or value <= 0:
@@ -195,15 +253,15 @@ def _speeds(frame: Mapping[str, FloatArray], contact: FloatArray, where: str) ->
             remedy="the columns look swapped",
         )
     if speed["slow"] < 60.0:
-        return [f"column speed_slow_rpm: {speed['slow']:.3g} in contact; is it in revolutions per second?"]
+        return [look("speed.slow", subject="speed_slow_rpm", speed_rpm=speed["slow"])]
     return []
 
 
-def _bounces(values: FloatArray, name: str, place: Place) -> list[str]:
+def _bounces(values: Array, name: str, place: Place) -> list[Finding]:
     edges = np.flatnonzero(np.diff(values) != 0) + 1
     if len(edges) < 3 or place.dt_s is None:
         return []
     close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
     if len(close) >= 2 or (len(close) == 1 and len(edges) > 2):
-        return [f"{place.at(name, int(edges[close[0]]))}: the switch bounces ({len(edges)} changes)"]
+        return [look("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))]
     return []

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
+from calibration.columns import SWITCHES
 from calibration.errors import InputError
-from calibration.files.table import FloatArray, RowNumbers
+from calibration.files.table import RowNumbers
+from calibration.finding import Finding, look, note
 
 LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
 SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
@@ -16,15 +21,38 @@ SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
 
 @dataclass(frozen=True)
 class Sampling:
-    """The sample interval [s], where each row stands on the even grid, and what was noticed."""
+    """Each row's time (N,) [s] and its place on the even grid (N,), the sample interval [s], and what was noticed."""
 
+    time_s: Array
     dt_s: float
     place: NDArray[np.int32]
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def rows(self) -> int:
+        """Rows of the whole trace on the even grid."""
+        return int(self.place[-1]) + 1
+
+    def even_frame(self, columns: Mapping[str, Array], first: int, stop: int) -> pd.DataFrame:
+        """Rows ``first`` to ``stop`` on the even grid, up to the next row; ``columns`` hold those rows only.
+
+        Samples put in are NaN; a switch keeps its state in them.
+        """
+        place = self.place[first : stop + 1]
+        end = int(place[stop - first]) if stop < len(self.time_s) else self.rows
+        if end - place[0] == stop - first:
+            return pd.DataFrame({"time_s": self.time_s[first:stop].copy(), **columns}, copy=False)
+        even = {"time_s": np.interp(np.arange(place[0], end), place, self.time_s[first : stop + 1])}
+        for name, values in columns.items():
+            even[name] = np.full(end - int(place[0]), np.nan)
+            even[name][place[: stop - first] - place[0]] = values
+            if name in SWITCHES:
+                even[name] = np.array(pd.Series(even[name]).ffill(), dtype=np.float64)
+        return pd.DataFrame(even)
 
 
-def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "time_s") -> tuple[FloatArray, Sampling]:
-    """The time [s] with single missing values filled, and its sampling.
+def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s") -> Sampling:
+    """The time (N,) [s] as logged, with single missing values filled, and its sampling.
 
     Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even and come back so. Raises InputError for time
     that repeats or runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
@@ -32,7 +60,7 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
     place = f"column {column}"
     if len(time) < 10:
         raise InputError(f"only {len(time)} rows", where=where, expected="at least 10 samples in time")
-    time, notes = _filled(time, rows, where, place)
+    time, found = _filled(time, rows, where, column)
     step = np.diff(time)
     if not (step > 0).all():
         i = int(np.argmax(step <= 0))
@@ -77,27 +105,23 @@ def check_time(time: FloatArray, rows: RowNumbers, where: str, column: str = "ti
                 remedy="log at one rate, or resample first",
             )
         dt, grid = even
-        notes.append(f"{place}: the stamps have few decimals; they are taken as even, {1 / dt:.5g} Hz")
+        found.append(look("time.few_decimals", subject=column, rate_Hz=1 / dt))
         lone, jitter = np.full(len(step), True), np.full(len(step), False)
     if jitter.any():
         i = int(np.argmax(jitter))
-        notes.append(f"{place}, row {rows.of(i + 1)}: {int(jitter.sum())} time stamps jitter by up to half a sample")
+        found.append(note("time.jitter", subject=column, row=rows.of(i + 1), count=int(jitter.sum())))
     lost = int(grid[-1]) - len(step)
     if lost:
         i = int(np.argmin(lone))
-        notes.append(
-            f"{place}, row {rows.of(i + 1)}: {lost} samples are missing in {int((~lone).sum())} place(s), "
-            f"first at {time[i]:.6g} s; put in as NaN"
-        )
+        row, places = rows.of(i + 1), int((~lone).sum())
+        found.append(look("time.lost", subject=column, row=row, count=lost, places=places, first_s=float(time[i])))
     if dt > 0.05:
-        notes.append(
-            f"{place}: sampled at {1 / dt:.3g} Hz; 75 Hz is the rig's rate, lags below {2 * dt:.2g} s are lost"
-        )
+        found.append(look("time.slow", subject=column, rate_Hz=1 / dt, lost_s=2 * dt))
     del step
-    return _unrounded(time, grid, dt, usual), Sampling(dt, grid, tuple(notes))
+    return Sampling(_unrounded(time, grid, dt, usual), dt, grid, tuple(found))
 
 
-def _places(step: FloatArray, dt_s: float) -> NDArray[np.int32]:
+def _places(step: Array, dt_s: float) -> NDArray[np.int32]:
     """Where each sample stands on the grid of ``dt_s``, from the steps between them."""
     place = np.zeros(len(step) + 1, dtype=np.int32)
     count = step / dt_s  # one copy and no more: a log may have millions of rows
@@ -107,12 +131,12 @@ def _places(step: FloatArray, dt_s: float) -> NDArray[np.int32]:
     return place
 
 
-def _away(values: FloatArray, middle: float | FloatArray) -> FloatArray:
+def _away(values: Array, middle: float | Array) -> Array:
     away = values - middle
     return np.abs(away, out=away)
 
 
-def _interval_s(time: FloatArray, place: NDArray[np.int32]) -> float:
+def _interval_s(time: Array, place: NDArray[np.int32]) -> float:
     """Slope of the straight line through the stamps, by least squares; in blocks, for a log may have millions."""
     middle, start = float(place.mean()), float(time.mean())
     top = bottom = 0.0
@@ -123,7 +147,7 @@ def _interval_s(time: FloatArray, place: NDArray[np.int32]) -> float:
     return top / bottom
 
 
-def _straight(time: FloatArray) -> tuple[float, NDArray[np.int32]] | None:
+def _straight(time: Array) -> tuple[float, NDArray[np.int32]] | None:
     """Interval [s] and grid of a record without a loss whose stamps are rounded to nearly its interval, or None.
 
     Stamps of 0.01, 0.03, 0.04 s at 75 Hz lie within half a hundredth of a straight line; a lost sample bends it more.
@@ -134,30 +158,30 @@ def _straight(time: FloatArray) -> tuple[float, NDArray[np.int32]] | None:
     return (dt, grid) if float(np.max(_away(time, line))) < 0.45 * dt else None
 
 
-def _unrounded(time: FloatArray, grid: NDArray[np.int32], dt_s: float, usual_s: float) -> FloatArray:
+def _unrounded(time: Array, grid: NDArray[np.int32], dt_s: float, usual_s: float) -> Array:
     """Stamps on the even grid where the clock's decimals are too few for the interval; else as they are.
 
     Stamps of 0.013, 0.027, 0.040 s have steps of 13 and 14 ms, neither of which is the interval of 75 Hz.
     """
     if abs(usual_s - dt_s) < 1e-3 * dt_s:
         return time
-    even: FloatArray = np.asarray(grid - float(grid.mean()), dtype=np.float64)
+    even: Array = np.asarray(grid - float(grid.mean()), dtype=np.float64)
     even *= dt_s
     even += float(time.mean())
     return even if float(np.max(_away(even, time))) < dt_s else time
 
 
-def _filled(time: FloatArray, rows: RowNumbers, where: str, place: str) -> tuple[FloatArray, list[str]]:
+def _filled(time: Array, rows: RowNumbers, where: str, column: str) -> tuple[Array, list[Finding]]:
     bad = ~np.isfinite(time)
     if not bad.any():
         return time, []
     i = int(np.argmax(bad))
     if bad.sum() > 3 or bad[0] or bad[-1] or (bad[1:] & bad[:-1]).any():
         raise InputError(
-            f"{place}, row {rows.of(i)}: {int(bad.sum())} times are missing",
+            f"column {column}, row {rows.of(i)}: {int(bad.sum())} times are missing",
             where=where,
             expected="a time in each row",
         )
     index = np.arange(len(time))
     time = np.interp(index, index[~bad], time[~bad])
-    return time, [f"{place}, row {rows.of(i)}: {int(bad.sum())} missing time(s) filled from the neighbours"]
+    return time, [look("time.filled", subject=column, row=rows.of(i), count=int(bad.sum()))]

@@ -1,1 +1,53 @@
-"""Any file of a logger to named columns."""
+"""Any file of a logger to named columns: ``open_table`` chooses the reader by ending and first bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+from calibration.errors import InputError
+from calibration.files.csvtable import CsvTable
+from calibration.files.lvm import read_lvm
+from calibration.files.parquet import ParquetTable
+from calibration.files.table import Columns, RowNumbers, Table, read_whole, shown
+from calibration.files.tdms import TdmsTable
+
+__all__ = ["Columns", "RowNumbers", "Table", "open_table", "read_whole", "shown"]
+
+NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
+
+
+def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
+    """Open a log by its ending: .tdms, .lvm, .parquet; every other ending is text.
+
+    ``known`` are names that the header may hold (they tell the header from titles and units).
+    Raises InputError for a file that cannot be read, is empty, or is not what its ending says.
+    """
+    file = Path(path)
+    where = shown(file)
+    try:
+        with open(file, "rb") as stream:
+            head = stream.read(64)
+    except FileNotFoundError:
+        raise InputError("no such file", where=where) from None
+    except IsADirectoryError:
+        raise InputError(
+            "is a folder", where=where, expected="a log file", remedy=f"name its files, such as {where}/*.csv"
+        ) from None
+    except (OSError, ValueError) as problem:
+        raise InputError(f"not readable ({problem})", where=where) from None
+    if not head:
+        raise InputError("the file is empty", where=where, expected="a log")
+    ending = file.suffix.lower()
+    if head.startswith(b"TDSm") or ending == ".tdms":
+        return TdmsTable(file, where)
+    if head.startswith(b"PAR1") or ending in (".parquet", ".pq"):
+        return ParquetTable(file, where)
+    if ending == ".lvm" or head.lstrip(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement"):
+        return read_lvm(file, where, known)
+    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
+    if ending in NO_LOGS:
+        expected = "a log (CSV, LVM, TDMS or Parquet)"
+        raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
+    return CsvTable.open(file, where, known)

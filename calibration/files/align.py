@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from calibration.files.table import FloatArray
+from calibration.finding import Finding, look
 
 SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
 
@@ -17,7 +18,7 @@ SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps a
 class Track:
     """One channel: values (N,), its start [s] and sample interval [s]; ``dt_s`` None where nobody wrote it."""
 
-    values: FloatArray
+    values: Array
     start_s: float = 0.0
     dt_s: float | None = None
 
@@ -32,8 +33,8 @@ class Track:
         return self.start_s + (len(self.values) - 1) * (self.dt_s or 0.0)
 
 
-def align(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray | None, dict[str, FloatArray], list[str]]:
-    """Time [s] from the common start (None if no track has one), the channels on it, and notes on what was done.
+def align(tracks: Mapping[str, Track], where: str) -> tuple[Array | None, dict[str, Array], list[Finding]]:
+    """Time [s] from the common start (None if no track has one), the channels on it, and what was done.
 
     Tracks that agree are stacked as they are. Others are cut to the span that all share and put on the grid of the
     fastest: straight lines between samples, two-level channels held. A channel without interval takes the track of
@@ -41,7 +42,7 @@ def align(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray | None, d
 
     Raises InputError for a channel whose time nobody can know, or when no time is shared.
     """
-    notes: list[str] = []
+    found: list[Finding] = []
     timed = {name: t for name, t in tracks.items() if t.dt_s}
     if not timed:
         lengths = {len(t.values) for t in tracks.values()}
@@ -51,7 +52,7 @@ def align(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray | None, d
                 where=where,
                 expected="one length, or wf_increment on each channel",
             )
-        return None, {name: t.values for name, t in tracks.items()}, notes
+        return None, {name: t.values for name, t in tracks.items()}, found
     full = dict(tracks)
     for name, track in tracks.items():
         if not track.dt_s:
@@ -63,23 +64,20 @@ def align(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray | None, d
                     expected=f"as many samples as another channel; it has {len(track.values)}",
                 )
             full[name] = Track(track.values, timed[twin].start_s, timed[twin].dt_s)
-            notes.append(f"channel {name} has no time track; that of {twin} is assumed")
+            found.append(look("tracks.assumed", subject=name, of=twin))
     if len({t.same_as for t in full.values()}) == 1:
         track = next(iter(full.values()))
         time = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0), dtype=np.float64)
-        return time, {name: t.values for name, t in full.items()}, notes
+        return time, {name: t.values for name, t in full.items()}, found
     time, data = _onto_grid(full, where)
     late = max(full, key=lambda n: full[n].start_s)
     spread = full[late].start_s - min(t.start_s for t in full.values())
     rates = sorted({round(1 / t.dt_s, 6) for t in full.values() if t.dt_s})
-    notes.append(
-        f"channels start up to {spread:.6g} s apart ({late} last), rates {', '.join(f'{r:g}' for r in rates)} Hz; "
-        "all put on the fastest one's samples by straight lines"
-    )
-    return time, data, notes
+    found.append(look("tracks.aligned", subject=late, spread_s=spread, rates_Hz=rates))
+    return time, data, found
 
 
-def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray, dict[str, FloatArray]]:
+def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
     begin = max(t.start_s for t in tracks.values())
     end = min(t.end_s for t in tracks.values())
     grid = min(tracks.values(), key=lambda t: t.dt_s or np.inf)
@@ -89,7 +87,7 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[FloatArray, dic
     if last <= first:
         raise InputError("the channels share no time", where=where, expected="overlapping time tracks")
     at = grid.start_s + np.arange(first, last + 1) * step
-    data: dict[str, FloatArray] = {}
+    data: dict[str, Array] = {}
     for name, track in tracks.items():
         place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
         whole = np.minimum((place + SAME).astype(int), len(track.values) - 1)

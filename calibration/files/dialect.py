@@ -1,4 +1,4 @@
-"""What dialect a text log is written in: encoding, separator, decimal mark, header blocks, metadata lines."""
+"""What dialect a text log is written in, and whether each of its rows has the fields of the first."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import codecs
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from typing import IO
 
 from calibration.errors import InputError
+from calibration.finding import Finding, look
 
 NUMBER = {
     ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
@@ -172,3 +174,59 @@ def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known:
 def _numeric_share(parts: list[str], decimal: str) -> float:
     full = [p for p in parts if p]
     return sum(is_number(p, decimal) for p in full) / max(len(full), 1)
+
+
+@dataclass(frozen=True)
+class RowCheck:
+    """How many rows of data there are, which lines are blank, what was noticed."""
+
+    rows: int
+    blank: tuple[int, ...]
+    findings: tuple[Finding, ...]
+
+
+def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> RowCheck:
+    """Count the fields of every row: a short or long row is refused by its number, a last short one as truncated.
+
+    A last row without line end may have lost digits: that is noted.
+    """
+    separator = dialect.separator.encode()
+    want = dialect.fields - 1
+    blank: list[int] = []
+    rows, line = 0, b"\n"
+    short: tuple[int, int] | None = None
+    for number, line in enumerate(stream, 1):
+        if number <= dialect.skip:
+            continue
+        if short is not None and line.strip():
+            raise _row_error(short, dialect.fields, where)
+        count = line.count(separator)
+        if count == want:
+            rows += 1
+        elif not line.strip():
+            blank.append(number)
+        elif count < want:
+            short = (number, count + 1)
+        elif b'"' not in line:
+            raise _row_error((number, count + 1), dialect.fields, where)
+        if b"\x00" in line:
+            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+    if short is not None:
+        raise InputError(
+            f"row {short[0]}, the last, has {short[1]} of {dialect.fields} fields: the file is truncated",
+            where=where,
+            expected="a whole last row",
+            remedy="copy the file again, or delete the last row",
+        )
+    whole = line.endswith((b"\n", b"\r"))
+    last = dialect.skip + rows + len(blank)
+    return RowCheck(rows, tuple(blank), () if whole else (look("text.no_line_end", row=last),))
+
+
+def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
+    return InputError(
+        f"row {row[0]} has {row[1]} fields",
+        where=where,
+        expected=f"{fields} as in the first row",
+        remedy="repair or delete that row",
+    )

@@ -11,11 +11,13 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv as pacsv
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files.align import Track, align
 from calibration.files.csvtable import CsvTable
 from calibration.files.dialect import ABSENT, LINE_END, is_number
-from calibration.files.table import Columns, FloatArray, RowNumbers, Table
+from calibration.files.table import PIECE_ROWS, Columns, RowNumbers, Table
+from calibration.finding import Finding
 
 _END = "***End_of_Header***"
 _MARKS = {"tab": "\t", "comma": ",", "semicolon": ";"}
@@ -27,28 +29,20 @@ class LvmTable:
 
     names: tuple[str, ...]
     metadata: dict[str, str]
-    data: dict[str, FloatArray]
-    notes: tuple[str, ...] = ()
+    data: dict[str, Array]
+    findings: tuple[Finding, ...] = ()
     rows: RowNumbers = field(default_factory=RowNumbers)
 
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """The wanted columns; see ``Columns``."""
-        return Columns({name: self.data[name] for name in wanted}, self.notes, self.rows)
-
-    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
+    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
         """The wanted columns piece by piece (the file itself was read at once)."""
-        for start in range(0, len(next(iter(self.data.values()))), rows):
-            part = {name: self.data[name][start : start + rows] for name in wanted}
-            yield Columns(
-                part, self.notes if start == 0 else (), RowNumbers(self.rows.of(start)) if start else self.rows
-            )
+        return Columns({name: self.data[name] for name in wanted}, self.findings, self.rows).in_pieces(rows)
 
 
 @dataclass(frozen=True)
 class _Segment:
     head: dict[str, list[str]]
     names: list[str]
-    values: FloatArray
+    values: Array
     first_row: int
 
 
@@ -130,7 +124,7 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     return _Segment(head, names, _numbers(body, separator, decimal, names, where, first), first), at
 
 
-def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> FloatArray:
+def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> Array:
     keys = [f"c{i}" for i in range(len(names))]
     try:
         table = pacsv.read_csv(
@@ -186,10 +180,10 @@ def _with_time(segments: list[_Segment], head: dict[str, str], metadata: dict[st
 def _aligned(
     labels: tuple[str, ...], tracks: dict[str, Track], metadata: dict[str, str], where: str, rows: RowNumbers
 ) -> LvmTable:
-    time, data, notes = align(tracks, where)
+    time, data, found = align(tracks, where)
     if time is None:
         raise InputError("no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header")
-    return LvmTable(("time_s", *labels), metadata, {"time_s": time, **data}, tuple(notes), rows)
+    return LvmTable(("time_s", *labels), metadata, {"time_s": time, **data}, tuple(found), rows)
 
 
 def _float(cells: list[str], index: int) -> float | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ import pandas as pd
 import pyarrow as pa
 from pyarrow import parquet as pq
 
+from calibration.arrays import Array
 from calibration.errors import InputError
-from calibration.files.table import Columns, FloatArray, RowNumbers
-from calibration.files.textcolumn import TextColumn
+from calibration.files.csvtable import TextColumn
+from calibration.files.table import PIECE_ROWS, Columns, RowNumbers
 
 
 @dataclass
@@ -39,40 +40,31 @@ class ParquetTable:
             if name not in ("pandas", "ARROW:schema"):
                 self.metadata[name] = value.decode("utf-8", "replace")
 
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """The wanted columns; see ``Columns``."""
-        try:
-            table = pq.read_table(self.path, columns=list(dict.fromkeys(wanted)))
-        except (pa.ArrowException, OSError, ValueError, MemoryError) as problem:
-            raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
-        if table.num_rows == 0:
-            raise InputError("no rows", where=self.where)
-        seen: dict[str, Any] = {}
-        data = {n: self._floats(table.column(n), n, RowNumbers(), seen) for n in wanted}
-        return Columns(data, tuple(_text_notes(seen, table.num_rows)))
-
-    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
+    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
         """The wanted columns piece by piece, in bounded memory."""
-        first, seen = 1, dict[str, Any]()
+        done, seen = 0, dict[str, Any]()
+        names = list(dict.fromkeys(wanted))
         try:
             with pq.ParquetFile(self.path) as file:
-                for batch in file.iter_batches(rows, columns=list(dict.fromkeys(wanted))):
-                    table, at = pa.Table.from_batches([batch]), RowNumbers(first)
-                    yield Columns({n: self._floats(table.column(n), n, at, seen) for n in wanted}, (), at)
-                    first += batch.num_rows
-        except (pa.ArrowException, OSError) as problem:
+                for batch in file.iter_batches(rows, columns=names):
+                    at = RowNumbers().after(done)
+                    yield Columns({n: self._floats(batch.column(n), n, at, seen) for n in names}, (), at)
+                    done += batch.num_rows
+        except (pa.ArrowException, OSError, ValueError, MemoryError) as problem:
+            if isinstance(problem, InputError):
+                raise
             raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=self.where) from None
-        notes = _text_notes(seen, first - 1)
-        if notes:
-            yield Columns({n: np.empty(0) for n in wanted}, tuple(notes), RowNumbers(first))
+        findings = tuple(f for column in seen.values() if isinstance(column, TextColumn) for f in column.judge(done))
+        if findings:
+            yield Columns({n: np.empty(0) for n in names}, findings, RowNumbers().after(done))
 
-    def _floats(self, column: pa.ChunkedArray, name: str, rows: RowNumbers, seen: dict[str, Any]) -> FloatArray:
+    def _floats(self, column: pa.Array, name: str, rows: RowNumbers, seen: dict[str, Any]) -> Array:
         """Numbers of one piece; ``seen`` keeps a column's first time stamp, or its ``TextColumn``, for the next."""
         kind = column.type
         if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
             if pa.types.is_boolean(kind):
                 column = column.cast(pa.int8())
-            return np.array(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+            return np.array(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
         if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
             stamp = pd.Series(column.to_pandas())
             since = pd.to_timedelta(stamp - seen.setdefault(name, stamp.iloc[0]))
@@ -82,7 +74,3 @@ class ParquetTable:
             text: TextColumn = seen.setdefault(name, TextColumn(name, ".", self.where))
             return text.numbers(texts, rows)
         raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)
-
-
-def _text_notes(seen: Mapping[str, Any], rows: int) -> list[str]:
-    return [note for column in seen.values() if isinstance(column, TextColumn) for note in column.judge(rows)]

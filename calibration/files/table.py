@@ -1,42 +1,56 @@
-"""A log file as columns of numbers, whatever its ending: names first, the wanted columns on demand."""
+"""What every reader of a form of file gives: named columns of numbers, piece by piece."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.errors import InputError
+from calibration.arrays import Array
+from calibration.finding import Finding
 
-FloatArray = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Columns:
-    """The wanted columns, float64 of shape (N,), NaN where the file has no number; notes say what was done."""
-
-    data: dict[str, FloatArray]
-    notes: tuple[str, ...] = ()
-    rows: RowNumbers = field(default_factory=lambda: RowNumbers())
+PIECE_ROWS = 50_000
 
 
 @dataclass(frozen=True)
 class RowNumbers:
-    """What people see in an editor: sample ``i`` stands in line ``first + i`` plus the blank lines before it."""
+    """What people see in an editor: a sample's line is ``first`` plus the samples and blank lines before it.
+
+    ``before``: samples of earlier pieces.
+    """
 
     first: int = 1
     blank: tuple[int, ...] = ()
+    before: int = 0
 
     def of(self, index: int) -> int:
-        """Line number of sample ``index``."""
-        line = self.first + int(index)
+        """Line number of sample ``index`` of this piece."""
+        line = self.first + self.before + int(index)
         for gap in self.blank:
             line += gap <= line
         return line
+
+    def after(self, samples: int) -> RowNumbers:
+        """The numbers of what follows ``samples`` samples."""
+        return RowNumbers(self.first, self.blank, self.before + samples)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """The wanted columns, float64 of shape (N,), NaN where the file has no number; findings say what was done."""
+
+    data: dict[str, Array]
+    findings: tuple[Finding, ...] = ()
+    rows: RowNumbers = field(default_factory=RowNumbers)
+
+    def in_pieces(self, rows: int = PIECE_ROWS) -> Iterator[Columns]:
+        """The same columns, ``rows`` rows at a time; the findings come with the first."""
+        for start in range(0, len(next(iter(self.data.values()))), rows):
+            part = {name: values[start : start + rows] for name, values in self.data.items()}
+            yield Columns(part, () if start else self.findings, self.rows.after(start))
 
 
 class Table(Protocol):
@@ -52,54 +66,16 @@ class Table(Protocol):
         """What the file says about itself."""
         ...
 
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """The wanted columns by their names in the file."""
-        ...
-
-    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
-        """The same piece by piece."""
+    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+        """The wanted columns by their names in the file, about ``rows`` rows at a time; may be asked for again."""
         ...
 
 
-def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
-    """Open a log by its ending: .tdms, .lvm, .parquet; every other ending is text.
-
-    ``known`` are names that the header may hold (they tell the header from titles and units).
-    Raises InputError for a file that cannot be read, is empty, or is not what its ending says.
-    """
-    from calibration.files.csvtable import CsvTable
-    from calibration.files.lvm import read_lvm
-    from calibration.files.parquet import ParquetTable
-    from calibration.files.tdms import TdmsTable
-
-    file = Path(path)
-    where = shown(file)
-    try:
-        with open(file, "rb") as stream:
-            head = stream.read(64)
-    except FileNotFoundError:
-        raise InputError("no such file", where=where) from None
-    except IsADirectoryError:
-        raise InputError(
-            "is a folder", where=where, expected="a log file", remedy=f"name its files, such as {where}/*.csv"
-        ) from None
-    except (OSError, ValueError) as problem:
-        raise InputError(f"not readable ({problem})", where=where) from None
-    if not head:
-        raise InputError("the file is empty", where=where, expected="a log")
-    ending = file.suffix.lower()
-    if head.startswith(b"TDSm") or ending == ".tdms":
-        return TdmsTable(file, where)
-    if head.startswith(b"PAR1") or ending in (".parquet", ".pq"):
-        return ParquetTable(file, where)
-    if ending == ".lvm" or head.lstrip(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement"):
-        return read_lvm(file, where, known)
-    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
-    if ending in (".json", ".toml", ".html"):
-        kind = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}[ending]
-        raise InputError(f"is {kind} by its ending", where=where, expected="a log (CSV, LVM, TDMS or Parquet)")
-    return CsvTable.open(file, where, known)
+def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
+    """The wanted columns of the whole file: its pieces joined."""
+    parts = list(table.pieces(wanted))
+    data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
+    return Columns(data, tuple(f for part in parts for f in part.findings), parts[0].rows if parts else RowNumbers())
 
 
 def shown(path: Path) -> str:

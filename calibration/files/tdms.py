@@ -13,9 +13,10 @@ import numpy as np
 from nptdms import TdmsFile
 from nptdms.log import log_manager
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files.align import Track, align
-from calibration.files.table import Columns, FloatArray, RowNumbers
+from calibration.files.table import PIECE_ROWS, Columns, RowNumbers
 
 log_manager.set_level(logging.ERROR)
 
@@ -47,55 +48,43 @@ class TdmsTable:
         self.made_time = timed and not own
         self.names = tuple(["time_s", *names] if self.made_time else names)
 
-    def read(self, wanted: Sequence[str]) -> Columns:
-        """The wanted channels on one time grid; see ``align``."""
+    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+        """The wanted channels piece by piece, in bounded memory where they share one start, rate and length.
+
+        Channels that differ are read at once and put on one time grid; see ``align``.
+        """
+        made = self.made_time and "time_s" in wanted
         with self._open() as file:
             channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
-            tracks = {n: self._track(channels[n]) for n in wanted if n in channels}
-        made = self.made_time and "time_s" in wanted
-        clock = [n for n in tracks if n in ("time_s", "time")]
-        if clock:
-            lengths = {len(t.values) for t in tracks.values()}
-            if len(lengths) > 1:
+            channels = {n: channels[n] for n in wanted if n in channels}
+            lengths = {len(c) for c in channels.values()}
+            clock = next((n for n in channels if n in ("time_s", "time")), None)
+            if clock and len(lengths) > 1:
                 raise InputError(
-                    f"channels have {min(lengths)} to {max(lengths)} samples beside one column {clock[0]}",
+                    f"channels have {min(lengths)} to {max(lengths)} samples beside one column {clock}",
                     where=self.where,
                     expected="channels as long as the time, or a wf_increment on each",
                 )
-            return Columns({n: t.values for n, t in tracks.items()})
-        time, data, notes = align(tracks, self.where)
-        if made:
-            if time is None:
+            tracks = {n: self._track(c, 0, 1) for n, c in channels.items()}
+            dt_s = next((t.dt_s for t in tracks.values()), None) or 1.0
+            if made and not any(t.dt_s for t in tracks.values()):
                 raise InputError(
                     "no channel has a time track (wf_increment)",
                     where=self.where,
                     expected="a channel time_s or wf_increment",
                 )
-            data = {"time_s": time, **data}
-        return Columns(data, tuple(notes))
-
-    def chunks(self, wanted: Sequence[str], rows: int = 50_000) -> Iterator[Columns]:
-        """The wanted channels piece by piece, in bounded memory; they must share one start, rate and length."""
-        with self._open() as file:
-            channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
-            tracks = {n: self._track(channels[n], 0, 1) for n in wanted if n in channels}
-            lengths = {len(channels[n]) for n in tracks}
-            timed = any(n in ("time_s", "time") for n in tracks)
-            if len(lengths) > 1 or (not timed and len({t.same_as for t in tracks.values()}) > 1):
-                raise InputError(
-                    "channels differ in start, rate or length: such a log cannot be read in pieces",
-                    where=self.where,
-                    remedy="read it whole, with read_log",
-                )
-            track = next(iter(tracks.values()))
+            if not clock and len(lengths) + len({t.same_as for t in tracks.values()}) > 2:
+                time, data, found = align({n: self._track(c) for n, c in channels.items()}, self.where)
+                if made and time is not None:
+                    data = {"time_s": time, **data}
+                yield from Columns(data, tuple(found)).in_pieces(rows)
+                return
             for start in range(0, lengths.pop(), rows):
-                parts = {n: self._track(channels[n], start, start + rows).values for n in tracks}
-                if self.made_time and "time_s" in wanted:
-                    if track.dt_s is None:
-                        raise InputError("no channel has a time track (wf_increment)", where=self.where)
-                    count = len(next(iter(parts.values())))
-                    parts["time_s"] = np.asarray((start + np.arange(count)) * track.dt_s, dtype=np.float64)
-                yield Columns(parts, (), RowNumbers(start + 1))
+                part = {n: self._track(c, start, start + rows).values for n, c in channels.items()}
+                if made:
+                    count = len(next(iter(part.values())))
+                    part["time_s"] = np.asarray((start + np.arange(count)) * dt_s, dtype=np.float64)
+                yield Columns(part, (), RowNumbers().after(start))
 
     @contextmanager
     def _open(self) -> Iterator[Any]:
@@ -148,7 +137,7 @@ class TdmsTable:
         return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
 
 
-def _floats(values: Any, first: Any, name: str, where: str) -> FloatArray:
+def _floats(values: Any, first: Any, name: str, where: str) -> Array:
     array = np.asarray(values)
     if np.issubdtype(array.dtype, np.datetime64):
         return np.asarray((array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)

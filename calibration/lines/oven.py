@@ -1,15 +1,19 @@
-"""What an oven says before any line is drawn: error statistics, histogram, steady minutes in a continuous log."""
+"""What an oven says before any line is drawn: its rows checked, steady minutes, error statistics, histogram."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from calibration.arrays import Array
+from calibration.checks.temperature import Place, TemperatureCheck, check_sample
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.finding import Finding, look, note
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ def error_statistics(errors_K: ArrayLike) -> ErrorStatistics:
     return ErrorStatistics(float(size.max()), float(size.sum()), float(size.mean()), float(e.std(ddof=1)), len(e))
 
 
-def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
     """Counts and edges [K] of a histogram with bins of ``width_K`` centred on zero (figure 2.16)."""
     e = np.asarray(errors_K, dtype=float).ravel()
     e = e[np.isfinite(e)]
@@ -115,7 +119,7 @@ def steady_minutes(
     return pd.DataFrame(rows)
 
 
-def _drift_below(t_h: NDArray[np.float64], y: NDArray[np.float64], limit: float) -> bool:
+def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
     ok = np.isfinite(y)
     if ok.sum() < 6:
         return False
@@ -126,7 +130,7 @@ def _drift_below(t_h: NDArray[np.float64], y: NDArray[np.float64], limit: float)
     return abs(slope) < limit + 2 * error and error < 2 * limit
 
 
-def _plateaus(steady: NDArray[np.bool_], level: NDArray[np.float64], apart_K: float) -> list[list[int]]:
+def _plateaus(steady: NDArray[np.bool_], level: Array, apart_K: float) -> list[list[int]]:
     found: list[list[int]] = []
     for i in np.flatnonzero(steady):
         if found and i - found[-1][-1] <= 15 and abs(level[i] - level[found[-1][0]]) < apart_K:
@@ -134,3 +138,101 @@ def _plateaus(steady: NDArray[np.bool_], level: NDArray[np.float64], apart_K: fl
         else:
             found.append([int(i)])
     return found
+
+
+def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame, list[Finding]]:
+    """Oven rows as every log of an oven has them, from its canonical columns (N,), checked, and what was noticed.
+
+    Raises InputError for channels that do not follow the PRT, and for a continuous log without a steady minute.
+    """
+    checked, found = {}, list[Finding]()
+    for name, values in columns.items():
+        checked[name] = values
+        if name.endswith("_degC") and name != "setpoint_degC":
+            check = TemperatureCheck(name, place, check_sample(name, values, np.arange(len(values)), place))
+            checked[name] = check.clean(values)
+            check.see(values, checked[name])
+            found += check.judge()
+    empty = ~np.isfinite(checked["prt_degC"])
+    if empty.any():
+        first = place.of(int(np.argmax(empty)))
+        found.append(look("oven.no_prt", subject="prt_degC", count=int(empty.sum()), **first))
+    for name in (f"{c}_degC" for c in CHANNELS):
+        gaps = ~np.isfinite(checked[name]) & ~empty
+        if gaps.any():
+            first = place.of(int(np.argmax(gaps)))
+            found.append(look("oven.missing", subject=name, count=int(gaps.sum()), **first))
+    frame = pd.DataFrame(checked)
+    if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
+        _check_rises(frame["time_s"].to_numpy(), place)
+        span_h = float(frame["time_s"].iloc[-1] - frame["time_s"].iloc[0]) / 3600
+        frame = steady_minutes(frame)
+        found.append(note("oven.continuous", count=len(frame), span_h=span_h))
+        empty = np.zeros(len(frame), dtype=bool)
+    found += check_oven(frame, place)
+    frame = frame.loc[~empty].reset_index(drop=True)
+    if "setpoint_degC" not in frame:
+        frame["setpoint_degC"] = 5.0 * np.rint(frame["prt_degC"] / 5.0)
+        found.append(look("oven.no_setpoint", subject="setpoint_degC"))
+    if "repeat" not in frame:
+        hold = (frame["setpoint_degC"].diff() != 0).cumsum()
+        first_of = pd.DataFrame({"hold": hold, "at": frame["setpoint_degC"]}).drop_duplicates()
+        number = dict(zip(first_of["hold"], first_of.groupby("at").cumcount() + 1.0))
+        frame["repeat"] = hold.map(number).astype(float)
+        found.append(note("oven.no_repeat", subject="repeat"))
+    return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]], found
+
+
+def _check_rises(time: Array, place: Place) -> None:
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.diff(time) > 0)
+    if bad.any():
+        i = int(np.argmax(bad)) + 1
+        raise InputError(
+            f"{place.at('time_s', i)}: time does not rise ({time[i - 1]:.6g} s, then {time[i]:.6g} s)",
+            where=place.where,
+            expected="time that rises from row to row",
+        )
+
+
+def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
+    """Oven rows: enough of them, and every channel follows the PRT. Raises InputError."""
+    prt = frame["prt_degC"].to_numpy()
+    found: list[Finding] = []
+    for name in [f"{c}_degC" for c in CHANNELS]:
+        y = frame[name].to_numpy()
+        ok = np.isfinite(y) & np.isfinite(prt)
+        if ok.sum() < 3 or np.ptp(prt[ok]) < 5.0:
+            raise InputError(
+                f"column {name}: {int(ok.sum())} rows over {np.ptp(prt[ok]) if ok.any() else 0:.3g} degC",
+                where=place.where,
+                expected="at least 3 rows over 5 degC or more",
+            )
+        slope, offset = np.polyfit(prt[ok], y[ok], 1)
+        rest = y[ok] - slope * prt[ok] - offset
+        _check_follows(name, float(slope), float(offset), float(np.std(rest)), float(np.ptp(prt[ok])), place)
+        far = np.abs(y - prt) > 15.0
+        if far.any():
+            i = int(np.argmax(far))
+            found.append(look("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i)))
+    return found
+
+
+def _check_follows(name: str, slope: float, offset: float, rest: float, span: float, place: Place) -> None:
+    looks = ""
+    if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
+        looks = "this looks like kelvin"
+    elif abs(slope - 1.8) < 0.15 and abs(offset - 32.0) < 15.0:
+        looks = "this looks like degrees Fahrenheit"
+    elif 0.03 < slope < 0.09 and abs(offset) < 3.0:
+        looks = "this looks like millivolts"
+    elif rest > 0.15 * span or abs(slope) < 0.3:
+        looks = "it does not follow the PRT: a dead channel, or shuffled rows"
+    elif not 0.7 < slope < 1.4 or abs(offset) > 25.0:
+        looks = "this is no thermocouple in degrees Celsius"
+    if looks:
+        raise InputError(
+            f"column {name}: {slope:.3g} x PRT {offset:+.3g}; {looks}",
+            where=place.where,
+            expected="degrees Celsius within some degrees of the PRT",
+        )

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
-from calibration.files.table import open_table
+from calibration.files import open_table, read_whole
 from tcdyn.identify.data import Array, Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
@@ -99,7 +99,7 @@ def from_csv(path: str | Path, **options: object) -> IOData:
     if path.suffix.lower() in OTHER_FORMS:
         table = open_table(path)
         asked = {options.get(role) for role in ("input", "output", "time", "run")}
-        raw = table.read([n for n in table.names if n in asked or n in TIMES])
+        raw = read_whole(table, [n for n in table.names if n in asked or n in TIMES])
         named = pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
         return from_frame(named, **{"name": path.name, **options})  # type: ignore[arg-type]
     text = text_of(path)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.checks.kind import SWAPPED
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import once
@@ -104,7 +103,7 @@ def calibrate_disk(
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
         warnings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
         bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
-        warnings += [w for w in log.warnings if not (bounce_told and "the switch bounces" in w)]
+        warnings += [f.sentence for f in log.findings if not (bounce_told and f.code == "switch.bounces")]
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
@@ -154,7 +153,7 @@ def _once(log: Log, earlier: Sequence[Log]) -> None:
 def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
     """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
     for log, factor in zip(logs, fit.optimum.problem.inflation):
-        said = [w for w in log.warnings if w.endswith(SWAPPED)]
+        said = [f.sentence for f in log.findings if f.code == "junctions.swapped"]
         if said and factor.differential > COLOURED:
             raise InputError(
                 said[0],

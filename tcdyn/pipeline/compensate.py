@@ -14,7 +14,8 @@ from calibration.columns import KNOWN, recognise
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.files.table import open_table, shown
+from calibration.files import open_table, shown
+from calibration.finding import look
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
@@ -62,7 +63,12 @@ class CompensatedLog(Result):
     def as_log(self) -> Log:
         """The compensated log as :func:`calibration.log.read_log` would give it, standard deviations left out."""
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
-        return replace(self.raw, frame=frame, metadata=dict(self.metadata), warnings=self.warnings)
+        return replace(
+            self.raw,
+            frame=frame,
+            metadata=dict(self.metadata),
+            findings=tuple(look("said", text=w) for w in self.warnings),
+        )
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""

@@ -14,9 +14,9 @@ import numpy as np
 
 from calibration.columns import KNOWN, match_columns
 from calibration.errors import InputError
+from calibration.files import open_table, shown
 from calibration.files.csvtable import CsvTable
 from calibration.files.dialect import ABSENT, FLAGS, HEAD_BYTES, is_number, split
-from calibration.files.table import open_table, shown
 from calibration.files.write import write_text
 from calibration.log import COMPENSATED
 from calibration.record import DiskRecord

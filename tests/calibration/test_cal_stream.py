@@ -15,18 +15,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
-from calibration.checks import thin
+from calibration.checks import temperature
 from calibration.errors import InputError
-from calibration.log import read_log, write_log
-from calibration.stream import iter_log
+from calibration.log import iter_log, read_log, write_log
 
 
 def together(path, kind, rows):
     """The pieces as one frame, and every warning."""
-    pieces = list(iter_log(path, kind, rows=rows))
+    log = iter_log(path, kind, rows=rows)
+    pieces = list(log)
     assert len(pieces) > 1
-    assert len({p.dt_s for p in pieces}) == 1
-    return pd.concat([p.frame for p in pieces], ignore_index=True), [w for p in pieces for w in p.warnings]
+    assert [p.first for p in pieces] == np.cumsum([0, *(len(p.frame) for p in pieces[:-1])]).tolist()
+    assert sum(len(p.frame) for p in pieces) == log.rows
+    said = [f.sentence for found in (log, *pieces) for f in found.findings]
+    return pd.concat([p.frame for p in pieces], ignore_index=True), said
 
 
 def same(path, kind="ehl", rows=700):
@@ -118,7 +120,7 @@ def test_time_stamps_and_words_of_parquet_are_read_in_pieces(tmp_path):
     same(tmp_path / "log.parquet")
 
 
-def test_time_stamps_of_tdms_are_read_in_pieces_and_channels_of_other_rates_are_referred_to_read_log(tmp_path):
+def test_tdms_is_read_in_pieces_with_time_stamps_and_with_channels_of_other_rates(tmp_path):
     frame = immersion_frame()
     stamp = (
         np.datetime64("2015-03-09T23:59:40") + (frame["time_s"] * 1e6).round().astype("timedelta64[us]")
@@ -133,13 +135,12 @@ def test_time_stamps_of_tdms_are_read_in_pieces_and_channels_of_other_rates_are_
             track = {"wf_increment": step / 75}
             writer.write_segment([ChannelObject("log", name, frame[name].to_numpy()[::step], properties=track)])
     assert len(read_log(path, "immersion").frame) > 2990
-    with pytest.raises(InputError, match="read it whole, with read_log"):
-        next(iter_log(path, "immersion"))
+    same(path, "immersion")
 
 
 @pytest.mark.parametrize("form", ["spikes beside missing values", "contact in volts", "words among numbers"])
 def test_a_log_too_long_for_its_sample_gives_the_same_numbers(tmp_path, monkeypatch, form):
-    monkeypatch.setattr(thin, "MOST", 1000)
+    monkeypatch.setattr(temperature, "MOST", 1000)
     path = tmp_path / "log.csv"
     FORMS[form](ehl_frame()).to_csv(path, index=False)
     found, _ = together(path, "ehl", 300)
@@ -199,12 +200,12 @@ def test_what_only_the_whole_test_shows_is_checked_at_its_end(tmp_path, rows):
 def test_a_log_without_rows_is_refused(tmp_path):
     path = write_log(ehl_frame().iloc[:0], tmp_path / "log.csv")
     with pytest.raises(InputError, match="no table"):
-        next(iter_log(path, "ehl"))
+        iter_log(path, "ehl")
 
 
 def test_oven_logs_are_not_read_in_pieces(tmp_path):
     with pytest.raises(InputError, match="whole"):
-        next(iter_log(tmp_path / "x.csv", "oven"))
+        iter_log(tmp_path / "x.csv", "oven")
 
 
 def test_the_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
@@ -217,7 +218,7 @@ def test_the_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
 
 PEAK = """
 import sys
-from calibration.stream import iter_log
+from calibration.log import iter_log
 rows = sum(len(piece.frame) for piece in iter_log(sys.argv[1], "ehl"))
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(rows, int(peak.split()[1]) // 1024)
