@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.noise import rounding_sd, white_noise_sd
+from calibration.noise import find_spikes, rounding_sd, spike_limit, white_noise_sd
 
 STEP_12_BIT_K = 860 / 2**12
 RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
@@ -36,3 +36,16 @@ def test_columns_are_judged_each_by_itself() -> None:
     coarse, fine = white_noise_sd(both, 3)
     assert coarse == pytest.approx(1.003 * STEP_12_BIT_K / 12**0.5, rel=1e-6)
     assert fine == pytest.approx(1.003 * 0.12, rel=0.05)  # 20000 samples, a median of them
+
+
+def test_a_spike_of_fifteen_standard_deviations_is_found_and_clean_noise_loses_nothing() -> None:
+    y = RAMP + 0.12 * np.random.default_rng(1).standard_normal(len(RAMP))
+    at = np.arange(50, len(y), 400)
+    # the median of seven strays by half a sd, the sample itself by one: 15 sd are never less than 8 from the median
+    assert find_spikes(y, spike_limit(y)).sum() == 0
+    hit = y.copy()
+    hit[at] += 15 * 0.12 * np.where(at % 800 < 400, 1, -1)
+    assert find_spikes(hit, spike_limit(hit)).nonzero()[0].tolist() == at.tolist()
+    # of a quiet trace, half a kelvin
+    assert spike_limit(RAMP) == 0.5
+    assert spike_limit(y) == pytest.approx(8 * 0.12, rel=0.05)
