@@ -17,7 +17,7 @@ from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.prediction import Prediction, combined, table
 from tcdyn.design.step_plan import StepPlan, predict_step
 from tcdyn.design.touch_plan import TouchPlan, predict_touches
-from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.parameters import PlungePriors
 
 LEAST_OWN_LAG_S = 0.01
 

@@ -13,13 +13,10 @@ from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design.prediction import Prediction, from_covariances
-from tcdyn.plunge.fit import full_prior
-from tcdyn.plunge.layout import Layout, Structure
-from tcdyn.plunge.map import Problem, inverse, normal_equations
 from tcdyn.plunge.model import build_run_model
-from tcdyn.plunge.noise import Inflation
-from tcdyn.plunge.prior import PlungePriors
-from tcdyn.plunge.run import Blocks, PlungeRun, make_averages
+from tcdyn.plunge.parameters import PlungeParameters, PlungePriors, Structure
+from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, inverse, normal_equations
+from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_averages
 
 Array = NDArray[np.float64]
 
@@ -56,22 +53,20 @@ def predict_plunges(
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
     (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
     """
-    layout = Layout(len(plans), channels, structure)
+    layout = PlungeParameters(len(plans), channels, structure)
     chosen = find_correlation(correlation)
     planned = [_planned(plan, channels) for plan in plans]
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
     mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
     models = [build_run_model(run, blocks, setup, layout, chosen) for run, blocks in planned]
-    ones = tuple(np.ones(m.blocks.readings_degC.shape) for m in models)
-    problem = Problem(
-        tuple(models), layout, mean, sd, tuple(m.blocks.noise_sd_K for m in models), (Inflation(),) * len(plans), ones
-    )
+    noise = tuple(RunNoise.white(blocks) for _, blocks in planned)
+    problem = PlungeProblem(tuple(models), layout, mean, sd, noise)
     rng = np.random.default_rng(seed)
     covariances, scales, bursts = [], [], []
     for _ in range(max(draws, 1)):
         theta = _drawn(mean, sd, layout, lag_s, rng) if draws > 1 else _centred(mean, layout, lag_s)
         covariance = inverse(normal_equations(problem, theta, [None] * len(plans))[2])
-        covariances.append(covariance[layout.lag, layout.lag])
+        covariances.append(covariance[layout.at("lag"), layout.at("lag")])
         scales.append(covariance[0, 0])
         bursts.append(covariance[2, 2])
     others = {"u_h_rel": float(np.sqrt(np.mean(scales))), "u_ln_burst": float(np.sqrt(np.mean(bursts)))}
@@ -86,7 +81,7 @@ def predict_plunges(
     return from_covariances(label, "plunge", covariances, others)
 
 
-def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Blocks]:
+def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
     substance = fluid(plan.fluid) if isinstance(plan.fluid, str) else plan.fluid
     dt = 1 / plan.rate_Hz
     t = np.asarray(np.arange(-plan.before_s, plan.duration_s, dt), dtype=float)
@@ -96,19 +91,19 @@ def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Bl
     time, mean, count = make_averages(t, flat, dt, 2.0)
     bath_t = np.array([0.0, plan.duration_s])
     noise = np.full(len(channels), plan.noise_K)
-    return run, Blocks(time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0)
+    return run, PlungeBlocks(time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0)
 
 
-def _centred(mean: Array, layout: Layout, lag_s: float) -> Array:
+def _centred(mean: Array, layout: PlungeParameters, lag_s: float) -> Array:
     theta = mean.copy()
-    theta[layout.lag] = lag_s
+    theta[layout.at("lag")] = lag_s
     return theta
 
 
-def _drawn(mean: Array, sd: Array, layout: Layout, lag_s: float, rng: np.random.Generator) -> Array:
+def _drawn(mean: Array, sd: Array, layout: PlungeParameters, lag_s: float, rng: np.random.Generator) -> Array:
     theta = _centred(mean, layout, lag_s)
     for r in range(layout.runs):
         at = layout.run(r)
         theta[at.start : at.start + 5] += sd[at.start : at.start + 5] * np.clip(rng.standard_normal(5), -2.5, 2.5)
-    theta[layout.common_split] += sd[layout.common_split] * rng.standard_normal()
+    theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
     return theta

@@ -16,7 +16,7 @@ from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.rim import Mesh, Rim, points_of
 from tcdyn.design.prediction import Prediction, from_covariances, information
-from tcdyn.plunge.layout import stages
+from tcdyn.plunge.parameters import stages
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from scipy.special import erfc
 from calibration.disk import CHANNELS, DiskSetup
 from tcdyn.chain import Chain
 from tcdyn.design.prediction import Prediction, from_covariances, information
-from tcdyn.plunge.layout import stages
+from tcdyn.plunge.parameters import stages
 
 Array = NDArray[np.float64]
 _OWN = ("lag", "ln_flux", "ln_radius", "start", "ln_duration", "ln_onset", "depth", "offset")

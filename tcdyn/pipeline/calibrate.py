@@ -21,11 +21,9 @@ from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile,
 from calibration.result import Result
 from calibration.rig import Rig
 from immersion.fluids import fluid
-from tcdyn.plunge.doubt import with_structure_doubt
-from tcdyn.plunge.fit import PlungeFit, identify_plunges
-from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.fit import COLOURED, PlungeFit, identify_plunges, with_structure_doubt
+from tcdyn.plunge.parameters import PlungePriors
 from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
-from tcdyn.plunge.words import COLOURED
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
 
@@ -110,15 +108,13 @@ def calibrate_disk(
     _swapped(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)
-    strained = {
-        c for w in fit.warnings if "left over by the static line" in w for c in CHANNELS if f"channel {c}:" in w
-    }
+    pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
+    strained = {f.subject for f in pulled}
     if len(strained) > len(CHANNELS) // 2:
         warnings.append(
             f"{len(strained)} static lines do not fit the plunges: is the oven log of the disk that was plunged "
             f"({disk}), and the wiring the same?"
         )
-    warnings += list(fit.warnings)
     record = DiskRecord(
         disk=disk,
         created=now_utc(),
@@ -129,7 +125,7 @@ def calibrate_disk(
         conditioning=tables.conditioning,
         setup=tables,
         fit=fit_summary(fit, correlation),
-        findings=list(once(as_findings(warnings))),
+        findings=list(once((*as_findings(warnings), *fit.findings))),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
 
@@ -152,7 +148,7 @@ def _once(log: Log, earlier: Sequence[Log]) -> None:
 
 def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
     """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
-    for log, factor in zip(logs, fit.optimum.problem.inflation):
+    for log, factor in zip(logs, fit.optimum.problem.noise):
         said = [f.sentence for f in log.findings if f.code == "junctions.swapped"]
         if said and factor.differential > COLOURED:
             raise InputError(

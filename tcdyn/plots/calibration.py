@@ -15,7 +15,7 @@ from calibration.lines.static import OvenFit, static_u
 from calibration.lines.transducers import TransducerLine
 from calibration.record import ChainRecord
 from tcdyn.plots.style import GREY, SLOW, TRUTH, figure, finish
-from tcdyn.plunge.result import LagShare
+from tcdyn.plunge.fit import LagShare
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 
 from calibration.estimate import Z95
 from tcdyn.design.advice import COMMON, DIFFERENCES
 from tcdyn.design.compare import Design
 from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, finish
-from tcdyn.plunge.compare import JunctionTraces
+from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
-from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun
 
 _LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
@@ -44,19 +44,19 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
 
 
 def draw_entry(
-    run: PlungeRun, models: Sequence[JunctionTraces], ax: Axes, channel: str = "a", until_s: float = 15.0
+    run: PlungeRun, models: Mapping[str, pd.DataFrame], ax: Axes, channel: str = "a", until_s: float = 15.0
 ) -> Axes:
-    """Figures 5.26 and 5.27: one channel's reading, modelled junction temperatures, and both witnesses of the entry."""
+    """Figures 5.26 and 5.27: one channel's reading, modelled junctions, and both witnesses of the entry.
+
+    ``models`` by name: ``published_degC(run, setup)``, ``{"fitted": fit.junction_degC(0)}``.
+    """
     t = run.time_s - run.entry.time_s
     j = run.channels.index(channel)
     shown = (t > -3) & (t < until_s)
     ax.plot(t[shown], run.readings_degC[shown, j], color=GREY, lw=0.7, label=f"measured, {channel}")
-    for k, trace in enumerate(models):
-        inside = trace.time_s < until_s
-        column = trace.temperature_degC[inside, trace.channels.index(channel)]
-        ax.plot(
-            trace.time_s[inside], column, color=(FAST, SLOW, TRUTH, FAST)[k % 4], ls=_LINES[k % 6], label=trace.name
-        )
+    for k, (name, table) in enumerate(models.items()):
+        column = table[channel][table.index < until_s]
+        ax.plot(column.index, column, color=(FAST, SLOW, TRUTH, FAST)[k % 4], ls=_LINES[k % 6], label=name)
     for label, instant, line in (("switch", run.entry.switch_s, "--"), ("free probe", run.entry.probe_s, ":")):
         if instant is not None:
             ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)

@@ -21,8 +21,8 @@ from tcdyn.identify.identified import Identified
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
-from tcdyn.plunge.result import PlungeFit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcdyn.plots.style import CHANNEL_STYLE, GREY, SLOW, TRUTH, figure, finish
-from tcdyn.plunge.noise import block_sd
-from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.fit import PlungeFit
+from tcdyn.plunge.posterior import block_sd
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,7 +46,7 @@ def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
     problem = fit.optimum.problem
     blocks = problem.models[run].blocks
     rest = blocks.readings_degC - fit.optimum.predictions_degC[run]
-    return np.asarray(np.where(blocks.count > 0, rest / block_sd(problem.noise_sd_K[run], blocks.count), np.nan))
+    return np.asarray(np.where(blocks.count > 0, rest / block_sd(problem.noise[run].sd_K, blocks.count), np.nan))
 
 
 def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:

@@ -9,20 +9,20 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note, sentences
 from calibration.noise import white_noise_sd
 from calibration.result import Result, jsonable
 from calibration.rig import load_rig
 from immersion.events import EntryEvent, find_entry
 from immersion.radial import plunge_grid
-from tcdyn.plunge.grid import Reading, lag_on_grid
-from tcdyn.plunge.noise import block_sd, inflation
+from tcdyn.plunge.model import Reading, lag_on_grid
+from tcdyn.plunge.posterior import block_sd, inflation
 from tcdyn.plunge.run import despiked, make_averages
 
-Array = NDArray[np.float64]
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
 
@@ -50,7 +50,12 @@ class HoleComparison(Result):
     block_time_s: Array
     readings_degC: Array  # (B, C)
     fitted_degC: Array  # (B, C)
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
     def table(self) -> pd.DataFrame:
         """One row a hole."""
@@ -124,9 +129,9 @@ def compare_holes(
     clean, spikes = despiked(readings[keep])
     time, mean, count = make_averages(t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0)
     fit = _fit(time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u)
-    warnings = [*entry.warnings]
+    findings = [*entry.findings]
     if spikes:
-        warnings.append(f"{spikes} spikes were left out")
+        findings.append(note("plunge.spikes", count=spikes))
     alpha = load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
     shift = depth_u_m * depth_m / alpha
     u_depth = shift * float(np.sqrt(1 + 1 / len(good)))
@@ -139,8 +144,8 @@ def compare_holes(
         spread = Estimate.normal(fit.extra[0] - fit.extra[1], float(np.sqrt(c[0, 0] + c[1, 1] - 2 * c[0, 1])))
         allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
         if abs(spread.value) > allowed:
-            warnings.append(f"the two ideal thermocouples differ by {abs(spread.value):.3f} s: one may not be clamped")
-    return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fit.fitted, tuple(warnings))
+            findings.append(look("hole.ideal", apart_s=abs(spread.value)))
+    return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fit.fitted, tuple(findings))
 
 
 @dataclass(frozen=True)
@@ -206,8 +211,7 @@ def _fit(time: Array, mean: Array, count: Array, noise: Array, ideals: int, base
         hessian = a.T @ a
         if change < 1e-4:
             break
-        judged = inflation(z, m, 3 * c)
-        factor = np.full(c, max(judged.differential, 1.0))
+        factor = np.full(c, max(inflation(z, m, 3 * c)[1], 1.0))
     covariance = np.linalg.inv(hessian)[m + 2 * c :, m + 2 * c :]
     fitted = np.column_stack([values[:, k] - z[:, k] * sd[:, k] for k in range(c)])
     return _Fit(extra, np.asarray(covariance, dtype=float), fitted)

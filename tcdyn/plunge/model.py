@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtbtrs, ztbtrs
 
-from calibration.disk import DiskSetup
+from calibration.arrays import Array
+from calibration.disk import Conditioning, DiskSetup
 from immersion.correlations import Bath, Correlation
-from immersion.cylinder import Cylinder, influence
+from immersion.cylinder import Cylinder, influence, lag_step
 from immersion.radial import plunge_grid, solve_surface
-from tcdyn.plunge.grid import Reading, conditioned, lag_on_grid
-from tcdyn.plunge.layout import RUN_NAMES, Layout, stages
-from tcdyn.plunge.run import Blocks, PlungeRun
+from tcdyn.plunge.parameters import RUN_KINDS, PlungeParameters, Structure, stages
+from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 
-Array = NDArray[np.float64]
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
+ENTRY, INITIAL, BATH = (RUN_KINDS.index(kind) for kind in ("entry", "initial", "bath"))
 
 
 @dataclass(frozen=True)
@@ -35,67 +37,55 @@ class RunModel:
     depth_shift_m: Array
     bath: Bath
     bath_degC: Array  # (n,)
-    blocks: Blocks
+    blocks: PlungeBlocks
     setup: DiskSetup
-    layout: Layout
     step_K: float  # reference difference of the extra exponent
 
 
 def build_run_model(
     run: PlungeRun,
-    blocks: Blocks,
+    blocks: PlungeBlocks,
     setup: DiskSetup,
-    layout: Layout,
+    layout: PlungeParameters,
     correlation: Correlation,
-    ln_k: float = 0.0,
-    depth_shift_m: Array | None = None,
+    about: Array | None = None,
     face_W_m2K: float = 0.0,
 ) -> RunModel:
-    """Influence matrices of one run about a conductivity and junction depths."""
-    shift = np.zeros(len(run.channels)) if depth_shift_m is None else np.asarray(depth_shift_m, dtype=float)
+    """Influence matrices of one run about the conductivity and the junction depths in ``about`` (P,); None: nominal."""
+    about = np.zeros(layout.size) if about is None else about
+    ln_k, shift = float(about[layout.at("ln_conductivity")][0]), about[layout.at("depth")]
     grid = plunge_grid(blocks.duration_s + 2.0)
-    depth = np.array([setup.junctions[c].depth_m for c in run.channels]) + shift
     nominal = Cylinder.from_setup(setup, face_W_m2K)
-
-    def matrices(ln: float, extra_m: float) -> tuple[Array, Array]:
-        k = nominal.conductivity_W_mK * np.exp(ln)
-        steel = Cylinder(
-            nominal.inner_radius_m, nominal.outer_radius_m, k, nominal.heat_capacity_J_m3K, nominal.leak_1_s
-        )
-        radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra_m])
-        inf = influence(steel, radii, grid)
-        return inf.matrix, inf.leak
-
-    c = len(depth)
-    extra = 5e-5
-    centre, leak = matrices(ln_k, extra)
-    up, down = matrices(ln_k + _DK, 0.0)[0], matrices(ln_k - _DK, 0.0)[0]
-    slope = (up - down) / (2 * _DK)
-    bath = Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m)
+    depth = np.array([setup.junctions[c].depth_m for c in run.channels]) + shift
+    c, extra = len(depth), 5e-5
+    radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra])
+    low, centre, high = (
+        influence(replace(nominal, conductivity_W_mK=nominal.conductivity_W_mK * np.exp(ln_k + step)), radii, grid)
+        for step in (-_DK, 0.0, _DK)
+    )
+    slope = (high.matrix - low.matrix) / (2 * _DK)
     bath_degC = np.interp(grid, blocks.bath_time_s, blocks.bath_degC)
-    before = blocks.time_s < 0
-    initial = float(np.mean(blocks.readings_degC[before]))
+    initial = float(np.mean(blocks.readings_degC[blocks.time_s < 0]))
     return RunModel(
         grid,
-        centre[0],
+        centre.matrix[0],
         slope[0],
-        centre[1 : c + 1],
+        centre.matrix[1 : c + 1],
         slope[1 : c + 1],
-        (centre[c + 1 :] - centre[1 : c + 1]) / extra,
-        leak,
+        (centre.matrix[c + 1 :] - centre.matrix[1 : c + 1]) / extra,
+        centre.leak,
         ln_k,
         shift,
-        bath,
+        Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m),
         bath_degC,
         blocks,
         setup,
-        layout,
         max(abs(float(bath_degC[0]) - initial), 1.0),
     )
 
 
 @dataclass(frozen=True)
-class Surface:
+class RunSurface:
     """Solved surface of a run: temperature, flux, h, and dq/d(parameter) (n, Q), offset and its derivatives."""
 
     temperature_degC: Array
@@ -106,7 +96,7 @@ class Surface:
     offset_by: Array  # (n, 8 + 1)
 
 
-def solve_run(model: RunModel, own: Array, ln_k: float, start: Array | None = None) -> Surface:
+def solve_run(model: RunModel, own: Array, ln_k: float, start: Array | None = None) -> RunSurface:
     """Surface balance of a run for its 8 parameters ``own`` and ``ln_k``, with derivatives by the implicit theorem."""
     ln_h, exponent, ln_a, ln_tau, ln_p, _, initial, bath_offset = own
     t, n = model.grid_s, len(model.grid_s)
@@ -142,72 +132,88 @@ def solve_run(model: RunModel, own: Array, ln_k: float, start: Array | None = No
             np.zeros(n),
         ]
     )
-    offset_by = np.zeros((n, len(RUN_NAMES) + 1))
-    offset_by[:, 6] = -leak_one
-    offset_by[:, 7] = leak_one
+    offset_by = np.zeros((n, len(RUN_KINDS) + 1))
+    offset_by[:, INITIAL] = -leak_one
+    offset_by[:, BATH] = leak_one
     surface_by = offset_by.copy()
-    surface_by[:, 6] += 1.0
-    surface_by[:, 8] = model.own_k @ q
+    surface_by[:, INITIAL] += 1.0
+    surface_by[:, -1] = model.own_k @ q
     system = np.eye(n) - slope[:, None] * matrix
     flux_by = solve_triangular(system, explicit + slope[:, None] * surface_by, lower=True, check_finite=False)
     h = q / np.where(np.abs(fluid - T) > 1e-6, fluid - T, np.nan)
-    return Surface(T, q, h, np.asarray(flux_by), rise, offset_by)
+    return RunSurface(T, q, h, np.asarray(flux_by), rise, offset_by)
+
+
+def junction_rise(
+    model: RunModel, lay: PlungeParameters, theta: Array, surface: RunSurface
+) -> tuple[Array, Array, Array]:
+    """Rise of the junctions (C, n) [K] above the initial temperature, and its derivatives with ln K and depth."""
+    q = surface.flux_W_m2
+    by_k, by_depth = model.junction_k @ q, model.junction_depth @ q
+    rise = model.junction @ q + (theta[lay.at("ln_conductivity")] - model.ln_k) * by_k
+    rise += (theta[lay.at("depth")] - model.depth_shift_m)[:, None] * by_depth + surface.offset_K
+    return rise, by_k, by_depth
 
 
 def predict_run(
-    model: RunModel, theta: Array, r: int, start: Array | None = None
-) -> tuple[Array, NDArray[np.float64], Surface]:
+    model: RunModel, lay: PlungeParameters, theta: Array, r: int, start: Array | None = None
+) -> tuple[Array, Array, RunSurface]:
     """Block readings (B, C) and their derivatives (B, C, P) with every parameter of the fit, for run ``r``."""
-    lay = model.layout
-    own, ln_k = theta[lay.run(r)], float(theta[lay.ln_k])
-    surface = solve_run(model, own, ln_k, start)
+    own = theta[lay.run(r)]
+    surface = solve_run(model, own, float(theta[lay.at("ln_conductivity")][0]), start)
     dt = np.diff(model.grid_s)
-    c = len(lay.channels)
-    n = len(model.grid_s)
-    depth = theta[lay.depth] - model.depth_shift_m
-    dk = ln_k - model.ln_k
-    q = surface.flux_W_m2
-    by_k, by_depth = model.junction_k @ q, model.junction_depth @ q  # (C, n)
-    columns = np.empty((c, n, len(RUN_NAMES) + 3))  # value, 8 run derivatives, ln K, depth
-    both = np.column_stack([q, surface.flux_by])
+    c, n, kinds = len(lay.channels), len(model.grid_s), len(RUN_KINDS)
+    columns = np.empty((c, n, kinds + 3))  # value, run derivatives, ln K, depth
     # the value follows K and depths exactly; its other derivatives take the matrices where they were built
-    columns[:, :, :10] = model.junction @ both
-    columns[:, :, 0] += dk * by_k + depth[:, None] * by_depth
-    columns[:, :, 0] += surface.offset_K
-    columns[:, :, 1:10] += surface.offset_by
-    columns[:, :, 9] += by_k
-    columns[:, :, 10] = by_depth
+    columns[:, :, 1 : kinds + 2] = model.junction @ surface.flux_by + surface.offset_by
+    columns[:, :, 0], by_k, columns[:, :, kinds + 2] = junction_rise(model, lay, theta, surface)
+    columns[:, :, kinds + 1] += by_k
     flat = columns.transpose(1, 0, 2).reshape(n, -1)
     filtered = conditioned(flat, dt, model.setup.conditioning).reshape(n, c, -1)
-    times = model.blocks.time_s - own[5]
+    times = model.blocks.time_s - own[ENTRY]
     out = np.empty((len(times), c))
     jac = np.zeros((len(times), c, lay.size))
-    one = np.ones(len(times))
+    lags, logits = theta[lay.at("lag")], theta[lay.at("common_split")] + theta[lay.at("split")]
     for j in range(c):
-        lag, logit = float(theta[lay.lag][j]), float(theta[lay.common_split] + theta[lay.split][j])
-        value, by_lag, by_logit, delay = chain_on_grid(filtered[:, j], dt, lag, logit, lay.structure)
+        value, by_lag, by_logit, delay = chain_on_grid(
+            filtered[:, j], dt, float(lags[j]), float(logits[j]), lay.structure
+        )
         reading = Reading.at(model.grid_s, times - delay[0])
         y = reading.value(value)
         rate = reading.slope(value[:, 0])
-        gain = 1 + theta[lay.gain][j]
-        level = own[6] + y[:, 0]
-        out[:, j] = gain * level + theta[lay.offset][j]
-        jac[:, j, lay.run(r)] = gain * y[:, 1:9]
-        jac[:, j, lay.run(r).start + 5] = -gain * rate
-        jac[:, j, lay.run(r).start + 6] += gain
-        jac[:, j, lay.ln_k] = gain * y[:, 9]
-        jac[:, j, lay.depth.start + j] = gain * y[:, 10]
-        jac[:, j, lay.lag.start + j] = gain * (reading.value(by_lag) - rate * delay[1])
+        gain = 1 + theta[lay.at("gain")][j]
+        level = own[INITIAL] + y[:, 0]
+        out[:, j] = gain * level + theta[lay.at("offset")][j]
+        by_run = y[:, 1 : kinds + 1]
+        by_run[:, ENTRY] = -rate
+        by_run[:, INITIAL] += 1.0
+        jac[:, j, lay.run(r)] = gain * by_run
+        jac[:, j, lay.at("ln_conductivity")] = gain * y[:, [kinds + 1]]
         by_split = gain * (reading.value(by_logit) - rate * delay[2])
-        jac[:, j, lay.split.start + j] = by_split
-        jac[:, j, lay.common_split] = by_split
-        jac[:, j, lay.gain.start + j] = level
-        jac[:, j, lay.offset.start + j] = one
+        jac[:, j, lay.at("common_split")] = by_split[:, None]
+        own_kinds = {
+            "lag": gain * (reading.value(by_lag) - rate * delay[1]),
+            "split": by_split,
+            "depth": gain * y[:, kinds + 2],
+            "offset": 1.0,
+            "gain": level,
+        }
+        for kind, column in own_kinds.items():
+            jac[:, j, lay.at(kind).start + j] = column
     return out, jac, surface
 
 
+def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
+    """Temperatures [degC] of the junctions without the chain: a column a channel, a row an instant after entry [s]."""
+    own = theta[lay.run(r)]
+    surface = solve_run(model, own, float(theta[lay.at("ln_conductivity")][0]))
+    rise = junction_rise(model, lay, theta, surface)[0]
+    time_s = pd.Index(model.grid_s + own[ENTRY], name="time_s")
+    return pd.DataFrame((own[INITIAL] + rise).T, index=time_s, columns=list(lay.channels))
+
+
 def chain_on_grid(
-    u: Array, dt_s: Array, lag_s: float, logit: float, structure: str
+    u: Array, dt_s: Array, lag_s: float, logit: float, structure: Structure
 ) -> tuple[Array, Array, Array, tuple[float, float, float]]:
     """Lags of a chain applied to all columns of ``u`` (n, M); derivatives of column 0 with lag and logit (n,).
 
@@ -215,7 +221,7 @@ def chain_on_grid(
     """
 
     def parts(lag: float, z: float) -> Array:
-        taus, delay, zero = stages(structure, lag, z)  # type: ignore[arg-type]
+        taus, delay, zero = stages(structure, lag, z)
         return np.array([*taus, delay, zero])
 
     step_lag, step_z = 1e-5, 1e-4
@@ -239,3 +245,58 @@ def chain_on_grid(
         d_lag += by_tau * by_lag[i]
         d_z += by_tau * by_z[i]
     return y, d_lag, d_z, (float(delay), float(by_lag[-2]), float(by_z[-2]))
+
+
+def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.float64] | NDArray[np.complex128]:
+    """Unit-gain lag of ``rate`` [1/s] of deviations ``u`` (n, M) from equilibrium, linear between knots.
+
+    Exact for that input; y[0] = 0, as before the first knot nothing had changed.
+    """
+    decay, old, new = lag_step(dt_s, rate)
+    drive = np.zeros(u.shape, dtype=np.result_type(u, decay), order="F")
+    drive[1:] = old[:, None] * u[:-1] + new[:, None] * u[1:]
+    bands = np.zeros((2, len(u)), dtype=decay.dtype)
+    bands[1, :-1] = -decay
+    solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs  # unit diagonal; thrice as quick as solve_banded's checks
+    return np.asarray(solve(bands, drive, uplo="L", diag="U", overwrite_b=True)[0])
+
+
+def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
+    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid."""
+    for f in filter_.factors():
+        if len(f) == 2:
+            u = np.asarray(lag_on_grid(u, dt_s, 1 / f[1]))
+        else:  # two complex lags side by side: p1 p2/((s - p1)(s - p2)) = 2 Re of its first partial fraction
+            p = complex(np.roots(f[::-1])[0])
+            u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+    return u
+
+
+@dataclass(frozen=True)
+class Reading:
+    """Where block times fall on the grid: interval, share of the way through it, and whether after the entry."""
+
+    interval: NDArray[np.intp]
+    share: Array
+    width_s: Array
+    after: NDArray[np.bool_]
+
+    @classmethod
+    def at(cls, grid_s: Array, times_s: Array) -> Reading:
+        """For times after entry ``times_s`` (B,); earlier ones read the initial state."""
+        interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
+        width = np.diff(grid_s)[interval]
+        after = times_s > 0
+        share = np.where(after, (times_s - grid_s[interval]) / width, 0.0)
+        return cls(interval, share, width, after)
+
+    def value(self, y: Array) -> Array:
+        """Deviation ``y`` (n, ...) at the blocks: straight lines between knots, zero before entry."""
+        w = (self.share * self.after).reshape(-1, *(1,) * (y.ndim - 1))
+        keep = self.after.reshape(w.shape)
+        return np.asarray(keep * y[self.interval] + w * (y[self.interval + 1] - y[self.interval]))
+
+    def slope(self, y: Array) -> Array:
+        """Time derivative at the blocks [1/s]."""
+        keep = (self.after / self.width_s).reshape(-1, *(1,) * (y.ndim - 1))
+        return np.asarray(keep * (y[self.interval + 1] - y[self.interval]))

@@ -4,34 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.lines.static import StaticLine
 from calibration.log import Log
 from calibration.noise import white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
 
 Array = NDArray[np.float64]
-
-
-class Line(Protocol):
-    """A static line: T_degC = gain * logged + offset."""
-
-    @property
-    def gain(self) -> float:
-        """Slope [1]."""
-        ...
-
-    @property
-    def offset(self) -> float:
-        """Temperature at a reading of zero [degC]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -57,7 +44,7 @@ class PlungeRun:
 
 
 @dataclass(frozen=True)
-class Blocks:
+class PlungeBlocks:
     """A plunge in blocks: mean time after the nominal entry (B,), mean readings (B, C), samples in each (B, C)."""
 
     time_s: Array
@@ -81,7 +68,7 @@ def bath_filled(log: Log) -> pd.DataFrame:
 def run_from_log(
     frame: pd.DataFrame,
     fluid_name: str | Fluid,
-    lines: Mapping[str, Line] | None = None,
+    lines: Mapping[str, StaticLine] | None = None,
     *,
     channels: tuple[str, ...] = CHANNELS,
     entry: EntryEvent | None = None,
@@ -110,10 +97,10 @@ def run_from_log(
     return PlungeRun(t, readings, channels, substance, bath, entry, None, name)
 
 
-def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> Blocks:
+def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> PlungeBlocks:
     """Despike, cut and average a run.
 
-    Blocks are about 0.027 s long near entry (single samples of a slow log), then 3 % of the time since, at most
+    Blocks are two samples long near entry (0.02 s at least), then 3 % of the time since longer, at most
     ``longest_s``. Raises InputError when there is too little before or after the entry.
     """
     t = run.time_s - run.entry.time_s
@@ -132,7 +119,7 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
     noise = white_noise_sd(clean) if run.noise_sd_K is None else np.asarray(run.noise_sd_K, dtype=float)
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
     bath_t, bath = smooth_bath(t, run.fluid_degC, end)
-    return Blocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
+    return PlungeBlocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
 
 
 def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
@@ -140,35 +127,17 @@ def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) ->
 
     A block without a sample of a channel counts 0 there, and its mean is only a line between its neighbours.
     """
-    edges = _edges(float(times[0]), float(times[-1]), dt_s, longest_s)
-    index = np.searchsorted(edges, times, side="right") - 1
-    size = len(edges)
-    per_block = np.bincount(index, minlength=size)
-    used = per_block > 0
-    centre = np.bincount(index, times, minlength=size)[used] / per_block[used]
-    good = np.isfinite(values)
-    filled = np.where(good, values, 0.0)
-    columns = range(values.shape[1])
-    count = np.column_stack([np.bincount(index, good[:, j], minlength=size)[used] for j in columns])
-    total = np.column_stack([np.bincount(index, filled[:, j], minlength=size)[used] for j in columns])
-    mean = total / np.maximum(count, 1)
-    for j in columns:
-        some = count[:, j] > 0
-        mean[~some, j] = np.interp(centre[~some], centre[some], mean[some, j])
-    return np.asarray(centre), np.asarray(mean), count.astype(float)
-
-
-def _edges(start: float, end: float, dt: float, longest: float) -> Array:
-    short = max(2 * dt, 0.02)
-    if dt > short / 1.5:
-        short = dt
-    edges = [start - dt / 2]
+    short = max(2 * dt_s, 0.02)
+    edges = [float(times[0]) - dt_s / 2]
     while edges[-1] < -1.0:
         edges.append(min(edges[-1] + 1.0, -1.0) if edges[-1] < -1.5 else -1.0)
-    while edges[-1] < end + dt / 2:
-        step = short + 0.03 * max(edges[-1] - 1.0, 0.0)
-        edges.append(edges[-1] + min(step, longest))
-    return np.array(edges)
+    while edges[-1] < times[-1] + dt_s / 2:
+        edges.append(edges[-1] + min(short + 0.03 * max(edges[-1] - 1.0, 0.0), longest_s))
+    index = np.searchsorted(edges, times, side="right")
+    blocks = pd.DataFrame(values).groupby(index)
+    centre = pd.Series(times).groupby(index).mean().to_numpy()
+    mean = blocks.mean().set_axis(centre).interpolate("index", limit_direction="both")
+    return np.asarray(centre), np.asarray(mean), np.asarray(blocks.count(), dtype=float)
 
 
 def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Array, int]:
@@ -191,10 +160,5 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
         raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
-    bins = np.floor(t[after] / window_s).astype(int)
-    times, values = [], []
-    for b in np.unique(bins):
-        inside = bins == b
-        times.append(float(np.mean(t[after][inside])))
-        values.append(float(np.mean(np.sort(bath[after][inside])[inside.sum() // 5 : -(inside.sum() // 5) or None])))
-    return np.array(times), np.array(values)
+    bins = pd.DataFrame({"t": t[after], "bath": bath[after]}).groupby(np.floor(t[after] / window_s))
+    return bins["t"].mean().to_numpy(), bins["bath"].agg(stats.trim_mean, 0.2).to_numpy()

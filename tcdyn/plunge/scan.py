@@ -1,18 +1,18 @@
-"""Profile likelihood and marginal posterior of the common lag: what the normal approximation would gloss over."""
+"""The common lag, all else refitted: its profile, its marginal posterior, and what the correlation does to it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from calibration.arrays import Array
 from calibration.estimate import Z95, Estimate
-from tcdyn.plunge.layout import Layout
-from tcdyn.plunge.map import LEAST_LAG_S, Optimum, inverse, minimise
-
-Array = NDArray[np.float64]
+from immersion.correlations import Correlation
+from tcdyn.plunge.parameters import PlungeParameters
+from tcdyn.plunge.posterior import LEAST_LAG_S, PlungeOptimum, inverse, minimise
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,20 @@ class LagScan:
         )
 
 
-def held_directions(layout: Layout) -> Array:
+def held_directions(layout: PlungeParameters) -> Array:
     """Orthonormal directions (P, P-1) that leave the mean of the lags alone."""
     c = len(layout.channels)
     full, _ = np.linalg.qr(np.column_stack([np.ones(c), np.eye(c)[:, : c - 1]]))
     eye = np.eye(layout.size)
-    others = np.delete(eye, np.arange(layout.lag.start, layout.lag.stop), axis=1)
+    others = np.delete(eye, np.flatnonzero(layout.mask("lag")), axis=1)
     within = np.zeros((layout.size, c - 1))
-    within[layout.lag] = full[:, 1:]
+    within[layout.at("lag")] = full[:, 1:]
     return np.column_stack([others, within])
 
 
-def scan_common_lag(best: Optimum, *, step: float = 0.8, drop: float = 9.0, limit: int = 24) -> tuple[LagScan, Optimum]:
+def scan_common_lag(
+    best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0, limit: int = 24
+) -> tuple[LagScan, PlungeOptimum]:
     """Walk the common lag both ways from ``best`` in steps of ``step`` standard deviations; refit the rest at each.
 
     The walk ends where the marginal posterior has fallen by exp(-drop/2), or where the common lag reaches zero. The
@@ -74,8 +76,8 @@ def scan_common_lag(best: Optimum, *, step: float = 0.8, drop: float = 9.0, limi
     """
     layout = best.problem.layout
     free = held_directions(layout)
-    centre = float(np.mean(best.theta[layout.lag]))
-    u = float(np.sqrt(best.covariance[layout.lag, layout.lag].mean()))
+    centre = float(np.mean(best.theta[layout.at("lag")]))
+    u = float(np.sqrt(best.covariance[layout.at("lag"), layout.at("lag")].mean()))
     u = float(np.clip(u, 1e-4, 0.3))
     points = {0.0: _at(best, centre, free)}
     for sign in (1.0, -1.0):
@@ -99,7 +101,9 @@ def scan_common_lag(best: Optimum, *, step: float = 0.8, drop: float = 9.0, limi
     return _finish(lag, cost, volume, points[order[int(np.argmin(cost + 2 * volume))]], free)
 
 
-def settled_scan(best: Optimum, *, step: float = 0.8, drop: float = 9.0) -> tuple[LagScan, Optimum, Optimum]:
+def settled_scan(
+    best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
+) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
     """:func:`scan_common_lag`, started again where the walk found a clearly better optimum than ``best``.
 
     In the curved valley of lag against burst a fit can stop early. Also gives the optimum that the walk started from.
@@ -114,24 +118,24 @@ def settled_scan(best: Optimum, *, step: float = 0.8, drop: float = 9.0) -> tupl
     return *scan_common_lag(again, step=step, drop=drop), again
 
 
-def _at(near: Optimum, lag_s: float, free: Array) -> Optimum:
+def _at(near: PlungeOptimum, lag_s: float, free: Array) -> PlungeOptimum:
     layout = near.problem.layout
     theta = near.theta.copy()
-    theta[layout.lag] += lag_s - float(np.mean(theta[layout.lag]))
-    theta[layout.lag] = np.maximum(theta[layout.lag], LEAST_LAG_S)
+    theta[layout.at("lag")] += lag_s - float(np.mean(theta[layout.at("lag")]))
+    theta[layout.at("lag")] = np.maximum(theta[layout.at("lag")], LEAST_LAG_S)
     return minimise(near.problem, theta, directions=free, limit=12)
 
 
-def _log_volume(at: Optimum, free: Array) -> float:
+def _log_volume(at: PlungeOptimum, free: Array) -> float:
     return 0.5 * float(np.linalg.slogdet(free.T @ at.hessian @ free)[1])
 
 
-def log_marginal(at: Optimum, free: Array) -> float:
+def log_marginal(at: PlungeOptimum, free: Array) -> float:
     """Laplace's log marginal posterior of what ``free`` holds still, but for a constant."""
     return -0.5 * at.cost - _log_volume(at, free)
 
 
-def _finish(lag: Array, cost: Array, volume: Array, near: Optimum, free: Array) -> tuple[LagScan, Optimum]:
+def _finish(lag: Array, cost: Array, volume: Array, near: PlungeOptimum, free: Array) -> tuple[LagScan, PlungeOptimum]:
     logp = -0.5 * cost - volume
     curve = PchipInterpolator(lag, logp - logp.max()) if len(lag) > 2 else None
     grid = np.linspace(lag[0], lag[-1], 801)
@@ -144,10 +148,20 @@ def _finish(lag: Array, cost: Array, volume: Array, near: Optimum, free: Array) 
     layout = near.problem.layout
     final = _at(near, mean, free)
     aside = _at(final, mean + 0.5 * sd, free)
-    slope = (aside.theta[layout.lag] - final.theta[layout.lag]) / (0.5 * sd)
+    slope = (aside.theta[layout.at("lag")] - final.theta[layout.at("lag")]) / (0.5 * sd)
     held = free @ inverse(free.T @ final.hessian @ free) @ free.T
     scan = LagScan(
-        lag, cost, volume, grid, density, mean, sd, float(low), float(high), slope, held[layout.lag, layout.lag]
+        lag,
+        cost,
+        volume,
+        grid,
+        density,
+        mean,
+        sd,
+        float(low),
+        float(high),
+        slope,
+        held[layout.at("lag"), layout.at("lag")],
     )
     return scan, replace(final, converged=final.converged)
 
@@ -155,3 +169,74 @@ def _finish(lag: Array, cost: Array, volume: Array, near: Optimum, free: Array) 
 def lag_covariance(scan: LagScan) -> Array:
     """Covariance (C, C) of the lags: the common lag's marginal variance along the profile, and the rest across it."""
     return np.asarray(scan.differential_covariance + scan.sd_s**2 * np.outer(scan.lag_slope, scan.lag_slope))
+
+
+@dataclass(frozen=True)
+class ModelForm:
+    """The same data under other correlations: common lag and cost of each, and the covariance their spread adds."""
+
+    common_lag_s: dict[str, float]
+    cost: dict[str, float]
+    covariance: Array  # (C, C) of the lags [s2]
+    u_common_s: float
+
+
+def model_form(
+    final: PlungeOptimum, scan: LagScan, chosen: Correlation, others: Sequence[Correlation], own_lag_s: float
+) -> ModelForm:
+    """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
+
+    The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
+    (sample covariance) is what the choice of correlation adds.
+    """
+    layout = final.problem.layout
+    width = scan.sd_s
+    base = _vector(final)
+    base_top = _top(final, width)
+    lags, cost = [base], {chosen.name: final.cost}
+    for other in others:
+        if other.name == chosen.name:
+            continue
+        at = _under(final, other)
+        shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
+        rest = _vector(at) - _vector(at).mean()
+        lags.append(rest + base.mean() + shift)
+        cost[other.name] = at.cost
+    stack = np.array(lags)
+    c = len(layout.channels)
+    spread = np.cov(stack.T, ddof=1) if len(stack) > 1 else np.zeros((c, c))
+    covariance = np.asarray(spread, dtype=float).reshape(c, c)
+    common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, stack)}
+    return ModelForm(common, cost, covariance, float(np.sqrt(max(covariance.mean(), 0.0))))
+
+
+def _vector(at: PlungeOptimum) -> Array:
+    return np.asarray(at.theta[at.problem.layout.at("lag")])
+
+
+def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
+    """The optimum with the same common lag under another correlation; h scales are moved first."""
+    models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in final.problem.models)
+    problem = replace(final.problem, models=models)
+    theta = final.theta.copy()
+    for r, (old, new, surface) in enumerate(zip(final.problem.models, models, final.surfaces)):
+        T, bath = surface.temperature_degC, old.bath_degC
+        early = np.abs(bath - T) > 0.3 * old.step_K
+        ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
+        theta[problem.layout.run(r).start] += float(np.log(np.mean(ratio)))
+    return minimise(problem, theta, directions=held_directions(problem.layout), limit=12)
+
+
+def _top(at: PlungeOptimum, width: float) -> float:
+    """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
+    free = held_directions(at.problem.layout)
+    values = [log_marginal(at, free)]
+    for sign in (-1.0, 1.0):
+        theta = at.theta.copy()
+        theta[at.problem.layout.at("lag")] = np.maximum(theta[at.problem.layout.at("lag")] + sign * width, 2e-3)
+        values.append(log_marginal(minimise(at.problem, theta, directions=free, limit=10), free))
+    middle, low, high = values
+    curvature = high - 2 * middle + low
+    if curvature >= 0:
+        return 0.0
+    return float(-width * (high - low) / (2 * curvature))

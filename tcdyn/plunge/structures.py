@@ -1,27 +1,26 @@
-"""Which chain structure the plunges speak for, and what the choice does to the lags: figures and sentences."""
+"""Which chain structure the plunges speak for, and what the choice does to the lags."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from calibration.estimate import Estimate, rounded, with_u
-from tcdyn.plunge.layout import STRUCTURES
+from calibration.arrays import Array
+from calibration.estimate import Estimate, with_u
+from calibration.finding import Finding, look, note
+from calibration.words import percent
+from tcdyn.plunge.parameters import COMPARED, MEANING, STRUCTURES, PlungePriors, Structure
+from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, RunNoise, judged, minimise, precision
+from tcdyn.plunge.scan import LagScan, settled_scan
 
-Array = NDArray[np.float64]
-MEANING: dict[str, str] = {
-    "P1": "one lag",
-    "P2": "two lags",
-    "P1D": "one lag and a dead time",
-    "P2D": "two lags and a dead time",
-    "P2Z": "two lags and a zero",
-    "P3": "three lags",
-}
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
 POSSIBLE = 0.05  # a structure less probable than this may be called contradicted, one above it is possible
+LONG_S, SHORT_S = 0.8, 0.5  # beyond the first a second start is made, at the other
+UNLIKELY = 5.0  # log evidence below the likeliest: Laplace is good enough, and the scan of the lag is spared
 
 
 @dataclass(frozen=True)
@@ -81,65 +80,55 @@ class StructureComparison:
         return self.own.probability < POSSIBLE and self.own.chi_square - self.best.chi_square > WORSE
 
     @property
-    def rivals(self) -> tuple[StructureRow, ...]:
-        """Structures other than the chosen one that the plunges leave possible, the most probable first."""
+    def verdict(self) -> Finding:
+        """What the plunges say about the structure: of the chosen one first, then the best or all possible ones."""
         others = [r for r in self.rows if r.structure != self.chosen and r.probability >= POSSIBLE]
-        return tuple(sorted(others, key=lambda r: -r.probability))
+        told = [self.own, *([self.best] if self.contradicted else sorted(others, key=lambda r: -r.probability))]
+        second = self.own.second_lag_s
+        numbers: dict[str, Any] = {
+            "structures": [r.structure for r in told],
+            "meanings": [MEANING[r.structure] for r in told],
+            "probability": [r.probability for r in told],
+            "chi_square": [r.chi_square for r in told],
+            "lag_s": [r.common_lag_s.value for r in told],
+            "u_s": [r.common_lag_s.u for r in told],
+            "second_s": None if second is None else (second.value, second.u),
+            "candidates": len(self.rows),
+            "contradicted": self.contradicted,
+            "kept": self.best.structure in STRUCTURES,
+            "u_before_s": self.u_before_s,
+            "u_after_s": self.u_after_s,
+        }
+        if self.contradicted or self.u_structure_s > self.u_before_s:
+            return look("plunge.structure", **numbers)
+        return note("plunge.structure", **numbers)
 
     @property
     def sentence(self) -> str:
         """What the plunges say about the structure, in one sentence with figures."""
-        return f"{self._told()}{self._second()}; {self._widened()}{self._remedy()}"
-
-    def _told(self) -> str:
-        own, best = self.own, self.best
-        if self.contradicted:
-            return (
-                f"the plunges contradict chain {named(own)}: {named(best)} is {odds(best, own)} times as probable "
-                f"(chi-square lower by {own.chi_square - best.chi_square:.0f}) and gives a common lag of "
-                f"{plain(best.common_lag_s)} instead of {plain(own.common_lag_s)}"
-            )
-        if not self.rivals:
-            return f"of {len(self.rows)} chain structures the plunges speak for {named(own)} ({percent(own)})"
-        others = " or ".join(judged_words(r) for r in self.rivals)
-        return f"the plunges cannot tell chain {judged_words(own)} from {others}"
-
-    def _second(self) -> str:
-        lag = self.own.second_lag_s
-        return "" if lag is None else f", and a lag of {plain(lag)} under another entry burst is possible too"
-
-    def _remedy(self) -> str:
-        if not self.contradicted:
-            return ""
-        if self.best.structure not in STRUCTURES:
-            return "; a record holds two lags: take the common lag from an unloading"
-        return f"; calibrate with --structure {self.best.structure}"
+        return self.verdict.sentence
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """The sentence, when the structure is contradicted, or adds more to the lag's u than all else together."""
-        return (self.sentence,) if self.contradicted or self.u_structure_s > self.u_before_s else ()
-
-    def _widened(self) -> str:
-        before, after = (rounded(u, u)[1] for u in (self.u_before_s, self.u_after_s))
-        if before == after:
-            return "the common lag hardly depends on it"
-        return f"the standard uncertainty of the common lag was widened from {before} s to {after} s for it"
+    def findings(self) -> tuple[Finding, ...]:
+        """The verdict, when the structure is contradicted, or adds more to the lag's u than all else together."""
+        verdict = self.verdict
+        return (verdict,) if verdict.grade == "look" else ()
 
     def table(self) -> pd.DataFrame:
         """One row a structure, for people."""
-        held = any(r.held_out is not None for r in self.rows)
-        rows = []
-        for r in self.rows:
-            row = {
-                "chain": named(r) + (", used here" if r.structure == self.chosen else ""),
-                "probability": percent(r),
+        rows = pd.DataFrame(
+            {
+                "chain": f"{r.structure} ({MEANING[r.structure]})"
+                + (", used here" if r.structure == self.chosen else ""),
+                "probability": percent(r.probability),
                 "chi-square above the best": f"{r.chi_square:.1f}",
+                "held-out plunge, above the best": "" if r.held_out is None else f"{r.held_out:.1f}",
+                "common lag [s]": with_u(r.common_lag_s.value, r.common_lag_s.u),
             }
-            if held:
-                row["held-out plunge, above the best"] = "" if r.held_out is None else f"{r.held_out:.1f}"
-            rows.append({**row, "common lag [s]": with_u(r.common_lag_s.value, r.common_lag_s.u)})
-        return pd.DataFrame(rows)
+            for r in self.rows
+        )
+        alone = all(r.held_out is None for r in self.rows)
+        return rows.drop(columns="held-out plunge, above the best") if alone else rows
 
     def to_dict(self) -> dict[str, object]:
         """As the record's ``fit.structures`` keeps it."""
@@ -163,30 +152,174 @@ class StructureComparison:
         }
 
 
-def named(row: StructureRow) -> str:
-    """The structure's name and what it is."""
-    return f"{row.structure} ({MEANING[row.structure]})"
+@dataclass(frozen=True)
+class _Mode:
+    """One solution under one structure; ``reported``: the one whose lags the fit reports."""
+
+    structure: str
+    at: PlungeOptimum
+    lag_s: Estimate
+    cost: float
+    log_evidence: float
+    reported: bool = False
 
 
-def judged_words(row: StructureRow) -> str:
-    """The structure with its probability and its common lag."""
-    return f"{row.structure} ({MEANING[row.structure]}: {percent(row)}, {plain(row.common_lag_s)})"
+def compare_structures(
+    final: PlungeOptimum,
+    scan: LagScan,
+    priors: PlungePriors,
+    own_lag_s: float,
+    extra_u_s: float = 0.0,
+    structures: Sequence[Structure] = COMPARED,
+) -> StructureComparison:
+    """Each of ``structures`` on the plunges of ``final``, all with the noise that the best of them leaves.
+
+    ``scan``: that of the chosen structure; ``own_lag_s``: the conditioning filter's lag; ``extra_u_s``: what else is
+    uncertain in the common lag (choice of correlation).
+    """
+    chosen = final.problem.layout.structure
+    fits = {s: _optima(final, s, priors) for s in structures}
+    best = max(fits, key=lambda s: laplace(fits[s][0]))
+    kept = best == chosen and _close(fits[best][0], final)
+    if not kept:
+        noise = judged(fits[best][0]).noise
+        fits = {s: [_refit(f, s, priors, noise) for f in fits[s]] for s in structures}
+    likeliest = max(laplace(f) for s in structures for f in fits[s])
+    reported = scan.estimate(own_lag_s, extra_u_s)
+    modes: list[_Mode] = []
+    for s, k, fit in [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]:
+        if kept and s == chosen and k == 0:
+            cost = min(float(scan.cost.min()), final.cost)
+            modes.append(_Mode(s, final, reported, cost, log_evidence(scan, final), True))
+        elif s != chosen and laplace(fit) < likeliest - UNLIKELY:
+            lag = fit.problem.layout.at("lag")
+            u = float(np.sqrt(max(fit.covariance[lag, lag].mean(), 0.0)))
+            roughly = Estimate.normal(float(fit.lag_s.mean()) + own_lag_s, u)
+            modes.append(_Mode(s, fit, roughly, fit.cost, laplace(fit)))
+        else:
+            walked, at, start = settled_scan(fit, step=1.8, drop=7.0)
+            if any(m.structure == s and _close(m.at, at) for m in modes):
+                continue
+            own = s == chosen and _close(at, final)
+            lag_s = reported if own else walked.estimate(own_lag_s, extra_u_s)
+            cost = min(float(walked.cost.min()), start.cost)
+            modes.append(_Mode(s, at, lag_s, cost, log_evidence(walked, at), own))
+    shares = _shares(modes)
+    away = np.array([0 * final.lag_s if m.reported else m.at.lag_s - final.lag_s for m in modes])
+    covariance = np.asarray(np.einsum("s,si,sj->ij", shares, away, away))
+    return StructureComparison(chosen, _rows(modes, shares, structures), covariance, reported.u)
 
 
-def plain(lag: Estimate) -> str:
-    """A lag without its interval."""
-    return with_u(lag.value, lag.u, "s")
+def _shares(modes: Sequence[_Mode]) -> Array:
+    """Probability of each solution: by evidence; P1, a special case of the others, by its likelihood against theirs.
+
+    Occam's factor would reward one lag for having fewer parameters; that a second lag is not needed for a good fit
+    does not make the narrower interval of the first one true.
+    """
+    evidence = np.array([m.log_evidence for m in modes])
+    cost = np.array([m.cost for m in modes])
+    rich = np.array([m.structure != "P1" for m in modes])
+    if rich.any():
+        for k in np.flatnonzero(~rich):
+            evidence[k] = np.max(evidence[rich] - 0.5 * np.maximum(cost[k] - cost[rich], 0.0))
+    weights = np.exp(evidence - evidence.max())
+    return np.asarray(weights / weights.sum())
 
 
-def percent(row: StructureRow) -> str:
-    """A probability as people say it."""
-    share = 100 * row.probability
-    if share < 0.1 or share > 99.9:
-        return "below 0.1 %" if share < 50 else "above 99.9 %"
-    return f"{share:.1f} %" if share < 1 or share > 99 else f"{share:.0f} %"
+def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> tuple[StructureRow, ...]:
+    """One row a structure: its reported or most probable solution, and the next one where that is possible too."""
+    ranked = sorted(zip(modes, shares), key=lambda pair: (not pair[0].reported, -pair[1]))
+    mine = [[(m, p) for m, p in ranked if m.structure == s] for s in structures]
+    cost = [min(m.cost for m, _ in own) for own in mine]
+    held = [held_out(own[0][0].at) for own in mine]
+    least = min((h for h in held if h is not None), default=0.0)
+    return tuple(
+        StructureRow(
+            s,
+            own[0][0].lag_s,
+            c - min(cost),
+            float(sum(p for _, p in own)),
+            None if h is None else h - least,
+            next((m.lag_s for m, p in own[1:] if p > POSSIBLE), None),
+        )
+        for s, own, c, h in zip(structures, mine, cost, held)
+    )
 
 
-def odds(one: StructureRow, other: StructureRow) -> str:
-    """How many times as probable ``one`` is."""
-    ratio = one.probability / max(other.probability, 1e-300)
-    return "more than a million" if ratio > 1e6 else f"{float(f'{ratio:.2g}'):.0f}"
+def _close(one: PlungeOptimum, other: PlungeOptimum) -> bool:
+    """Whether two optima are one solution: their common lags agree within 0.15 s."""
+    return abs(float(one.lag_s.mean() - other.lag_s.mean())) < 0.15
+
+
+def _optima(near: PlungeOptimum, structure: Structure, priors: PlungePriors) -> list[PlungeOptimum]:
+    """The solutions of a structure, the more probable first: from ``near``, and where that is long, from a short lag.
+
+    A long lag behind a fierce entry burst and a short one behind a mild burst can both be optima.
+    """
+    layout = near.problem.layout
+    found = [_refit(near, structure, priors, near.problem.noise)]
+    if float(near.lag_s.mean()) > LONG_S:
+        outset = layout.mask("ln_burst", "ln_burst_time", "ln_burst_shape", "entry")
+        theta = np.where(outset, near.problem.mean, near.theta)
+        theta[layout.at("lag")] += SHORT_S - near.lag_s.mean()
+        other = _refit(replace(near, theta=theta), structure, priors, near.problem.noise)
+        if not _close(other, found[0]) and other.cost < found[0].cost + 30.0:
+            found.append(other)
+    return sorted(found, key=laplace, reverse=True)
+
+
+def laplace(at: PlungeOptimum) -> float:
+    """Log evidence by Laplace's approximation, but for a constant that all structures share."""
+    return -0.5 * at.cost - 0.5 * float(np.linalg.slogdet(at.hessian)[1]) + _log_prior(at.problem)
+
+
+def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
+    """Log evidence with the common lag integrated along its scan, but for a constant that all structures share."""
+    log_marginal = -0.5 * scan.cost - scan.log_volume
+    k = int(np.argmax(log_marginal))
+    density = float(np.interp(scan.lag_s[k], scan.grid_s, scan.density))
+    return float(log_marginal[k]) - float(np.log(density)) + _log_prior(at.problem)
+
+
+def _log_prior(problem: PlungeProblem) -> float:
+    known = precision(problem)
+    return 0.5 * float(np.sum(np.log(known[known > 0])))
+
+
+def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
+    """-2 log of the probability of each plunge (or third of them) given the others; None for one plunge alone."""
+    runs = at.problem.layout.runs
+    if runs < 2:
+        return None
+    folds = min(runs, folds)
+    rest = [laplace(_without(at, [r for r in range(runs) if r % folds != k])) for k in range(folds)]
+    return -2 * float(np.sum(laplace(at) - np.array(rest)))
+
+
+def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
+    """The optimum of some of the runs alone."""
+    problem, layout = at.problem, at.problem.layout
+    index = np.arange(layout.size)
+    index = np.concatenate([*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]])
+    part = replace(
+        problem,
+        models=tuple(problem.models[r] for r in keep),
+        noise=tuple(problem.noise[r] for r in keep),
+        layout=replace(layout, runs=len(keep)),
+        mean=problem.mean[index],
+        sd=problem.sd[index],
+    )
+    return minimise(part, at.theta[index], limit=12)
+
+
+def _refit(
+    near: PlungeOptimum, structure: Structure, priors: PlungePriors, noise: tuple[RunNoise, ...]
+) -> PlungeOptimum:
+    """The optimum under another structure, started from ``near``, with another ``noise``."""
+    layout = replace(near.problem.layout, structure=structure)
+    mean, sd, theta = near.problem.mean.copy(), near.problem.sd.copy(), near.theta
+    for kind, known in layout.split_prior(priors).items():
+        mean[layout.at(kind)], sd[layout.at(kind)] = known
+    if structure != near.problem.layout.structure:
+        theta = np.where(layout.mask("split", "common_split"), mean, theta)
+    return minimise(replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise), theta)

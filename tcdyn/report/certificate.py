@@ -16,7 +16,7 @@ from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
 from tcdyn.plots.plunges import plunge_figure, standardised
 from tcdyn.plots.plunges import residual_figure as left_over_figure
-from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
+from tcdyn.plunge.fit import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 
 FIT = "fit to use"
@@ -187,7 +187,7 @@ def structure_sections(fit: PlungeFit) -> list[Section]:
         "others, gets no credit for being simple. Chi-square: misfit and priors together. Held out: -2 log of the "
         "probability of each plunge as the others foresee it. Of both, less is better."
     )
-    text = how if fit.structures.warnings else f"{words[:1].upper()}{words[1:]}.\n\n{how}"
+    text = how if fit.structures.findings else f"{words[:1].upper()}{words[1:]}.\n\n{how}"
     return [Section("Which chain structure", text, table=fit.structures.table())]
 
 
@@ -196,7 +196,7 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
     rows = []
     for k, run in enumerate(fit.runs):
         sizes = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
-        noise = fit.optimum.problem.noise_sd_K[k]
+        noise = fit.optimum.problem.noise[k].sd_K
         rows.append({"plunge": run.name, **{f"{c} [K]": f"{n * s:.2f}" for c, n, s in zip(fit.channels, noise, sizes)}})
     return [
         Section(

@@ -9,7 +9,7 @@ from time import process_time
 import numpy as np
 from scipy.integrate import solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "identify"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "plunge"))
 
 from plunge_simulator import same_pairs, simulate
 from plunge_study import make_runs
@@ -21,9 +21,8 @@ from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.layout import Layout
 from tcdyn.plunge.model import build_run_model, predict_run
-from tcdyn.plunge.prior import PlungePriors
+from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
 from tcdyn.plunge.run import make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -55,14 +54,14 @@ def fit_side(baseline_s: float) -> None:
     rng = np.random.default_rng(2)
     times, readings = simulate(same_pairs(1), 60.0, rng)
     run = make_runs(same_pairs(1), times, readings, rng)[0]
-    layout = Layout(1, CHANNELS, "P2")
+    layout = PlungeParameters(1, CHANNELS, "P2")
     theta, _ = layout.prior(PlungePriors(), [0.05], [26.0])
-    theta[layout.lag] = 0.6
+    theta[layout.at("lag")] = 0.6
     model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"))
-    predict_run(model, theta, 0)
+    predict_run(model, layout, theta, 0)
     t0 = process_time()
     for _ in range(10):
-        predict_run(model, theta, 0)
+        predict_run(model, layout, theta, 0)
     one = (process_time() - t0) / 10
     print(f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
           f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}")  # fmt: skip

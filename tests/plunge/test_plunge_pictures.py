@@ -17,10 +17,8 @@ from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan
 from tcdyn.plots import immersion as pictures
 from tcdyn.plots.style import figure
-from tcdyn.plunge.compare import junction_traces, uncalibrated_traces
-from tcdyn.plunge.fit import identify_plunges
+from tcdyn.plunge.fit import PlungeFit, identify_plunges, published_degC
 from tcdyn.plunge.hole import compare_holes
-from tcdyn.plunge.result import PlungeFit
 from tcdyn.simulate.plunge import simulate_hole
 
 SETUP = load_rig().disk_setup("fast")
@@ -36,7 +34,7 @@ def fit() -> PlungeFit:
 
 def test_pictures_of_a_fit_have_axes_with_units() -> None:
     run = fit().runs[0]
-    models = [*uncalibrated_traces(run, SETUP), junction_traces(fit(), 0)]
+    models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
     design_ = compare_tests(SETUP, [PlungePlan(duration_s=40.0)], draws=2)
     drawings = [
         lambda ax: pictures.draw_record(run, ax),
@@ -57,18 +55,18 @@ def test_pictures_of_a_fit_have_axes_with_units() -> None:
 
 
 def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
-    trace, run = junction_traces(fit(), 0), fit().runs[0]
+    seen, run = fit().junction_degC(0), fit().runs[0]
     t = run.time_s - run.entry.time_s
     inside = (t > 20) & (t < 50)
     for j, c in enumerate(fit().channels):
-        behind = t[inside] - np.interp(run.readings_degC[inside, j], trace.temperature_degC[:, j], trace.time_s)
+        behind = t[inside] - np.interp(run.readings_degC[inside, j], seen[c], seen.index)
         # static remainders of some hundredths of a kelvin at 0.4 K/s are 0.1 s
         assert np.mean(behind) == pytest.approx(fit().lag_s[c].value, abs=0.15)
 
 
 def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
     run = fit().runs[0]
-    at_30_s = [np.mean(trace.temperature_degC[trace.time_s > 30][0]) for trace in uncalibrated_traces(run, SETUP)]
+    at_30_s = [table[table.index > 30].iloc[0].mean() for table in published_degC(run, SETUP).values()]
     assert np.ptp(at_30_s) > 0.5  # and it is why h must be free
 
 

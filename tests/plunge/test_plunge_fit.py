@@ -17,12 +17,9 @@ from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
 from tcdyn.chain import Chain
-from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.grid import Reading, conditioned, lag_on_grid
-from tcdyn.plunge.layout import COMPARED, Layout, Structure, stages
-from tcdyn.plunge.model import build_run_model, chain_on_grid, predict_run
-from tcdyn.plunge.prior import PlungePriors
-from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.fit import PlungeFit, identify_plunges
+from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
+from tcdyn.plunge.parameters import COMPARED, PlungeParameters, PlungePriors, Structure, stages
 from tcdyn.plunge.run import PlungeRun, make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -98,18 +95,18 @@ def test_a_plunge_that_cannot_separate_lag_from_burst_says_so() -> None:
 
 def test_derivatives_are_those_of_the_model() -> None:
     run = pair()[0][0]
-    layout = Layout(1, CHANNELS, "P2")
+    layout = PlungeParameters(1, CHANNELS, "P2")
     mean, sd = layout.prior(PlungePriors(), [0.05], [26.0])
     theta = mean.copy()
-    theta[layout.lag] = 0.6
+    theta[layout.at("lag")] = 0.6
     model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"))
-    _, jac, _ = predict_run(model, theta, 0)
+    _, jac, _ = predict_run(model, layout, theta, 0)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)
         up, down = theta.copy(), theta.copy()
         up[i] += step
         down[i] -= step
-        numeric = (predict_run(model, up, 0)[0] - predict_run(model, down, 0)[0]) / (2 * step)
+        numeric = (predict_run(model, layout, up, 0)[0] - predict_run(model, layout, down, 0)[0]) / (2 * step)
         # lags act on straight lines between knots, their derivative likewise: equal to a part in a thousand
         assert np.max(np.abs(numeric - jac[:, :, i])) < 4e-3 * np.max(np.abs(numeric)) + 1e-6, name
 

@@ -12,13 +12,11 @@ from plunge_study import OWN_LAG_S, make_runs
 
 from calibration.estimate import Z95, Estimate
 from calibration.rig import load_rig
-from tcdyn.plunge.doubt import with_structure_doubt
-from tcdyn.plunge.evidence import held_out, laplace, log_evidence
-from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.layout import COMPARED
-from tcdyn.plunge.result import PlungeFit
+from calibration.words import percent
+from tcdyn.plunge.fit import PlungeFit, identify_plunges, with_structure_doubt
+from tcdyn.plunge.parameters import COMPARED
 from tcdyn.plunge.scan import LagScan
-from tcdyn.plunge.structures import StructureComparison, StructureRow, percent
+from tcdyn.plunge.structures import StructureComparison, StructureRow, held_out, laplace, log_evidence
 
 SETUP = load_rig().disk_setup("fast")
 TRUE_S = 0.75 + OWN_LAG_S
@@ -43,8 +41,10 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
     assert not before.common_lag_s.covers(TRUE_S)  # why this is needed: wrong, and sure of itself
     assert found.contradicted
     assert found.best.structure == "P2"
-    (warning,) = found.warnings
-    assert after.warnings[0] == warning
+    (finding,) = found.findings
+    assert after.findings[0] == finding
+    assert (finding.code, finding.grade, finding.numbers["structures"]) == ("plunge.structure", "look", ("P1", "P2"))
+    warning = finding.sentence
     for word in ("contradict", "P1", "P2", "chi-square lower by", "instead of", "--structure P2"):
         assert word in warning
     held = {r.structure: r.held_out for r in found.rows}
@@ -62,7 +62,7 @@ def test_the_widened_interval_holds_the_truth_that_the_wrong_structure_missed() 
 def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
     before, after = fitted("P2", 0.75)
     assert after.structures is not None
-    assert after.structures.warnings == ()
+    assert after.structures.findings == ()
     assert after.common_lag_s.covers(TRUE_S)
     assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
 
@@ -131,9 +131,9 @@ def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_t
     same = comparison("P2", row("P1", 0.70, 0.4), row("P2", 0.70, 0.6))
     assert "cannot tell" in same.sentence
     assert "hardly depends" in same.sentence
-    assert same.warnings == ()
+    assert same.findings == ()
     apart = comparison("P2", row("P1", 0.80, 0.4), row("P2", 0.70, 0.6), u_structure=0.063)
-    assert apart.warnings == (apart.sentence,)
+    assert [f.sentence for f in apart.findings] == [apart.sentence]
     assert "widened from 0.050 s to 0.080 s" in apart.sentence
     sure = comparison("P2", row("P1", 0.9, 1e-4, 20.0), row("P2", 0.7, 0.9999))
     assert "speak for P2" in sure.sentence
@@ -145,7 +145,7 @@ def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_t
     [(1e-5, "below 0.1 %"), (0.0042, "0.4 %"), (0.28, "28 %"), (0.998, "99.8 %"), (0.9999, "above 99.9 %")],
 )
 def test_probabilities_are_said_in_digits_that_people_use(share: float, said: str) -> None:
-    assert percent(row("P1", 0.7, share)) == said
+    assert percent(share) == said
 
 
 def test_the_comparison_travels_as_json_and_as_a_table_of_sensible_digits() -> None:
