@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,32 +14,23 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.grade import as_findings
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.budget import Budget, monte_carlo
-from tcdyn.partition.compensated import (
-    compensate_stretch,
-    compensated_window,
-    cooling_by_lag,
-    cooling_shift,
-    lag_effect,
-)
-from tcdyn.partition.cooling import CoolingFit, cooling_fit
-from tcdyn.partition.crosscheck import CrossCheck, cross_check
-from tcdyn.partition.inner_row import at_one_radius
-from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
-from tcdyn.partition.lines import DiskLine
-from tcdyn.partition.nuisance import nuisances
+from tcdyn.partition.budget import Budget, SurfaceMaxima, monte_carlo, surface_temperatures
+from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
+from tcdyn.partition.crosscheck import CrossCheck, Tension, cross_check, tensions
+from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_length_s, refined_chains
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles
-from tcdyn.partition.refine import EQUAL_WEIGHTS, joint_length_s, joint_start, refined_chains, steady_lines
+from tcdyn.partition.profile_interval import profiles_file
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
-from tcdyn.partition.steady import SpeedLawPoint
-from tcdyn.partition.surface import Surface, surface_temperatures
-from tcdyn.partition.tension import tensions
-from tcdyn.partition.window import OUTER, DiskWindow, stretch_of
+from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.partition.steady import EQUAL_WEIGHTS, DiskLine, SpeedLawPoint, at_one_radius, steady_lines
+from tcdyn.partition.window import DiskWindow, stretch_of
 
+SCHEMA = "tcdyn.beta/1"
 WINDOW_S = 5.0
 FATAL_FAULTS = ("dead", "swapped")
 
@@ -60,7 +52,7 @@ class Partition:
     both: BothFit
     budget: Budget
     crosscheck: CrossCheck
-    surface: Surface
+    surface: SurfaceMaxima
     chains: Mapping[str, tuple[Chain, ...]]
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
@@ -118,28 +110,22 @@ def analyse(
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
-    joint, both = joint_fits(test, joint_start(speed), joint_length_s(test), profile)
+    joint, both = joint_fits(test, speed.starts, joint_length_s(test), profile)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
-    compensated, windows, cooling, shifts, by_lag = {}, {}, {}, {}, {}
+    cooled, cooling, shifts = {}, {}, {}
     for d in DISKS:
-        disk = test.disks[d]
-        compensated[d] = compensate_stretch(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
-        windows[d] = compensated_window(test, disk, rows, compensated[d], profile)
-        noise = float(np.median(compensated[d].sd_noise[:, OUTER]))
-        cooling[d] = cooling_fit(windows[d], lines[d].line, test.events.unload_s, window_s, noise)
+        lag_u = joint[d].estimates["lag_s"].u
+        one = cooled[d] = compensated(test, test.disks[d], rows, chains[d], lag_u, profile)
         progress(f"cooling fit, {d} disk")
-        at = (cooling[d].share, cooling[d].h_W_m2K)
-        nuis = nuisances(windows[d], disk, disk.readings_degC[rows], test.dt_s, *at, test.events.unload_u_s)
-        shifts[d] = cooling_shift(nuis, lines[d], cooling[d])
-        late = lag_effect(test, disk, rows, compensated[d], windows[d], at[1])
-        by_lag[d] = cooling_by_lag(late, lines[d], cooling[d])
+        fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K)
+        shifts[d] = fit.shift(one.errors(fit.share, fit.h_W_m2K), lines[d])
+    windows = {d: one.window for d, one in cooled.items()}
     budget = monte_carlo(
         {d: lines[d].line for d in DISKS},
         {d: lines[d].shift for d in DISKS},
         {d: (cooling[d].share, cooling[d].h_W_m2K) for d in DISKS},
         shifts,
-        by_lag,
         {d: (joint[d].share, joint[d].h_W_m2K) for d in DISKS},
         {d: joint[d].shift for d in DISKS},
         test.speed_ratio,
@@ -155,7 +141,8 @@ def analyse(
     surface = surface_temperatures(test, speed, windows)
     budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
     return Partition(
-        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains, compensated, windows, sensors,
+        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains,
+        {d: one.done for d, one in cooled.items()}, windows, sensors,
         tuple(warnings),
     )  # fmt: skip
 
@@ -170,3 +157,98 @@ def _sensor_warnings(check: SensorCheck) -> list[str]:
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with --no-sensor-check",
             )
     return list(check.warnings)
+
+
+def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
+    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s."""
+    test, draws = p.test, p.budget.draws
+
+    def est(key: str, value: float) -> dict[str, float]:
+        return Estimate.normal(value, float(np.std(draws[key]))).model_dump()
+
+    lines = {d: p.lines[d].line for d in DISKS}
+    spread = float(np.std(draws["exponent"]))
+    return {
+        "schema": SCHEMA,
+        "source": source,
+        "test": {
+            "load_N": test.load_N,
+            "friction_N": test.friction_N,
+            "sliding_speed_m_s": test.sliding_speed_m_s,
+            "entraining_speed_m_s": test.entraining_speed_m_s,
+            "half_width_m": test.half_width_m,
+            "load_on_s": test.events.load_on_s,
+            "unload_s": test.events.unload_s,
+        },
+        "steady": {
+            "beta": est("speed law", p.speed.beta),
+            "h_fast": est("h_fast", p.speed.h_fast),
+            "h_slow": est("h_slow", p.speed.h_slow),
+            **{
+                f"{d}_line": {
+                    "intercept": est(f"{d} intercept", lines[d].intercept),
+                    "slope": est(f"{d} slope", lines[d].slope),
+                }
+                for d in DISKS
+            },
+            "exponent": Estimate.normal(test.speed_exponent, spread).model_dump(),
+        },
+        "transient": {
+            d: {
+                "beta": est(f"cooling {d}", p.cooling[d].beta),
+                "h": est(f"h cooling {d}", p.cooling[d].h_W_m2K),
+                "window_s": p.cooling[d].window_s,
+            }
+            for d in DISKS
+        },
+        "joint": {
+            **{
+                d: {
+                    "beta": est(f"joint {d}", p.joint[d].beta),
+                    "h": est(f"h joint {d}", p.joint[d].h_W_m2K),
+                    "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
+                }
+                for d in DISKS
+            },
+            "both": {k: v.model_dump() for k, v in p.both.estimates.items()},
+            "profiles": profiles_file(p.profiles),
+        },
+        "crosscheck": {
+            "z": p.crosscheck.z,
+            "agree": p.crosscheck.agree,
+            "sentence": p.crosscheck.sentence,
+            "p_value": p.crosscheck.p_value,
+            "suspects": [_tension(t) for t in p.crosscheck.suspects],
+            "strained": None if p.crosscheck.strained is None else _tension(p.crosscheck.strained),
+            "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in p.crosscheck.pairs],
+        },
+        "budget": [
+            {
+                "source": row.source,
+                "u_beta_steady": row.u_beta_steady,
+                "u_beta_transient": row.u_beta_transient,
+            }
+            for row in p.budget.rows
+        ],
+        "surface": {
+            "fast_max_degC": est("surface fast", p.surface.fast_max_degC),
+            "slow_max_degC": est("surface slow", p.surface.slow_max_degC),
+            "delta_T_us": est("delta_T_us", p.surface.delta_T_us),
+        },
+        "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
+        "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
+        "findings": [found.to_dict() for found in as_findings(p.warnings)],
+        "warnings": list(p.warnings),
+    }
+
+
+def _tension(t: Tension) -> dict[str, Any]:
+    return {"what": t.what, "z": t.z, "chance": t.chance}
+
+
+def _junctions(t: DepthTest) -> dict[str, Any]:
+    """How much deeper this test alone places each junction than rig.toml [mm], and its pull on the stated depth."""
+    return {
+        c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
+        for (c, e), z in zip(t.deeper_m.items(), t.pull)
+    }

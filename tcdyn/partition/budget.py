@@ -8,10 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.partition.shift import FitShift
-from tcdyn.partition.steady import Line, speed_law_beta
+from tcdyn.partition.cooling import CoolingShift
+from tcdyn.partition.effects import FitShift, Unmeasured
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.steady import SpeedLawPoint, SteadyLine, speed_law_beta
+from tcdyn.partition.window import DiskWindow
 
+Array = NDArray[np.float64]
 DRAWS = 4000
+LAST_S = 10.0
+SURFACE_DEPTH_M = 0.0
 MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk, symmetric
 
 
@@ -29,7 +35,7 @@ class Budget:
     """``rows`` by source; ``draws`` of every quantity, all sources together, each (draws,)."""
 
     rows: tuple[BudgetRow, ...]
-    draws: dict[str, NDArray[np.float64]]
+    draws: dict[str, Array]
 
     @property
     def together(self) -> tuple[float, float]:
@@ -38,30 +44,11 @@ class Budget:
         return float(np.std(self.draws["speed law"])), max(cooling)
 
 
-def source_of(nuisance: str) -> str:
-    """The line of the budget that a nuisance belongs to.
-
-    >>> source_of("depth e"), source_of("static b"), source_of("washer")
-    ('junction depth', 'static lines', 'washer')
-    """
-    head = nuisance.split()[0]
-    return {
-        "depth": "junction depth",
-        "static": "static lines",
-        "lag": "chain",
-        "split": "chain",
-        "common": "chain",
-        "heat": "heat capacity",
-        "model": "rim model form",
-    }.get(head, nuisance)
-
-
 def monte_carlo(
-    lines: Mapping[str, Line],
+    lines: Mapping[str, SteadyLine],
     shifts: Mapping[str, FitShift],
     cooling: Mapping[str, tuple[float, float]],
-    cooling_shifts: Mapping[str, FitShift],
-    cooling_by_lag: Mapping[str, NDArray[np.float64]],
+    cooling_shifts: Mapping[str, CoolingShift],
     joint: Mapping[str, tuple[float, float]],
     joint_shifts: Mapping[str, FitShift],
     speed_ratio: float,
@@ -75,16 +62,16 @@ def monte_carlo(
     ``lines``: steady line of "fast" and "slow"; ``cooling`` and ``joint``: (share, h) of each disk. Shared nuisances
     move both disks together. The exponent n is drawn evenly from its range; everything else is normal.
     """
-    names = sorted({(d if not sh else "both", n) for d, s in shifts.items() for n, sh in zip(s.names, s.shared)})
+    names = sorted({_key(what, d) for d, s in shifts.items() for what in s.of})
     names += [(d, own) for d in ("fast", "slow") for own in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
     normal = {key: rng.standard_normal(draws) for key in names}
     uniform = rng.uniform(*exponent_range, draws)
     noise = {d: rng.standard_normal((draws, 7)) for d in ("fast", "slow")}
 
-    def run(active: str | None) -> dict[str, NDArray[np.float64]]:
+    def run(active: str | None) -> dict[str, Array]:
         n = uniform if active in (None, "speed exponent") else np.full(draws, exponent)
-        moved: dict[str, NDArray[np.float64]] = {}
+        moved: dict[str, Array] = {}
         coefficient = {}
         for d in ("fast", "slow"):
             change = _errors(shifts[d], d, active, normal, noise[d][:, :2])
@@ -94,7 +81,7 @@ def monte_carlo(
             if active in (None, "rim model form"):
                 coefficient[d] = (coefficient[d][0] * grow, coefficient[d][1] * grow)
             off = _errors(joint_shifts[d], d, active, normal, noise[d][:, 4:])
-            late = off[:, 2:] * cooling_by_lag[d]
+            late = off[:, 2:] * cooling_shifts[d].by_lag
             cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4]) + late
             for kind, centre, value in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
                 grown = centre[0] * (grow - 1.0) if active in (None, "rim model form") else 0.0
@@ -111,7 +98,8 @@ def monte_carlo(
         return moved
 
     everything = run(None)
-    sources = sorted({source_of(n) for _, n in names} | {"speed exponent", "noise", "rim model form"})
+    known = {what.source for s in (*shifts.values(), *joint_shifts.values()) for what in s.of}
+    sources = sorted(known | {"speed exponent", "noise", "rim model form"})
     rows = []
     for source in sources:
         one = run(source)
@@ -125,20 +113,75 @@ def _errors(
     shift: FitShift,
     disk: str,
     active: str | None,
-    normal: Mapping[tuple[str, str], NDArray[np.float64]],
-    noise: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    normal: Mapping[tuple[str, str], Array],
+    noise: Array,
+) -> Array:
     """Drawn errors (draws, k) of one fit, of all sources or of the ``active`` one."""
     out = np.zeros((len(noise), shift.per_sd.shape[1]))
-    for q, (name, shared) in enumerate(zip(shift.names, shift.shared)):
-        if active in (None, source_of(name)):
-            out += normal[("both" if shared else disk, name)][:, None] * shift.per_sd[q]
+    for what, per_sd in zip(shift.of, shift.per_sd):
+        if active in (None, what.source):
+            out += normal[_key(what, disk)][:, None] * per_sd
     if active in (None, "noise"):
         out += noise @ _root(shift.noise).T
     return out
 
 
-def _root(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _key(what: Unmeasured, disk: str) -> tuple[str, str]:
+    """Whose draw it is: that of both disks, or of one."""
+    return "both" if what.shared else disk, what.name
+
+
+def _root(covariance: Array) -> Array:
     """A square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
+
+
+@dataclass(frozen=True)
+class SurfaceMaxima:
+    """Maximum of the running track's mean temperature [degC] and (T_fast - T_slow) u_s [K m/s] (figure 7.18).
+
+    ``slopes``: of each disk's maximum by share [K] and by h [K per W/m2K], for the budget.
+    """
+
+    fast_max_degC: float
+    slow_max_degC: float
+    delta_T_us: float
+    slopes: Mapping[str, tuple[float, float]]
+
+    def draws(self, speed: SpeedLawPoint, drawn: Mapping[str, Array], sliding_m_s: float) -> dict[str, Array]:
+        """Monte Carlo draws of the three numbers, from those of beta, h_fast and h_slow."""
+        move = drawn["speed law"] - speed.beta
+        fast = (
+            self.fast_max_degC
+            + self.slopes["fast"][0] * move
+            + self.slopes["fast"][1] * (drawn["h_fast"] - speed.h_fast)
+        )
+        slow = (
+            self.slow_max_degC
+            - self.slopes["slow"][0] * move
+            + self.slopes["slow"][1] * (drawn["h_slow"] - speed.h_slow)
+        )
+        return {"surface fast": fast, "surface slow": slow, "delta_T_us": (fast - slow) * sliding_m_s}
+
+
+def surface_temperatures(test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow]) -> SurfaceMaxima:
+    """SurfaceMaxima maxima over the last seconds under load; the centre of the track is the hottest place."""
+    found, slopes = {}, {}
+    for disk, h, share in (("fast", speed.h_fast, speed.beta), ("slow", speed.h_slow, 1 - speed.beta)):
+        last = windows[disk].between(test.events.unload_s - LAST_S, test.events.unload_s - 0.2)
+        rest, power = _track(windows[disk], max(h, 0.0), last)
+        hottest = int(np.argmax(rest + share * power))
+        step = 0.01 * max(h, 10.0)
+        rest_up, power_up = _track(windows[disk], max(h, 0.0) + step, last)
+        found[disk] = float(rest[hottest] + share * power[hottest])
+        moved = float(rest_up[hottest] + share * power_up[hottest])
+        slopes[disk] = (float(power[hottest]), (moved - found[disk]) / step)
+    return SurfaceMaxima(found["fast"], found["slow"], (found["fast"] - found["slow"]) * test.sliding_speed_m_s, slopes)
+
+
+def _track(window: DiskWindow, h: float, last: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Mean surface temperature without heat and per share at nine places across the track."""
+    extra = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * window.rim.setup.width_m)
+    rest, power = window.rim.answer(h, extra=extra)
+    return rest[last, 3:].mean(axis=0), power[last, 3:].mean(axis=0)

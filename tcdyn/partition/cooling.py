@@ -9,11 +9,60 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.errors import InputError
-from tcdyn.partition.steady import Line
-from tcdyn.partition.window import DiskWindow
+from tcdyn.chain import Chain
+from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.smoother import smooth
+from tcdyn.conduction.rim import Profile
+from tcdyn.partition.effects import Effects, FitShift, effects, with_common_u
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.steady import DiskLine, SteadyLine
+from tcdyn.partition.window import OUTER, DiskWindow, disk_window
+from tcdyn.traces import DiskTraces
 
+Array = NDArray[np.float64]
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
+LAG_STEP_S = 0.01
+
+
+@dataclass(frozen=True)
+class Cooled:
+    """One disk's traces over ``rows`` of a test with their lag removed, and the window of what was compensated."""
+
+    test: EhlTest
+    disk: DiskTraces
+    rows: slice
+    done: Compensated
+    window: DiskWindow
+
+    @property
+    def noise_K(self) -> float:
+        """Standard deviation of what compensation left in a trace of the outer row [K]."""
+        return float(np.median(self.done.sd_noise[:, OUTER]))
+
+    def errors(self, share: float, h_W_m2K: float) -> CoolingErrors:
+        """What may be wrong with the window about a point of the plane, the compensated lag included."""
+        done = self.done
+        longer = done.temperature + LAG_STEP_S * done.lag_sensitivity
+        moved = disk_window(self.test, self.disk, longer, self.rows, self.disk.noise_K, self.window.rim.profile)
+        predicted = moved.rim.answer(h_W_m2K)[0] - self.window.rim.answer(h_W_m2K)[0]
+        late = (predicted - (moved.y - self.window.y)) / LAG_STEP_S
+        return CoolingErrors(effects(self.test, self.disk, self.window, share, h_W_m2K), late)
+
+
+@dataclass(frozen=True)
+class CoolingErrors:
+    """Effects of what nobody measured, and predicted less compensated outer row per second of lag too long, (R, 3)."""
+
+    known: Effects
+    late: Array
+
+
+@dataclass(frozen=True)
+class CoolingShift(FitShift):
+    """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
+
+    by_lag: Array
 
 
 @dataclass(frozen=True)
@@ -29,11 +78,11 @@ class CoolingFit:
     share: float
     window_s: float
     misfit_K: float
-    residual_K: NDArray[np.float64]
-    slope: NDArray[np.float64]
-    power: NDArray[np.float64]
+    residual_K: Array
+    slope: Array
+    power: Array
     inside: NDArray[np.bool_]
-    weight: NDArray[np.float64]
+    weight: Array
     before: NDArray[np.bool_]
     h_noise: float
 
@@ -42,17 +91,46 @@ class CoolingFit:
         """Heat partition of the fast disk."""
         return self.share if self.disk == "fast" else 1.0 - self.share
 
-    def matched(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def matched(self, x: Array) -> Array:
         """``x`` (R, 3) less its mean just before parting."""
         return np.asarray(x - x[self.before].mean(axis=0))
 
-    def pull(self, effect: NDArray[np.float64]) -> float:
+    def pull(self, effect: Array) -> float:
         """Change of the fitted h when the model's prediction changes by ``effect`` (R, 3) [K]."""
         s, w = self.slope[self.inside], self.weight[:, None]
         return -float((w * s * self.matched(effect)[self.inside]).sum() / (w * s * s).sum())
 
+    def shift(self, errors: CoolingErrors, line: DiskLine) -> CoolingShift:
+        """Errors of (share, h), through the traces and through the line."""
+        slope = line.line.slope
+        share_off = line.shift.per_sd @ np.array([1.0, self.h_W_m2K])
+        h_off = np.array([-self.pull(c - off * self.power) for c, off in zip(errors.known.change, share_off)])
+        toward = np.array([slope, 1.0])
+        noise = self.h_noise**2 * np.outer(toward, toward)
+        noise[0, 0] += line.shift.noise[0, 0]
+        per_sd = np.column_stack([share_off + slope * h_off, h_off])
+        return CoolingShift(errors.known.of, per_sd, noise, toward * self.pull(errors.late))
 
-def cooling_fit(window: DiskWindow, line: Line, unload_s: float, window_s: float, noise_K: float) -> CoolingFit:
+
+def compensated(
+    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float, profile: Profile = "modal"
+) -> Cooled:
+    """The six traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
+    start = test.time_s[rows][0]
+    done = smooth(
+        disk.measured_degC[rows],
+        test.dt_s,
+        chains,
+        noise_sd=disk.noise_K,
+        events_s=tuple(float(kink - start) for kink in test.events.kinks_s),
+        event_u_s=test.events.unload_u_s,
+        lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
+        static_u=disk.static_u_K,
+    )
+    return Cooled(test, disk, rows, done, disk_window(test, disk, done.temperature, rows, disk.noise_K, profile))
+
+
+def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s: float, noise_K: float) -> CoolingFit:
     """Fit h alone to compensated traces over ``window_s`` seconds after ``unload_s``; the share follows the line.
 
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
@@ -63,11 +141,11 @@ def cooling_fit(window: DiskWindow, line: Line, unload_s: float, window_s: float
     before = window.between(unload_s - MATCH_S, unload_s - 0.1)
     weight = window.blocks.counts[inside][:, None].astype(float)
 
-    def model(h: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        rest, power = window.answer(window.gains(h))
+    def model(h: float) -> tuple[Array, Array]:
+        rest, power = window.rim.answer(h)
         return rest + line.at(h) * power, power
 
-    def matched(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def matched(x: Array) -> Array:
         return np.asarray(x - x[before].mean(axis=0))
 
     target = matched(window.y)

@@ -8,7 +8,8 @@ as nuisances with priors, so that the answer's covariance holds them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,14 @@ from numpy.typing import NDArray
 from calibration.estimate import Estimate
 from tcdyn.chain import Chain
 from tcdyn.conduction.rim import Profile
+from tcdyn.partition.effects import FitShift, Unmeasured
 from tcdyn.partition.joint_solve import LEAST_LAG_U_S as LEAST_LAG_U_S
 from tcdyn.partition.joint_solve import Point, Posterior, Side, begin, refresh, solve
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.shift import FitShift
+from tcdyn.partition.steady import steady_lines
+from tcdyn.partition.window import stretch_of
+
+JOINT_WINDOW_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,7 @@ class BothFit:
 
 def joint_fits(
     test: EhlTest,
-    start: dict[str, tuple[float, float]],
+    start: Mapping[str, tuple[float, float]],
     window_s: float = 10.0,
     profile: Profile = "modal",
 ) -> tuple[dict[str, DiskFit], BothFit]:
@@ -116,9 +121,9 @@ def _disk_fit(name: str, p: Point, side: Side, post: Posterior, window_s: float)
     jac = np.zeros((3, 4))
     jac[0, 0], jac[1, 1] = 1.0, p.h
     jac[2, 2:] = chain.taus_s
-    names = (*side.nuisance.names, "common lag", "lag shape")
+    of = (*side.nuisance.of, Unmeasured("common lag", "chain"), Unmeasured("lag shape", "chain"))
     per_sd = (jac @ np.concatenate([post.nuisance, post.priors], axis=1)).T
-    shift = FitShift(names, (*side.nuisance.shared, False, False), per_sd, jac @ post.noise @ jac.T)
+    shift = FitShift(of, per_sd, jac @ post.noise @ jac.T)
     covariance = jac @ post.covariance @ jac.T
     pulls = post.named_pulls([side])
     return DiskFit(
@@ -142,3 +147,22 @@ def _solve_both(test: EhlTest, sides: dict[str, Side], points: dict[str, Point])
         post.named_pulls(order),
         post.inflation,
     )
+
+
+def joint_length_s(test: EhlTest) -> float:
+    """Cooling that the joint fits use [s]: ten seconds, or what the log holds."""
+    return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
+
+
+def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
+    """Joint fits of both disks, for their chains."""
+    length = joint_length_s(test)
+    _, speed = steady_lines(test, stretch_of(test, length))
+    return joint_fits(test, speed.starts, length)[0]
+
+
+def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
+    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
+    mean = float(np.mean([c.lag_s for c in chains]))
+    taus = sorted(common.taus_s, reverse=True)
+    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.bank import lag_bank
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.nuisance import Nuisances, nuisances
+from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import DiskWindow, chained_power, disk_window, stretch_of
+from tcdyn.partition.window import DiskWindow, disk_window, power_bank, stretch_of
 from tcdyn.traces import DiskTraces, white_noise
 
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
@@ -38,7 +37,7 @@ class Side:
     prior_lag_s: float
     prior_lag_u_s: float
     prior_tau2_s: float
-    nuisance: Nuisances
+    nuisance: Effects
 
 
 @dataclass(frozen=True)
@@ -81,8 +80,8 @@ class Posterior:
         out = {}
         for value, members in zip(self.pulls, self.columns):
             side, q = sides[members[0][0]], members[0][1]
-            name = side.nuisance.names[q]
-            out[name if side.nuisance.shared[q] else f"{name} of the {side.disk.name} disk"] = float(value)
+            what = side.nuisance.of[q]
+            out[what.name if what.shared else f"{what.name} of the {side.disk.name} disk"] = float(value)
         return out
 
     @property
@@ -125,32 +124,28 @@ def _side(
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, disk.mean_chain.with_lag_shift(shift))
     noise = np.maximum(white_noise(readings), 0.5 * disk.noise_K)
-    window = disk_window(test, disk, readings, rows, noise, profile)
-    power = chained_power(test, rows, common)
-    seen = window.with_power(power, lag_bank(power, test.dt_s, window.rates_1_s))
-    nuis = nuisances(seen, disk, readings, test.dt_s, point.share, point.h, test.events.unload_u_s)
-    return Side(disk, window, rows, *prior, nuis)
+    window = disk_window(test, disk, readings, rows, noise, profile, common)
+    return Side(disk, window, rows, *prior, effects(test, disk, window, point.share, point.h))
 
 
 def powered(test: EhlTest, side: Side, point: Point) -> DiskWindow:
     """The side's window with its power through the chain of ``point``."""
-    power = chained_power(test, side.rows, point.chain(side.disk.mean_chain))
-    return side.window.with_power(power, lag_bank(power, test.dt_s, side.window.rates_1_s))
+    chain = point.chain(side.disk.mean_chain)
+    return side.window.with_power(*power_bank(test, side.rows, side.window.rim.rates_1_s, chain))
 
 
 def model(test: EhlTest, side: Side, p: Point) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Prediction (R, 3) and its derivatives by (share, log h, log tau1, log tau2), (4, R, 3)."""
-    window = powered(test, side, p)
-    rest, power = window.answer(window.gains(p.h))
+    rim = powered(test, side, p).rim
+    rest, power = rim.answer(p.h)
     step = 0.02
-    up_rest, up_power = window.answer(window.gains(p.h * float(np.exp(step))))
+    up_rest, up_power = rim.answer(p.h * float(np.exp(step)))
     slopes = [power, (up_rest - rest + p.share * (up_power - power)) / step]
-    gains = window.gains(p.h)
     for k in range(2):
         moved = list(p.log_tau)
         moved[k] += step
         other = powered(test, side, replace(p, log_tau=(moved[0], moved[1])))
-        slopes.append(p.share * (other.answer(gains)[1] - power) / step)
+        slopes.append(p.share * (other.rim.heat(rim.gains(p.h)) - power) / step)
     return rest + p.share * power, np.stack(slopes)
 
 
@@ -247,12 +242,12 @@ def nuisance_columns(sides: Sequence[Side]) -> list[list[tuple[int, int]]]:
     columns: list[list[tuple[int, int]]] = []
     seen: dict[str, int] = {}
     for i, side in enumerate(sides):
-        for q, (name, shared) in enumerate(zip(side.nuisance.names, side.nuisance.shared)):
-            if shared and name in seen:
-                columns[seen[name]].append((i, q))
+        for q, what in enumerate(side.nuisance.of):
+            if what.shared and what.name in seen:
+                columns[seen[what.name]].append((i, q))
                 continue
-            if shared:
-                seen[name] = len(columns)
+            if what.shared:
+                seen[what.name] = len(columns)
             columns.append([(i, q)])
     return columns
 
@@ -276,7 +271,7 @@ def _stacked(
         for c, members in enumerate(columns):
             for at, q in members:
                 if at == i:
-                    block[:, k + c] = side.nuisance.sd[q] * (side.nuisance.effect[q] * w).ravel()
+                    block[:, k + c] = (side.nuisance.change[q] * w).ravel()
         blocks.append(block)
         targets.append(((side.window.y - predicted) * w).ravel())
     extra, wanted = _priors(sides, points, width, k)

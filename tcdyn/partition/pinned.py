@@ -166,20 +166,19 @@ def table_of(test: EhlTest, side: Side, points: Sequence[Point], h_u_W_m2K: floa
     low, high = _reach([float(sum(np.exp(p.log_tau))) for p in points], lag_u_s)
     nodes_sum = _nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
     nodes_shape = _nodes(0.0, 1.0, SHAPE_NODES)
-    gains = [side.window.gains(float(x)) for x in nodes_h]
-    weight = side.window.weight
-    rest = np.array([(side.window.answer(g)[0] * weight).ravel() for g in gains])
+    rim, weight = side.window.rim, side.window.weight
+    gains = [rim.gains(float(x)) for x in nodes_h]
+    rest = np.array([(rim.answer(float(x))[0] * weight).ravel() for x in nodes_h])
     power = np.empty((len(gains), len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):
             ratio = 0.5 * (1 - np.sqrt(max(1 - q, 0.0)))
             tau = (float(np.log(s * (1 - ratio))), float(np.log(s * max(ratio, 1e-9))))
-            seen = powered(test, side, Point(0.0, 0.0, tau))
+            seen = powered(test, side, Point(0.0, 0.0, tau)).rim
             for k, g in enumerate(gains):
-                answer = seen.inputs[:, :1] @ g.direct[:1] + seen.banks[0] @ g.gains[0].T
-                power[k, i, j] = (answer * weight).ravel()
+                power[k, i, j] = (seen.heat(g) * weight).ravel()
     y = (side.window.y * weight).ravel()
-    effect = (side.nuisance.effect * weight).reshape(len(side.nuisance.sd), -1) * side.nuisance.sd[:, None]
+    effect = (side.nuisance.change * weight).reshape(len(side.nuisance.of), -1)
     basis = _span(np.vstack([rest, power.reshape(-1, weight.size)]), np.vstack([y, effect]))
     return Table(
         nodes_h, nodes_sum, nodes_shape, y @ basis, rest @ basis, np.asarray(power @ basis), (effect @ basis).T

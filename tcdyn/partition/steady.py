@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
+from tcdyn.conduction.rim import Profile
+from tcdyn.partition.effects import FitShift, effects, prediction
+from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.window import deeper_than_b_m, lagged_window, stretch_of
+from tcdyn.traces import DiskTraces
 
-H_GRID_W_M2K: NDArray[np.float64] = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
-SHARE_GRID: NDArray[np.float64] = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
+Array = NDArray[np.float64]
+
+H_GRID_W_M2K: Array = np.arange(100.0, 1201.0, 100.0)  # section 4.3
+SHARE_GRID: Array = np.arange(0.1, 1.01, 0.1)
+EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
+END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
+LEAST_H_W_M2K = 50.0
+LEVELLED_S = 20.0  # of cooling that any fit looks at
+ROUNDS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
 
 
 @dataclass(frozen=True)
-class Line:
+class SteadyLine:
     """share = intercept + slope h: what the steady running of one disk leaves free; (4.1), (4.2).
 
     ``share`` is beta for the fast disk and 1 - beta for the slow one; ``slope`` in 1/(W/m2K).
@@ -35,13 +48,13 @@ class SteadyMap:
     ``mean_abs_K`` and ``rms_K`` have shape (n_h, n_share); ``best_share`` is, for each h, the share of least squares.
     """
 
-    h_W_m2K: NDArray[np.float64]
-    share: NDArray[np.float64]
-    mean_abs_K: NDArray[np.float64]
-    rms_K: NDArray[np.float64]
-    best_share: NDArray[np.float64]
-    line: Line
-    thesis_line: Line
+    h_W_m2K: Array
+    share: Array
+    mean_abs_K: Array
+    rms_K: Array
+    best_share: Array
+    line: SteadyLine
+    thesis_line: SteadyLine
 
 
 @dataclass(frozen=True)
@@ -52,6 +65,14 @@ class SpeedLawPoint:
     h_fast: float
     h_slow: float
     chi: float
+
+    @property
+    def starts(self) -> dict[str, tuple[float, float]]:
+        """Share and h [W/m2K] of each disk, for a transient fit to begin from."""
+        return {
+            "fast": (self.beta, max(self.h_fast, LEAST_H_W_M2K)),
+            "slow": (1 - self.beta, max(self.h_slow, LEAST_H_W_M2K)),
+        }
 
 
 def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
@@ -76,7 +97,7 @@ def speed_law_beta(A: float, B: float, C: float, D: float, chi: float) -> float:
     return (A * D + chi * B * (1 - C)) / (D + chi * B)
 
 
-def speed_law(fast: Line, slow: Line, speed_ratio: float, exponent: float) -> SpeedLawPoint:
+def speed_law(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponent: float) -> SpeedLawPoint:
     """The point of both lines that obeys h_fast = (u_f/u_s)^n h_slow.
 
     Raises InputError when the lines do not rise with h or meet at a negative h: then the data contradict the model.
@@ -93,13 +114,11 @@ def speed_law(fast: Line, slow: Line, speed_ratio: float, exponent: float) -> Sp
     return SpeedLawPoint(beta, h_fast, h_fast / chi, chi)
 
 
-def exponent_sensitivity(
-    fast: Line, slow: Line, speed_ratio: float, exponents: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def exponent_sensitivity(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponents: Array) -> Array:
     """beta by the speed law for each exponent n (figure 4.17), shape of ``exponents``.
 
     >>> B, D = 0.46 / 1100, 0.28 / 1100
-    >>> lines = Line(0.37 - 100 * B, B), Line(0.20 - 100 * D, D)
+    >>> lines = SteadyLine(0.37 - 100 * B, B), SteadyLine(0.20 - 100 * D, D)
     >>> exponent_sensitivity(*lines, 4.24, np.array([0.571, 0.667, 0.8])).round(2)
     array([0.72, 0.73, 0.75])
     """
@@ -108,12 +127,12 @@ def exponent_sensitivity(
 
 
 def steady_map(
-    y: NDArray[np.float64],
-    boundary: NDArray[np.float64],
-    per_share: NDArray[np.float64],
-    h_W_m2K: NDArray[np.float64] = H_GRID_W_M2K,
-    share: NDArray[np.float64] = SHARE_GRID,
-    weights: NDArray[np.float64] | None = None,
+    y: Array,
+    boundary: Array,
+    per_share: Array,
+    h_W_m2K: Array = H_GRID_W_M2K,
+    share: Array = SHARE_GRID,
+    weights: Array | None = None,
 ) -> SteadyMap:
     """Misfit over (h, share) and the line of least misfit, the thesis's way and directly.
 
@@ -141,13 +160,87 @@ def steady_map(
         mean_abs,
         rms,
         best,
-        Line(float(intercept), float(slope)),
-        Line(float(t_intercept), float(t_slope)),
+        SteadyLine(float(intercept), float(slope)),
+        SteadyLine(float(t_intercept), float(t_slope)),
     )
 
 
-def _parabola_minimum(x: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+def _parabola_minimum(x: Array, error: Array) -> float:
     """Where the parabola through the least error and its neighbours is least."""
     k = int(np.clip(np.argmin(error), 2, len(x) - 3))
     c2, c1, _ = np.polyfit(x[k - 2 : k + 3], error[k - 2 : k + 3], 2)
     return float(-c1 / (2 * c2)) if c2 > 0 else float(x[np.argmin(error)])
+
+
+@dataclass(frozen=True)
+class DiskLine:
+    """Map and line of one disk, and the error of (intercept, slope) per standard uncertainty of the unmeasured."""
+
+    map: SteadyMap
+    shift: FitShift
+
+    @property
+    def line(self) -> SteadyLine:
+        """The line of least misfit."""
+        return self.map.line
+
+
+def disk_line(
+    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal", weights: Array = EQUAL_WEIGHTS
+) -> DiskLine:
+    """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (3,) of a, c, e."""
+    window = lagged_window(test, disk, rows, profile)
+    steady = window.blocks.time_s < test.events.unload_s - END_GAP_S
+    answers = [window.rim.answer(float(h)) for h in H_GRID_W_M2K]
+    rest, power = (np.stack([a[i][steady] for a in answers]) for i in range(2))
+    found = steady_map(window.y[steady], rest, power, weights=weights)
+    w = weights / weights.sum()
+    low, high = 2, len(H_GRID_W_M2K) - 3
+    moved = []
+    for k in (low, high):
+        h = float(H_GRID_W_M2K[k])
+        known = effects(test, disk, window, found.line.at(h), h)
+        size = np.einsum("rp,rp,p->", power[k], power[k], w)
+        moved.append(np.einsum("qrp,rp,p->q", known.change[:, steady], power[k], w) / size)
+    h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
+    slope = (moved[1] - moved[0]) / (h_high - h_low)
+    s = power[low] * w
+    spread = 2.0 * ((s / window.weight[steady]) ** 2).sum()  # twice: the boundary is noisy as well
+    noise = float(np.sqrt(spread) / (s * power[low]).sum())
+    per_sd = np.column_stack([moved[0] - slope * h_low, slope])
+    return DiskLine(found, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))
+
+
+def steady_lines(
+    test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array = EQUAL_WEIGHTS
+) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
+    """Steady line of each disk from the lagged readings, and the speed law's point on both."""
+    lines = {d: disk_line(test, test.disks[d], rows, profile, weights) for d in DISKS}
+    return lines, speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
+
+
+def at_one_radius(test: EhlTest) -> EhlTest:
+    """The test with ``inner_K`` of both disks set: radial gradient times how much deeper than b a junction lies.
+
+    The rim begins at the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where rig.toml
+    states another depth, the gradient of the model itself, at the speed law's share and h, tells what they would read.
+    First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay untouched.
+    """
+    off = {d: deeper_than_b_m(test.disks[d].setup) for d in DISKS}
+    if not any(np.any(o) for o in off.values()):
+        return test
+    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
+    for _ in range(ROUNDS):
+        _, speed = steady_lines(test, rows)
+        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in DISKS if np.any(off[d])}
+        test = replace(test, disks={**test.disks, **moved})
+    return test
+
+
+def _levelled(
+    test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
+) -> DiskTraces:
+    whole = np.zeros_like(disk.inner_K)
+    whole[rows] = prediction(test, lagged_window(test, disk, rows), share, h_W_m2K).gradient * deeper_m
+    whole[rows.stop :] = whole[rows.stop - 1]
+    return replace(disk, inner_K=whole)

@@ -1,4 +1,4 @@
-"""The stretch of a test that the fits look at, and the rim model's answer to it, averaged in blocks.
+"""The stretch of a test that the fits look at, and what drives the rim over it, averaged in windows.
 
 The rim forgets in some seconds (its slowest mode decays at about 1 1/s), so nothing before the last minutes under load
 matters, and one filter bank of that stretch serves every heat transfer coefficient, share and material.
@@ -7,19 +7,21 @@ matters, and one filter bank of that stretch serves every heat transfer coeffici
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains, rim_gains
-from tcdyn.conduction.rim import Mesh, Profile, Rim
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.traces import DiskTraces
 
+Array = NDArray[np.float64]
 STEADY_S = 150.0  # section 4.3
 FORGET_S = 20.0
 STEADY_BLOCK_S = 1.0
@@ -30,6 +32,7 @@ LEAST_SEEN = 1e-4  # share of a block's samples: what was bridged weighs nothing
 OUTER = [CHANNELS.index(c) for c in OUTER_ROW]
 INNER = [CHANNELS.index(c) for c in INNER_ROW]
 FIT_MESH = Mesh(33, 53)
+LEVEL = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -40,22 +43,86 @@ class Perturbation:
     heat_capacity: float = 0.0
     washer: float = 0.0
     half_width: float = 0.0
-    depth_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    depth_m: tuple[float, float, float] = LEVEL
+
+    def of_rim(self, rim: Rim) -> Rim:
+        """The stated ``rim`` with these departures of its properties."""
+        return replace(
+            rim,
+            conductivity_W_mK=rim.conductivity_W_mK * (1 + self.conductivity),
+            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + self.heat_capacity),
+            washer_W_m2K=rim.washer_W_m2K * (1 + self.washer),
+        )
 
 
 NOMINAL = Perturbation()
 
 
 @dataclass(frozen=True)
-class Blocks:
+class RimResponse:
+    """What drives the rim of one disk, and the filter banks of it, as R means over windows of a test.
+
+    ``inputs`` (R, 5) and ``banks`` (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a
+    share of one), the lags of the banks at ``rates_1_s`` (K,).
+    """
+
+    setup: DiskSetup
+    half_width_m: float
+    rates_1_s: Array
+    inputs: Array
+    banks: Array
+    profile: Profile = "modal"
+
+    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()) -> RimGains:
+        """Gains of a disk that departs from its statement by ``p``, at the outer row and any ``extra`` points."""
+        s = self.setup
+        row = tuple((s.junctions[c].depth_m + shift, s.junctions[c].z_m) for c, shift in zip(OUTER_ROW, p.depth_m))
+        width = self.half_width_m * (1 + p.half_width)
+        rim = p.of_rim(Rim.from_setup(s))
+        return cached_gains(rim, h_W_m2K, (*row, *extra), width, tuple(self.rates_1_s), self.profile, FIT_MESH)
+
+    def heat(self, g: RimGains) -> Array:
+        """Answer of the points of ``g`` to a share of one, (R, P) [K]."""
+        return np.asarray(self.inputs[:, :1] @ g.direct[:1] + self.banks[0] @ g.gains[0].T)
+
+    def answer(self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()) -> tuple[Array, Array]:
+        """Model without frictional heat, and response to a share of one; (R, P) each, P with the ``extra`` points."""
+        g = self.gains(h_W_m2K, p, extra)
+        rest = self.inputs[:, 1:] @ g.direct[1:] + sum(b @ part.T for b, part in zip(self.banks[1:], g.gains[1:]))
+        return np.asarray(rest), self.heat(g)
+
+    def rise(self, h_W_m2K: float, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
+        """Rise from d, b and f to points ``GRADIENT_STEP_M`` above them, as ``answer`` gives it; (R, 3) each [K]."""
+        depth = self.setup.junctions["b"].depth_m - GRADIENT_STEP_M
+        above = tuple((depth, self.setup.junctions[c].z_m) for c in INNER_ROW)
+        rest, power = self.answer(h_W_m2K, p, above)
+        return rest[:, 3:] - self.inputs[:, 1:4], power[:, 3:]
+
+
+@lru_cache(maxsize=2048)
+def cached_gains(
+    rim: Rim,
+    h_W_m2K: float,
+    points: tuple[Point, ...],
+    half_width_m: float,
+    rates: tuple[float, ...],
+    profile: Profile,
+    mesh: Mesh,
+) -> RimGains:
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction."""
+    return rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile=profile, mesh=mesh)
+
+
+@dataclass(frozen=True)
+class BlockMeans:
     """Rows of the stretch grouped into blocks: ``starts`` and ``counts`` of samples, ``time_s`` of their middle."""
 
     starts: NDArray[np.int64]
     counts: NDArray[np.int64]
-    time_s: NDArray[np.float64]
+    time_s: Array
     last: int
 
-    def mean(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def mean(self, x: Array) -> Array:
         """Average of ``x`` (N, ...) over each block."""
         sums = np.add.reduceat(x[: self.last], self.starts, axis=0)
         return np.asarray(sums / self.counts.reshape(-1, *(1,) * (x.ndim - 1)))
@@ -63,72 +130,35 @@ class Blocks:
 
 @dataclass(frozen=True)
 class DiskWindow:
-    """One disk over the stretch: measured outer row and the filter banks of all inputs, block means of both.
+    """One disk over the stretch: measured outer row, and what drives the rim, block means of both.
 
-    ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over the noise of a block mean of what was
-    seen [1/K]; ``inputs`` (R, 5) and ``banks``
-    (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a share of one).
+    ``readings`` (N, 6) [degC] as they were seen at ``time_s`` (N,); ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over
+    the noise of a block mean of what was seen [1/K].
     """
 
     disk: str
-    setup: DiskSetup
-    half_width_m: float
-    time_s: NDArray[np.float64]
-    blocks: Blocks
-    y: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    rates_1_s: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    banks: NDArray[np.float64]
-    profile: Profile
+    readings: Array
+    time_s: Array
+    blocks: BlockMeans
+    y: Array
+    weight: Array
+    rim: RimResponse
 
-    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL) -> RimGains:
-        """Gains of the rim to the outer row."""
-        return perturbed_gains(self.setup, h_W_m2K, self.half_width_m, self.rates_1_s, p, self.profile)
-
-    def answer(self, g: RimGains) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Model without frictional heat, and response to a share of one; (R, 3) each."""
-        n = g.direct.shape[1]
-        rest = self.inputs[:, 1:] @ g.direct[1:] + np.einsum("irk,ipk->rp", self.banks[1:], g.gains[1:], optimize=True)
-        power = self.inputs[:, :1] @ g.direct[:1] + self.banks[0] @ g.gains[0].T
-        return rest.reshape(-1, n), power.reshape(-1, n)
-
-    def with_power(self, power_W: NDArray[np.float64], bank: NDArray[np.float64]) -> DiskWindow:
+    def with_power(self, power_W: Array, bank: Array) -> DiskWindow:
         """The same window with another frictional power, e.g. seen through another chain."""
-        return replace(
-            self,
-            inputs=np.column_stack([self.blocks.mean(power_W), self.inputs[:, 1:]]),
-            banks=np.concatenate([self.blocks.mean(bank)[None], self.banks[1:]]),
+        rim = replace(
+            self.rim,
+            inputs=np.column_stack([self.blocks.mean(power_W), self.rim.inputs[:, 1:]]),
+            banks=np.concatenate([self.blocks.mean(bank)[None], self.rim.banks[1:]]),
         )
+        return replace(self, rim=rim)
 
     def between(self, start_s: float, stop_s: float) -> NDArray[np.bool_]:
         """Which blocks lie in [start_s, stop_s)."""
         return (self.blocks.time_s >= start_s) & (self.blocks.time_s < stop_s)
 
 
-def perturbed_gains(
-    setup: DiskSetup,
-    h_W_m2K: float,
-    half_width_m: float,
-    rates: NDArray[np.float64],
-    p: Perturbation,
-    profile: Profile,
-    extra: tuple[tuple[float, float], ...] = (),
-) -> RimGains:
-    """Rim gains of a disk that departs from its statement by ``p``, at the outer row and any ``extra`` points."""
-    rim = Rim.from_setup(setup)
-    rim = replace(
-        rim,
-        conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
-        specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
-        washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
-    )
-    points = [(setup.junctions[c].depth_m + shift, setup.junctions[c].z_m) for c, shift in zip(OUTER_ROW, p.depth_m)]
-    width = half_width_m * (1 + p.half_width)
-    return rim_gains(rim, h_W_m2K, [*points, *extra], width, rates, profile=profile, mesh=FIT_MESH)
-
-
-def deeper_than_b_m(setup: DiskSetup) -> NDArray[np.float64]:
+def deeper_than_b_m(setup: DiskSetup) -> Array:
     """How much deeper d, b and f are stated to lie than b, (3,) [m].
 
     >>> from calibration.rig import load_rig
@@ -137,12 +167,6 @@ def deeper_than_b_m(setup: DiskSetup) -> NDArray[np.float64]:
     """
     depth = {c: setup.junctions[c].depth_m for c in INNER_ROW}
     return np.array([depth[c] - depth["b"] for c in INNER_ROW])
-
-
-def above_inner_row(setup: DiskSetup) -> tuple[tuple[float, float], ...]:
-    """Depth and z [m] of the points ``GRADIENT_STEP_M`` above the rim's inner radius at d, b and f."""
-    depth = setup.junctions["b"].depth_m - GRADIENT_STEP_M
-    return tuple((depth, setup.junctions[c].z_m) for c in INNER_ROW)
 
 
 def stretch_of(test: EhlTest, after_s: float) -> slice:
@@ -164,7 +188,7 @@ def steady_start_s(test: EhlTest) -> float:
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded, 10.0))
 
 
-def make_blocks(test: EhlTest, rows: slice, steady_s: float) -> Blocks:
+def make_blocks(test: EhlTest, rows: slice, steady_s: float) -> BlockMeans:
     """One second under steady load, single samples about the parting, tenths of a second later."""
     t = test.time_s[rows]
     off = test.events.unload_s
@@ -177,43 +201,50 @@ def make_blocks(test: EhlTest, rows: slice, steady_s: float) -> Blocks:
     starts = np.concatenate([np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, n, small)])
     counts = np.diff(np.append(starts, n))
     time = np.add.reduceat(t, starts) / counts
-    return Blocks(starts, counts, time, n)
+    return BlockMeans(starts, counts, time, n)
 
 
 def disk_window(
     test: EhlTest,
     disk: DiskTraces,
-    temperatures: NDArray[np.float64],
+    temperatures: Array,
     rows: slice,
-    noise_K: NDArray[np.float64],
+    noise_K: Array,
     profile: Profile = "modal",
+    chain: Chain | None = None,
 ) -> DiskWindow:
-    """Build the window from the six ``temperatures`` (N, 6) of one disk over ``rows``, frictional power unlagged."""
+    """Build the window from the six ``temperatures`` (N, 6) of one disk over ``rows``, power seen through ``chain``."""
     blocks = make_blocks(test, rows, steady_start_s(test))
     seen = 1.0 - blocks.mean(disk.missing[rows][:, OUTER].astype(float))
     rates = node_rates(test.dt_s)
-    ambient = test.ambient_degC[rows]
-    at_b = temperatures[:, INNER] + disk.inner_K[rows]
-    feeds = [*at_b.T, ambient]
-    power, switch = held_power(test, rows)
-    banks = [lag_bank(power, test.dt_s, rates, hold="zoh", switches=switch)]
-    banks += [lag_bank(u, test.dt_s, rates) for u in feeds]
+    feeds = [*(temperatures[:, INNER] + disk.inner_K[rows]).T, test.ambient_degC[rows]]
+    power, bank = power_bank(test, rows, rates, chain)
+    banks = [bank, *(lag_bank(u, test.dt_s, rates) for u in feeds)]
     return DiskWindow(
         disk=disk.name,
-        setup=disk.setup,
-        half_width_m=test.half_width_m,
+        readings=disk.readings_degC[rows] if chain is None else temperatures,
         time_s=test.time_s[rows],
         blocks=blocks,
         y=blocks.mean(temperatures[:, OUTER]),
         weight=np.sqrt(blocks.counts[:, None] * np.maximum(seen, LEAST_SEEN)) / noise_K[None, OUTER],
-        rates_1_s=rates,
-        inputs=np.column_stack([blocks.mean(u) for u in (power, *feeds)]),
-        banks=np.stack([blocks.mean(b) for b in banks]),
-        profile=profile,
+        rim=RimResponse(
+            disk.setup,
+            test.half_width_m,
+            rates,
+            inputs=np.column_stack([blocks.mean(u) for u in (power, *feeds)]),
+            banks=np.stack([blocks.mean(b) for b in banks]),
+            profile=profile,
+        ),
     )
 
 
-def held_power(test: EhlTest, rows: slice) -> tuple[NDArray[np.float64], tuple[Switch, ...]]:
+def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal") -> DiskWindow:
+    """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
+    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
+    return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
+
+
+def held_power(test: EhlTest, rows: slice) -> tuple[Array, tuple[Switch, ...]]:
     """Frictional power over ``rows`` [W], held between samples, and the instant inside a sample at which it ends."""
     power = test.power_W[rows]
     t = test.time_s[rows]
@@ -224,14 +255,17 @@ def held_power(test: EhlTest, rows: slice) -> tuple[NDArray[np.float64], tuple[S
     return power, ()
 
 
-def chained_power(test: EhlTest, rows: slice, chain: Chain) -> NDArray[np.float64]:
-    """Frictional power as the chain would show it: what drives the model when the readings are left lagged.
+def power_bank(test: EhlTest, rows: slice, rates_1_s: Array, chain: Chain | None) -> tuple[Array, Array]:
+    """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and its bank (N, K).
 
-    The sample in which the power ends carries its average, which keeps the energy and places the step to second
-    order in the sampling interval.
+    Through the chain it drives the model when the readings are left lagged: the sample in which the power ends
+    carries its average, which keeps the energy and places the step to second order in the sampling interval.
     """
     power, switches = held_power(test, rows)
+    if chain is None:
+        return power, lag_bank(power, test.dt_s, rates_1_s, hold="zoh", switches=switches)
     held = power.copy()
     for s in switches:
         held[s.index] = s.before * s.fraction + s.after * (1 - s.fraction)
-    return chain.response(held, test.dt_s, hold="zoh")
+    seen = chain.response(held, test.dt_s, hold="zoh")
+    return seen, lag_bank(seen, test.dt_s, rates_1_s)

@@ -14,8 +14,7 @@ from calibration.log import Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
-from tcdyn.partition.output import beta_file
+from tcdyn.partition.analyse import WINDOW_S, Partition, analyse, beta_file
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.tables import ways_table
 from tcdyn.pipeline.bearing import BearingFile

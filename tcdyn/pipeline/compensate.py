@@ -22,12 +22,11 @@ from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
+from tcdyn.partition.effects import with_common_u
 from tcdyn.partition.events import find_events
-from tcdyn.partition.inner_row import at_one_radius
-from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.nuisance import with_common_u
+from tcdyn.partition.joint import DiskFit, refine_lags, refined_chains
 from tcdyn.partition.prepare import prepare
-from tcdyn.partition.refine import refine_lags, refined_chains
+from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.records import rig_of
 from tcdyn.traces import DiskTraces, disk_traces, gathered, white_noise
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from matplotlib.axes import Axes
 
 from calibration.estimate import Z95
-from tcdyn.partition.sensors.depths import DepthTest
+from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER
 
 

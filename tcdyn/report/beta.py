@@ -9,8 +9,14 @@ from calibration.disk import DISKS
 from calibration.estimate import rounded
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.profile_interval import interval_table
-from tcdyn.partition.tables import budget_table, junctions_table, test_table, ways_table
-from tcdyn.partition.windows import cooling_by_window, referee_table
+from tcdyn.partition.tables import (
+    budget_table,
+    cooling_by_window,
+    junctions_table,
+    referee_table,
+    test_table,
+    ways_table,
+)
 from tcdyn.plots import partition as draw
 from tcdyn.plots.junctions import draw_junctions
 from tcdyn.plots.profile import draw_profiles

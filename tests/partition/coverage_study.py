@@ -14,7 +14,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from calibration.errors import InputError
-from tcdyn.partition.tension import DEPTH_ALARM, tensions
+from tcdyn.partition.crosscheck import DEPTH_ALARM, tensions
 from tests.partition.study_rigs import study_rig
 
 WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")

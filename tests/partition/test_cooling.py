@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcdyn.partition.compensated import compensate_stretch, compensated_window
-from tcdyn.partition.cooling import cooling_fit
-from tcdyn.partition.refine import steady_lines
-from tcdyn.partition.steady import Line
-from tcdyn.partition.window import Blocks, stretch_of
+from tcdyn.partition.cooling import compensated, cooling_fit
+from tcdyn.partition.steady import SteadyLine, steady_lines
+from tcdyn.partition.window import BlockMeans, stretch_of
 from tests.partition.study_rigs import QUICK, study_rig
 
 
@@ -21,15 +19,16 @@ class Lumped:
     """A window whose rim is three lumps that cool as exp(-rate h t) from a level proportional to the share."""
 
     time_s: np.ndarray
-    blocks: Blocks
+    blocks: BlockMeans
     y: np.ndarray
     disk: str = "fast"
 
     def between(self, start_s: float, stop_s: float) -> np.ndarray:
         return (self.blocks.time_s >= start_s) & (self.blocks.time_s < stop_s)
 
-    def gains(self, h: float) -> float:
-        return h
+    @property
+    def rim(self) -> Lumped:
+        return self
 
     def answer(self, h: float) -> tuple[Any, np.ndarray]:
         after = np.maximum(self.blocks.time_s, 0.0)[:, None]
@@ -41,10 +40,10 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     """Single samples to 3 s, then blocks of eight: the pull must weigh them as the fit does."""
     t = np.concatenate([np.arange(-12, 0, 1.0), np.arange(0, 3, 1 / 75), np.arange(3, 8, 8 / 75)])
     counts = np.where(t < 0, 75, np.where(t < 3, 1, 8))
-    blocks = Blocks(np.zeros(len(t), dtype=int), counts, t, int(counts.sum()))
-    line = Line(0.2, 7e-4)
+    blocks = BlockMeans(np.zeros(len(t), dtype=int), counts, t, int(counts.sum()))
+    line = SteadyLine(0.2, 7e-4)
     window = Lumped(t, blocks, np.zeros((len(t), 3)))
-    made = replace(window, y=line.at(700.0) * window.answer(700.0)[1])
+    made = replace(window, y=line.at(700.0) * window.rim.answer(700.0)[1])
     effect = 0.02 * np.maximum(t, 0.0)[:, None] * np.array([1.0, 2.0, 0.5])  # grows late, where the blocks are long
     fit = cooling_fit(made, line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]
     again = cooling_fit(replace(made, y=made.y - effect), line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]
@@ -60,7 +59,6 @@ def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     rows = stretch_of(test, 5.0)
     lines, _ = steady_lines(test, rows)
     disk = test.disks["fast"]
-    done = compensate_stretch(test, disk, rows, disk.chains, 0.01)
-    window = compensated_window(test, disk, rows, done, "modal")
+    window = compensated(test, disk, rows, disk.chains, 0.01).window
     fit = cooling_fit(window, lines["fast"].line, test.events.unload_s, 5.0, 0.03)
     assert fit.h_W_m2K == pytest.approx(made.told["h_fast"], rel=0.05)  # the budget's own standard uncertainty of h

@@ -11,12 +11,11 @@ from scipy import stats
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
 from calibration.log import read_log
-from tcdyn.partition.crosscheck import Tension, cross_check
+from tcdyn.partition.crosscheck import DEPTH_ALARM, OTHER_ALARM, Tension, cross_check, tensions
 from tcdyn.partition.friction import FrictionAdded
 from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors.check import check_sensors
-from tcdyn.partition.sensors.depths import DepthTest, chance_of, largest_pulls
-from tcdyn.partition.tension import DEPTH_ALARM, OTHER_ALARM, tensions
+from tcdyn.partition.sensors.faults import DepthTest, chance_of, largest_pulls
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere

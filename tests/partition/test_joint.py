@@ -13,7 +13,7 @@ from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.joint_solve import Point, _covariance
 from tcdyn.partition.pinned import joint_surface, minimum, table_of
 from tcdyn.partition.profile import theta_of
-from tcdyn.partition.refine import joint_start, steady_lines
+from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
@@ -40,7 +40,7 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
     """
     made = study_rig(1002, "D4")
     _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
-    fits, _ = joint_fits(made.test, joint_start(speed), 0.2)
+    fits, _ = joint_fits(made.test, speed.starts, 0.2)
     for fit in fits.values():
         tau = (float(np.log(fit.chain.taus_s[0])), float(np.log(fit.chain.taus_s[1])))
         at = Point(fit.share, float(np.log(fit.h_W_m2K)), tau)
@@ -113,16 +113,16 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
     def fitted(true: RigTruth) -> Any:
         made = study_rig(1, "B3", truth=true, options=options, lag_error_s=0.0)
         lines, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
-        return lines, joint_fits(made.test, joint_start(speed))[0]
+        return lines, joint_fits(made.test, speed.starts)[0]
 
     base_lines, base = fitted(truth)
     for what in ("depth a", "depth e", "depth b", "conductivity", "heat capacity", "washer", "friction", "ambient"):
         lines, fits = fitted(moved(truth, what))
         for disk in ("fast", "slow"):
             h = base[disk].h_W_m2K
-            k = base_lines[disk].shift.names.index(what)
+            k = [o.name for o in base_lines[disk].shift.of].index(what)
             said = base_lines[disk].shift.per_sd[k] @ np.array([1.0, h])
             assert lines[disk].line.at(h) - base_lines[disk].line.at(h) == pytest.approx(said, rel=0.2, abs=6e-4)
-            k = base[disk].shift.names.index(what)
+            k = [o.name for o in base[disk].shift.of].index(what)
             said = base[disk].shift.per_sd[k][0]
             assert fits[disk].share - base[disk].share == pytest.approx(said, rel=0.2, abs=6e-4)

@@ -18,7 +18,7 @@ from tcdyn.partition.pinned import JointSurface, joint_surface, minimum, table_o
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import Pin, joint_profiles, profile, theta_of
 from tcdyn.partition.profile_interval import LEVEL, crossing, interval_table, intervals, profiles_file
-from tcdyn.partition.refine import joint_start, steady_lines
+from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -30,7 +30,7 @@ def fitted(made: StudyRig, window_s: float = 10.0, test: EhlTest | None = None) 
     """Joint fits of a study rig from the speed law's point."""
     _, speed = steady_lines(made.test, stretch_of(made.test, window_s))
     test = made.test if test is None else test
-    return test, *joint_fits(test, joint_start(speed), window_s)
+    return test, *joint_fits(test, speed.starts, window_s)
 
 
 def without_lag_prior(test: EhlTest) -> EhlTest:

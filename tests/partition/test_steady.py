@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.steady import Line, speed_law, speed_law_beta, speed_ratio_power, steady_map
+from tcdyn.partition.steady import SteadyLine, speed_law, speed_law_beta, speed_ratio_power, steady_map
 
 
-def through(h1: float, s1: float, h2: float, s2: float) -> Line:
+def through(h1: float, s1: float, h2: float, s2: float) -> SteadyLine:
     slope = (s2 - s1) / (h2 - h1)
-    return Line(s1 - slope * h1, slope)
+    return SteadyLine(s1 - slope * h1, slope)
 
 
 def test_worked_example_of_figures_4_13_to_4_16_gives_the_thesis_beta() -> None:
@@ -22,7 +22,7 @@ def test_worked_example_of_figures_4_13_to_4_16_gives_the_thesis_beta() -> None:
 
 
 def test_speed_law_point_lies_on_both_lines() -> None:
-    fast, slow = Line(0.36, 4e-4), Line(0.26, 2.9e-4)
+    fast, slow = SteadyLine(0.36, 4e-4), SteadyLine(0.26, 2.9e-4)
     point = speed_law(fast, slow, 4.24, 0.7)
     assert fast.at(point.h_fast) == pytest.approx(point.beta, abs=1e-12)
     assert slow.at(point.h_slow) == pytest.approx(1 - point.beta, abs=1e-12)
@@ -38,7 +38,7 @@ def test_printed_equation_4_7_does_not_give_the_thesis_number() -> None:
 
 def test_falling_line_is_refused_with_a_remedy() -> None:
     with pytest.raises(InputError, match="swapped"):
-        speed_law(Line(0.9, -1e-4), Line(0.2, 3e-4), 4.24, 0.667)
+        speed_law(SteadyLine(0.9, -1e-4), SteadyLine(0.2, 3e-4), 4.24, 0.667)
 
 
 def test_steady_map_finds_an_exact_line_both_ways() -> None:

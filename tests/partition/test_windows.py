@@ -8,7 +8,7 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.windows import cooling_by_window, referee_table
+from tcdyn.partition.tables import cooling_by_window, referee_table
 from tcdyn.pipeline import estimate_beta
 from tcdyn.plots.style import figure
 from tcdyn.plots.windows import draw_referee, draw_window_study

@@ -12,8 +12,7 @@ import pandas as pd
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensors.depths import DepthTest, depth_test
-from tcdyn.partition.sensors.faults import H_GRID_W_M2K, MISPLACED_M, Fault, Verdict, hypotheses, judge
+from tcdyn.partition.sensors.faults import MISPLACED_M, DepthTest, Fault, Verdict, depth_test, hypotheses, judge
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
 from tcdyn.partition.sensors.pairs import angle_groups, pair_matrix, pair_table
 from tcdyn.traces import DiskTraces
@@ -112,7 +111,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
         suspects=suspects,
         warnings=tuple(s.sentence for s in suspects),
-        bulk_degC={d: float(f.x[f.of("steady")][0, 1:7].mean()) for d, f in features.items()},
+        bulk_degC={d: float(f.levels[f.of("steady")][0].mean()) for d, f in features.items()},
         asymmetry_K={d: _asymmetry(pairs, d) for d in DISKS},
         groups={d: angle_groups(test.disks[d].setup) for d in DISKS},
         side_K={d: checks[d].side for d in DISKS},
@@ -127,9 +126,8 @@ def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
     dead = _dead(test, disk, f)
     if dead:
         return _DiskCheck(tuple(dead), None, (), None, np.inf)
-    gains = [f.gains(float(h)) for h in H_GRID_W_M2K]
-    sound = judge(f, disk, Fault("none"), gains)
-    found = [judge(f, disk, h, gains) for h in hypotheses(angle_groups(disk.setup))]
+    sound = judge(f, disk, Fault("none"))
+    found = [judge(f, disk, h) for h in hypotheses(angle_groups(disk.setup))]
     side = next((v.size for v in found if v.fault.kind == "side"), None)
     odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
     best = max(odds.values())
@@ -160,9 +158,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mappin
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
             mixed = f.with_column_of(other, place, column)
-            gains = [mixed.gains(float(h)) for h in H_GRID_W_M2K]
-            fault = Fault("foreign", (CHANNELS[place],))
-            total += judge(mixed, test.disks[f.disk], fault, gains).log_likelihood
+            total += judge(mixed, test.disks[f.disk], Fault("foreign", (CHANNELS[place],))).log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
     odds = best - sum(checks[d].log_likelihood for d in DISKS)
@@ -181,14 +177,14 @@ def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     channel = v.fault.channels[0]
     if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
         return v
-    stated = f.setup.junctions[channel]
-    deepest = f.setup.junctions["b"].depth_m - LEAST_DEPTH_M
+    setup = f.rim.setup
+    stated = setup.junctions[channel]
+    deepest = setup.junctions["b"].depth_m - LEAST_DEPTH_M
     size, again = v.size, v
     for _ in range(4):
         depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
-        setup = replace(f.setup, junctions={**f.setup.junctions, channel: replace(stated, depth_m=depth)})
-        moved = f.on(setup)
-        again = judge(moved, disk, v.fault, [moved.gains(float(h)) for h in H_GRID_W_M2K])
+        there = {**setup.junctions, channel: replace(stated, depth_m=depth)}
+        again = judge(f.on(replace(setup, junctions=there)), disk, v.fault)
         if again.size is None:
             break
         size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
@@ -200,8 +196,8 @@ def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:
     """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
-    level = f.x[f.of("steady")][0, 1:7]
-    falls = -f.x[f.of("unloading")][-1, 1:7]
+    level = f.levels[f.of("steady")][0]
+    falls = -f.levels[f.of("unloading")][-1]
     rise = level - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     out = []
     for i, c in enumerate(CHANNELS):
@@ -252,7 +248,7 @@ def _asymmetry(pairs: pd.DataFrame, disk: str) -> Estimate:
 
 def _responses(disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
     """Steady level and first answers of each junction, deepest last."""
-    x = {event: f.x[f.of(event)][:, 1:7] for event in ("steady", "unloading", "loading")}
+    x = {event: f.levels[f.of(event)] for event in ("steady", "unloading", "loading")}
     middle = 0.5 * disk.setup.width_m
     rows = []
     for i, c in enumerate(CHANNELS):

@@ -1,4 +1,4 @@
-"""Which fault, if any, explains a disk's readings: swapped, misplaced or offset junctions, or a hotter side.
+"""Which fault, if any, explains a disk's readings, and where a sound test places the junctions.
 
 Each hypothesis is a normal distribution of what is left of the outer row when the rim model, driven by the inner row,
 has said its part, and of the inner row's first seconds after an event when a rim down to the bore has. Its covariance
@@ -8,29 +8,35 @@ freedom costs what it should.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from tcdyn.partition.sensors.errors import (
-    SHARE_SD,
-    Array,
-    Errors,
-    Order,
-    covariance,
-    errors_about,
-    independent_K,
-)
-from tcdyn.partition.sensors.features import DiskFeatures, Gains
+from tcdyn.partition.effects import differential_lag_u_s, stated
+from tcdyn.partition.sensors.features import DiskFeatures, FeaturePrediction, Order, predicted
+from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
+Array = NDArray[np.float64]
+SHARE_SD = 0.12  # about each of the shares that are looked at
+MIXED_LINES_K = 0.7  # swapped channels carry each other's static lines
+MIXED_LAGS_S = 0.06
+LEAST_LAG_U_S = 0.05
+LOADING_U_S = 0.5  # how long the load takes to come on is not known
+MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
+THICK_REL = 0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
+MODEL_K = 0.03
+DRAWS = 20_000
+LEAST_TOLD = 0.02
+LEAST_SEEN = 20
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
@@ -94,14 +100,14 @@ def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[Fault]:
         yield Fault("side", sides[1])
 
 
-def judge(f: DiskFeatures, disk: DiskTraces, fault: Fault, gains: list[Gains]) -> Verdict:
-    """Likelihood of the features under ``fault``; ``gains`` over ``H_GRID_W_M2K``.
+def judge(f: DiskFeatures, disk: DiskTraces, fault: Fault) -> Verdict:
+    """Likelihood of the features under ``fault``.
 
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
     share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
     """
     order = fault.order
-    whole = [f.answer(g, order) for g in gains]
+    whole = [f.answer(order, float(h)) for h in H_GRID_W_M2K]
     rests, powers = (_finely(np.stack([answer[i][f.seen] for answer in whole])) for i in range(2))
     parts = [_about(f, disk, fault, share, rests, powers) for share in SHARE_GRID]
     best = max(parts, key=lambda v: v.log_likelihood)
@@ -122,7 +128,9 @@ def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests:
         if nearest == at:
             break
         at = nearest
-        e, cov = _errors(f, disk, order, mixed, float(H_GRID_W_M2K[at]), share)
+        h = float(H_GRID_W_M2K[at])
+        e = f.remember((order, h, share), lambda h=h: predicted(f, order, h, share))  # most hypotheses share them
+        cov = f.remember((order, h, share, mixed), lambda e=e: covariance(e, disk, mixed))
         sd, effect = _freedom(e, fault)
         if effect is not None:
             cov = cov + np.outer(sd * effect[seen], sd * effect[seen])
@@ -140,14 +148,6 @@ def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests:
     return Verdict(fault, -0.5 * (chi2 + log_det), chi2, r.size - 1, likely, float(H_FINE_W_M2K[best]), size)
 
 
-def _errors(
-    f: DiskFeatures, disk: DiskTraces, order: Order, mixed: tuple[str, ...], h: float, share: float
-) -> tuple[Errors, Array]:
-    """Errors about a share and an h, and their covariance, which most hypotheses have in common."""
-    e = f.remember(("errors", order, h, share), lambda: errors_about(f, order, h, share))
-    return e, f.remember(("covariance", order, mixed, h, share), lambda: covariance(e, disk, mixed))
-
-
 def _whole(f: DiskFeatures, seen: Array) -> Array:
     """Values (D,) put back where they were seen, (W, 6)."""
     out = np.zeros(f.seen.shape)
@@ -155,15 +155,101 @@ def _whole(f: DiskFeatures, seen: Array) -> Array:
     return out
 
 
-def _freedom(e: Errors, fault: Fault) -> tuple[float, Array | None]:
+def _freedom(e: FeaturePrediction, fault: Fault) -> tuple[float, Array | None]:
     """Prior standard deviation of what a fault leaves free, and its effect (W, 6) per unit."""
     if fault.kind == "misplaced":
         return MISPLACED_M, e.deeper(fault.channels[0])
     if fault.kind in ("side", "offset"):
-        return OFFSET_K, np.asarray(np.sum([e.reading(c, e.steady) for c in fault.channels], axis=0))
+        return OFFSET_K, np.asarray(np.sum([e.reading(c, e.lasts) for c in fault.channels], axis=0))
     return 0.0, None
 
 
 def _finely(coarse: Array) -> Array:
     """Answers (H, D) at ``H_GRID_W_M2K`` interpolated to ``H_FINE_W_M2K``."""
     return np.asarray(CubicSpline(np.log(H_GRID_W_M2K), coarse)(np.log(H_FINE_W_M2K)))
+
+
+def covariance(e: FeaturePrediction, disk: DiskTraces, mixed: tuple[str, ...] = ()) -> Array:
+    """Covariance (D, D) [K2] of what is left of the predicted data.
+
+    ``mixed``: channels whose static lines and lags are another's.
+    """
+    foreign = np.isin(CHANNELS, mixed)
+    static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
+    lag_u = np.hypot(differential_lag_u_s(disk.lag_covariance_s2), MIXED_LAGS_S * foreign)
+    columns = [sd * change for _, sd, change in stated(e, disk, static, lag_u)]
+    columns.append(e.later() * max(disk.common_lag_u_s, LEAST_LAG_U_S))
+    columns.append(e.later() * e.f.of("loading")[:, None] * LOADING_U_S)
+    columns.append(e.power * SHARE_SD)
+    a = np.stack([c[e.f.seen] for c in columns])
+    own = independent_K(e.f, disk, e.power, e.order)[e.f.seen]
+    return np.asarray(a.T @ a + np.diag(own**2))
+
+
+def independent_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
+    """Independent part of each datum's standard deviation (W, 6) [K]: white noise, what the models miss, trends."""
+    own = disk.noise_K[[order[i] for i in (*OUTER, *INNER)]]
+    noise = f.noise[:, None] * np.maximum(own, 1e-3)[None]
+    rel = np.repeat([MODEL_REL, THICK_REL], 3)
+    bend = np.hstack([np.zeros((len(power), 3)), f.bend[:, [order[i] for i in INNER]]])  # the outer row follows it
+    return np.sqrt(2 * noise**2 + MODEL_K**2 + (rel * power) ** 2 + bend**2)
+
+
+@dataclass(frozen=True)
+class DepthTest:
+    """Six junctions a..f of a disk against their stated depths.
+
+    ``pull`` (6,): departure in standard deviations, standard normal on a sound disk, with correlation ``correlation``
+    (6, 6); ``deeper_m``: how much deeper each lies than stated by this test alone, its own stated depth, known to
+    ``stated_u_m`` [m], not counted.
+    """
+
+    disk: str
+    pull: Array
+    correlation: Array
+    deeper_m: dict[str, Estimate]
+    stated_u_m: float
+
+
+def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
+    """Score test of each depth about the ``sound`` verdict, all other nuisances and depths at their priors.
+
+    With r the misfit, C its covariance and e the effect of one standard uncertainty of a depth, the pull is
+    e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes the part t = e C^-1 e; so the test
+    alone says (e C^-1 r) / t standard uncertainties, +- sqrt((1 - t) / t).
+    """
+    h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
+    e = predicted(f, AS_WIRED, h, sound.share)
+    seen = f.seen
+    off = LOG_H_SD * e.of_log_h()[seen]
+    cov = covariance(e, disk) + np.outer(off, off)
+    left = (f.level(AS_WIRED) - e.base)[seen]
+    sd_m = disk.uncertainty.depth_mm * 1e-3
+    effects = np.stack([e.deeper(c)[seen] for c in CHANNELS]) * sd_m
+    toward = np.linalg.solve(cov, effects.T).T
+    gram = toward @ effects.T
+    told = np.clip(np.diag(gram), LEAST_TOLD, 1 - 1e-9)
+    score = toward @ left
+    root = np.sqrt(np.diag(gram))
+    deeper = {
+        c: Estimate.normal(sd_m * float(s / t), sd_m * float(np.sqrt((1 - t) / t)))
+        for c, s, t in zip(CHANNELS, score, told)
+    }
+    return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m)
+
+
+def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
+    """Draws of the largest pull of all ``tests`` on sound disks, (DRAWS,)."""
+    rng = np.random.default_rng(seed)
+    largest = np.zeros(DRAWS)
+    for test in tests:
+        values, vectors = np.linalg.eigh(test.correlation)
+        root = vectors * np.sqrt(np.clip(values, 0.0, None))
+        largest = np.maximum(largest, np.abs(rng.standard_normal((DRAWS, len(values))) @ root.T).max(axis=1))
+    return largest
+
+
+def chance_of(pull: float, largest: Array, count: int) -> float:
+    """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
+    seen = float(np.mean(largest >= abs(pull)))
+    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(stats.norm.sf(abs(pull))))

@@ -13,23 +13,26 @@ from numpy.typing import NDArray
 from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
 from tcdyn.chain import equalised
 from tcdyn.conduction.bank import lag_bank, node_rates
-from tcdyn.conduction.modal import RimGains, rim_gains
+from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.rim import Mesh, Rim
+from tcdyn.partition.effects import Prediction, depths
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
     INNER,
+    LEVEL,
     NOMINAL,
     OUTER,
     Perturbation,
-    above_inner_row,
-    chained_power,
+    RimResponse,
+    cached_gains,
     deeper_than_b_m,
-    perturbed_gains,
+    power_bank,
 )
 from tcdyn.traces import DiskTraces
 
 Array = NDArray[np.float64]
+Order = tuple[int, ...]
 T = TypeVar("T")
 
 STEADY_S = 100.0
@@ -43,7 +46,8 @@ SLOWEST_PER_S = 0.02
 BEND_S = 40.0  # a disk under load warms up with about this time constant
 THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 THICK_MESH = Mesh(49, 41)
-NO_SHIFT = (0.0, 0.0, 0.0)
+DEPTH_STEP_M = 0.1e-3
+LOG_H_STEP = 0.05
 
 
 @dataclass(frozen=True)
@@ -58,46 +62,34 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Gains:
-    """Gains of the rim, inner row to outer row, and of the thick rim, frictional heat to inner row.
-
-    ``above``: of the rim to the points just above the inner row, where d or f lies at another depth than b.
-    """
-
-    rim: RimGains
-    thick: RimGains
-    above: RimGains | None
-
-
-@dataclass(frozen=True)
 class DiskFeatures:
-    """Window means of one disk: W windows, inputs in the order power, a..f, ambient.
+    """Window means of one disk, W windows: ``rim`` with the inputs power, a..f and ambient, whoever then drives it.
 
-    ``x`` (W, 8) inputs and ``banks`` (W, 8, K) their lags; ``late`` (W, K + 1) power and its lags when the chain is
-    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white
-    noise left of one; ``bend`` (W, 6) how far a trend before the event may have bent since [K].
+    ``slower``: the power alone when the chain is ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel
+    [K/s], less that of the base; ``noise`` (W,) white noise left of one; ``bend`` (W, 6) how far a trend before the
+    event may have bent since [K].
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore (``seen``).
     """
 
     disk: str
-    setup: DiskSetup
-    half_width_m: float
     windows: tuple[Window, ...]
-    rates_1_s: Array
-    x: Array
-    banks: Array
-    late: Array
+    rim: RimResponse
+    slower: RimResponse
     slope: Array
     noise: Array
     bend: Array
-    book: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # gains once worked out
-    memo: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # what the readings made of them
+    memo: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)  # what was worked out from these
 
     def on(self, setup: DiskSetup) -> DiskFeatures:
         """The same readings on a disk that is stated otherwise."""
-        return replace(self, setup=setup, book={}, memo={})
+        return replace(self, rim=replace(self.rim, setup=setup), memo={})
+
+    @property
+    def levels(self) -> Array:
+        """Level, or change since the base, of the channels a..f, (W, 6)."""
+        return self.rim.inputs[:, 1:7]
 
     @cached_property
     def seen(self) -> NDArray[np.bool_]:
@@ -105,36 +97,13 @@ class DiskFeatures:
         early = [w.event != "steady" and w.after_s <= THICK_S for w in self.windows]
         return np.column_stack([np.ones((len(early), 3), dtype=bool), np.repeat(np.array(early)[:, None], 3, axis=1)])
 
-    def gains(self, h_W_m2K: float, p: Perturbation = NOMINAL, inner_m: tuple[float, float, float] = NO_SHIFT) -> Gains:
-        """Gains of a disk that departs from its statement by ``p``, inner row moved by ``inner_m`` (d, b, f)."""
-        inner = replace(p, depth_m=NO_SHIFT)
-        return Gains(
-            self._once((h_W_m2K, p), lambda: self.rim_gains(h_W_m2K, p)),
-            self._once((h_W_m2K, inner, inner_m), lambda: self._thick_gains(h_W_m2K, p, inner_m)),
-            self.above(h_W_m2K, inner) if np.any(deeper_than_b_m(self.setup)) else None,
-        )
-
-    def above(self, h_W_m2K: float, p: Perturbation) -> RimGains:
-        """Gains of the rim to the outer row and to the points ``GRADIENT_STEP_M`` above d, b and f."""
-        extra = above_inner_row(self.setup)
-        return self._once((h_W_m2K, p, "above"), lambda: self.rim_gains(h_W_m2K, p, extra))
-
-    def rise(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
-        """Rise from d, b and f to the points above them, without heat and per share of one; (W, 3) each [K]."""
-        rest, power = self.outer(g, order)
-        return rest[:, 3:] - self.x[:, [1 + order[i] for i in INNER]], power[:, 3:]
-
     def with_column_of(self, other: DiskFeatures, place: int, column: int) -> DiskFeatures:
         """The same disk with position ``place`` of a..f read by ``column`` of another disk."""
-        x, banks, slope, bend = self.x.copy(), self.banks.copy(), self.slope.copy(), self.bend.copy()
-        x[:, 1 + place], banks[:, 1 + place] = other.x[:, 1 + column], other.banks[:, 1 + column]
+        inputs, banks = self.rim.inputs.copy(), self.rim.banks.copy()
+        slope, bend = self.slope.copy(), self.bend.copy()
+        inputs[:, 1 + place], banks[1 + place] = other.rim.inputs[:, 1 + column], other.rim.banks[1 + column]
         slope[:, place], bend[:, place] = other.slope[:, column], other.bend[:, column]
-        return replace(self, x=x, banks=banks, slope=slope, bend=bend, memo={})
-
-    def _once(self, key: Any, work: Callable[[], RimGains]) -> RimGains:
-        if key not in self.book:
-            self.book[key] = work()
-        return self.book[key]
+        return replace(self, rim=replace(self.rim, inputs=inputs, banks=banks), slope=slope, bend=bend, memo={})
 
     def remember(self, key: Any, work: Callable[[], T]) -> T:
         """What ``work`` gives, worked out once for each ``key`` and these readings."""
@@ -142,55 +111,111 @@ class DiskFeatures:
             self.memo[key] = work()
         return cast(T, self.memo[key])
 
-    def rim_gains(self, h: float, p: Perturbation = NOMINAL, extra: tuple[tuple[float, float], ...] = ()) -> RimGains:
-        """Gains of the rim at ``h`` [W/m2K] to the outer row and any ``extra`` points."""
-        return perturbed_gains(self.setup, h, self.half_width_m, self.rates_1_s, p, "modal", extra)
-
-    def _thick_gains(self, h: float, p: Perturbation, inner_m: tuple[float, float, float]) -> RimGains:
-        s = self.setup
-        rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m)
-        rim = replace(
-            rim,
-            conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
-            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
-            washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
-        )
-        points = [(s.junctions[c].depth_m + dx, s.junctions[c].z_m) for c, dx in zip(INNER_ROW, inner_m)]
-        width = self.half_width_m * (1 + p.half_width)
-        return rim_gains(rim, h, points, width, self.rates_1_s, profile="modal", mesh=THICK_MESH)
-
-    def level(self, order: tuple[int, ...]) -> Array:
+    def level(self, order: Order) -> Array:
         """Measured a, c, e, d, b, f, (W, 6), when position i of a..f is read by column ``order[i]``."""
-        return self.x[:, [1 + order[i] for i in (*OUTER, *INNER)]]
+        return self.levels[:, [order[i] for i in (*OUTER, *INNER)]]
 
-    def answer(self, g: Gains, order: tuple[int, ...]) -> tuple[Array, Array]:
-        """Model of a, c, e, d, b, f without heat and per share of one, (W, 6) each."""
-        rest, power = self.outer(g.rim, order)
-        if g.above is not None:
-            lasting = g.rim.direct[1:4] + g.rim.gains[1:4].sum(axis=2)
-            per_rise = (deeper_than_b_m(self.setup) / GRADIENT_STEP_M)[:, None] * lasting
-            rest, power = (x + rise @ per_rise for x, rise in zip((rest, power), self.rise(g.above, order)))
-        inner = self.x[:, :1] * g.thick.direct[0] + self.banks[:, 0] @ g.thick.gains[0].T
-        return np.hstack([rest, np.zeros_like(inner)]), np.hstack([power, inner])
+    def driven(self, order: Order) -> RimResponse:
+        """The rim driven by power, the inner row and the ambient."""
+        feeds = [0, *(1 + order[i] for i in INNER), 7]
+        return replace(self.rim, inputs=self.rim.inputs[:, feeds], banks=self.rim.banks[feeds])
 
-    def outer(self, g: RimGains, order: tuple[int, ...]) -> tuple[Array, Array]:
-        """Model of the outer row, and of extra points, driven by the inner row; (W, P) each."""
-        feeds = [1 + order[i] for i in INNER] + [7]
-        rest = sum(self.x[:, [k]] * g.direct[1 + i] + self.banks[:, k] @ g.gains[1 + i].T for i, k in enumerate(feeds))
-        power = self.x[:, :1] * g.direct[0] + self.banks[:, 0] @ g.gains[0].T
-        return np.asarray(rest), np.asarray(power)
+    def thick_gains(
+        self, h_W_m2K: float, p: Perturbation = NOMINAL, inner_m: tuple[float, float, float] = LEVEL
+    ) -> RimGains:
+        """Gains to d, b and f, deeper by ``inner_m``, of a rim that reaches to the bore."""
+        r, s = self.rim, self.rim.setup
+        rim = p.of_rim(Rim.from_setup(s, inner_radius_m=s.bore_radius_m))
+        points = tuple((s.junctions[c].depth_m + dx, s.junctions[c].z_m) for c, dx in zip(INNER_ROW, inner_m))
+        width = r.half_width_m * (1 + p.half_width)
+        return cached_gains(rim, h_W_m2K, points, width, tuple(r.rates_1_s), r.profile, THICK_MESH)
 
-    def later(self, g: Gains) -> Array:
+    def answer(
+        self,
+        order: Order,
+        h_W_m2K: float,
+        p: Perturbation = NOMINAL,
+        inner_m: tuple[float, float, float] = LEVEL,
+    ) -> tuple[Array, Array]:
+        """Model of a, c, e, d, b, f without heat and per share of one, (W, 6) each; inner row moved by ``inner_m``."""
+        driven, deeper = self.driven(order), deeper_than_b_m(self.rim.setup)
+        outer = driven.answer(h_W_m2K, p)
+        if np.any(deeper):
+            per_rise = (deeper / GRADIENT_STEP_M)[:, None] * driven.gains(h_W_m2K, p).static[1:4]
+            outer = tuple(x + rise @ per_rise for x, rise in zip(outer, driven.rise(h_W_m2K, p)))  # type: ignore[assignment]
+        inner = driven.heat(self.thick_gains(h_W_m2K, p, inner_m))
+        return np.hstack([outer[0], np.zeros_like(inner)]), np.hstack([outer[1], inner])
+
+    def later(self, h_W_m2K: float) -> Array:
         """Change of the power's answer per second of more common lag, (W, 6)."""
-        direct = np.concatenate([g.rim.direct[0], g.thick.direct[0]])
-        gains = np.concatenate([g.rim.gains[0], g.thick.gains[0]])
-        slow = self.late[:, :1] * direct + self.late[:, 1:] @ gains.T
-        now = self.x[:, :1] * direct + self.banks[:, 0] @ gains.T
-        return np.asarray((slow - now) / LAG_STEP_S)
+        gains = self.rim.gains(h_W_m2K), self.thick_gains(h_W_m2K)
+        return np.hstack([(self.slower.heat(g) - self.rim.heat(g)) / LAG_STEP_S for g in gains])
 
     def of(self, event: str) -> NDArray[np.bool_]:
         """Which windows follow ``event``: "steady", "loading" or "unloading"."""
         return np.array([w.event == event for w in self.windows])
+
+
+@dataclass(frozen=True)
+class FeaturePrediction(Prediction):
+    """The features a, c, e, d, b, f of one disk about a share and an h, (W, 6), when ``order`` says who reads what."""
+
+    f: DiskFeatures
+    order: Order
+
+    @property
+    def lasts(self) -> Array:
+        """See ``Prediction``: one for the steady window, zero for the transients, (W,)."""
+        return self.f.of("steady").astype(float)
+
+    def answer(self, p: Perturbation) -> tuple[Array, Array]:
+        """See ``Prediction``."""
+        return self.f.answer(self.order, self.h_W_m2K, p)
+
+    def through(self, i: int, error: Array | float) -> Array:
+        """See ``Prediction``; slow errors, which the rim follows."""
+        return np.asarray(error)[:, None] * self.lasting[i]
+
+    def rate(self, channel: str) -> Array:
+        """See ``Prediction``, (W,)."""
+        return self.f.slope[:, self.order[CHANNELS.index(channel)]]
+
+    @cached_property
+    def gradient(self) -> Array:
+        """See ``Prediction``, (W, 3)."""
+        rest, power = self.f.driven(self.order).rise(self.h_W_m2K)
+        return np.asarray((rest + self.share * power) / GRADIENT_STEP_M)
+
+    def reading(self, name: str, error: Array | float) -> Array:
+        """See ``Prediction``; an error of the inner row is seen at its own place as well."""
+        out = super().reading(name, error)
+        if name in INNER_ROW:
+            out[:, 3 + INNER_ROW.index(name)] = error
+        return out
+
+    def deeper(self, channel: str) -> Array:
+        """See ``Prediction``; the inner row is predicted as well."""
+        out = super().deeper(channel)
+        if channel in INNER_ROW:
+            moves = depths(INNER_ROW, channel, self.depth_step_m)
+            power = self.f.answer(self.order, self.h_W_m2K, inner_m=moves)[1]
+            out[:, 3:] = (self.share * power - self.base)[:, 3:] / self.depth_step_m
+        return out
+
+    def of_log_h(self) -> Array:
+        """What is shown more if ln h is larger by one."""
+        rest, power = self.f.answer(self.order, self.h_W_m2K * float(np.exp(LOG_H_STEP)))
+        return np.asarray((rest + self.share * power - self.base) / LOG_H_STEP)
+
+    def later(self) -> Array:
+        """What is shown more if the frictional heat is seen one second later."""
+        return self.share * self.f.later(self.h_W_m2K)
+
+
+def predicted(f: DiskFeatures, order: Order, h_W_m2K: float, share: float) -> FeaturePrediction:
+    """The features about a share and an h [W/m2K]."""
+    lasting = f.driven(order).gains(h_W_m2K).static
+    return FeaturePrediction(share, h_W_m2K, *f.answer(order, h_W_m2K), lasting, DEPTH_STEP_M, f, order)
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
@@ -206,23 +231,26 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         early = (on - BASE_S, on - 0.5)
         loading = tuple(Window("loading", on + a, on + b, early, b) for a, b in AFTER_LOADING_S)
         parts.append(_stretch(test, disk, loading, on - BEFORE_S))
-    x, banks, late, slope, noise, bend = (np.concatenate([p[k] for p in parts]) for k in range(6))
+    x, banks, slope, noise, bend = (np.concatenate([p[k] for p in parts]) for k in range(5))
     windows = (*steady, *cooling) if len(parts) == 1 else (*steady, *cooling, *loading)
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    return DiskFeatures(disk.name, disk.setup, test.half_width_m, windows, rates, x, banks, late, slope, noise, bend)
+    by_input = banks.transpose(1, 0, 2)
+    rim = RimResponse(disk.setup, test.half_width_m, rates, x[:, :-1], by_input[:-1])
+    slower = replace(rim, inputs=x[:, -1:], banks=by_input[-1:])
+    return DiskFeatures(disk.name, windows, rim, slower, slope, noise, bend)
 
 
 def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start_s: float) -> tuple[Array, ...]:
-    """x, banks, late, slope, noise and bend of windows that one stretch of the test holds."""
+    """Means of power, a..f, ambient and slower power (W, 9), their banks, slope, noise and bend in one stretch."""
     rows = test.rows(start_s, windows[-1].stop_s + test.dt_s)
     t = test.time_s[rows]
     chain = disk.mean_chain
     y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
-    power = chained_power(test, rows, chain)
-    slower = chained_power(test, rows, chain.with_lag_shift(LAG_STEP_S))
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    feeds = [power, *y.T, test.ambient_degC[rows], slower]
-    banks = [lag_bank(u, test.dt_s, rates) for u in feeds]
+    power, slower = (power_bank(test, rows, rates, c) for c in (chain, chain.with_lag_shift(LAG_STEP_S)))
+    others = [*y.T, test.ambient_degC[rows]]
+    feeds = [power[0], *others, slower[0]]
+    banks = [power[1], *(lag_bank(u, test.dt_s, rates) for u in others), slower[1]]
     x, b, slope, noise, bend = [], [], [], [], []
     for w in windows:
         weights, ahead_s, trend = _weights(t, w)
@@ -234,9 +262,7 @@ def _stretch(test: EhlTest, disk: DiskTraces, windows: tuple[Window, ...], start
         slope.append((y[last] - y[first]) / (t[last] - t[first]) - rate if w.base_s else np.zeros(len(CHANNELS)))
         noise.append(np.sqrt((weights**2).sum()))
         bend.append(0.5 * np.abs(rate) * ahead_s**2 / BEND_S)
-    inputs, lags = np.array(x), np.stack(b)
-    late = np.column_stack([inputs[:, -1], lags[:, -1]])
-    return inputs[:, :-1], lags[:, :-1], late, np.array(slope), np.array(noise), np.array(bend)
+    return np.array(x), np.stack(b), np.array(slope), np.array(noise), np.array(bend)
 
 
 def _rows(t: Array, start_s: float, stop_s: float) -> slice:

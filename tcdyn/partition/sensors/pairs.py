@@ -111,7 +111,7 @@ def _steady(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _Level:
     s = disk.setup
     power = float(test.power_W[test.rows(test.events.unload_s - 20.0, test.events.unload_s - 1.0)].mean())
     gradient = 0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)
-    level = f.x[f.of("steady")][0, 1:7]
+    level = f.levels[f.of("steady")][0]
     return _Level(level, np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3))
 
 
@@ -120,4 +120,4 @@ def _fall(disk: DiskTraces, f: DiskFeatures) -> _Level:
     after = [k for k, w in enumerate(f.windows) if w.event == "unloading"]
     k = after[min(1, len(after) - 1)]
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
-    return _Level(-f.x[k, 1:7], np.hypot(noise, LAG_U_S * np.abs(f.slope[k])))
+    return _Level(-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k])))
