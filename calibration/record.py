@@ -5,9 +5,10 @@ from __future__ import annotations
 import getpass
 import json
 from collections.abc import Iterable
+from copy import deepcopy
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,10 +20,11 @@ from calibration.estimate import Estimate
 from calibration.files.write import sha256, write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
-from calibration.recordupgrade import SCHEMA, upgraded
 from calibration.result import Result
 from calibration.rig import ConditioningTable, RigTables, setup_from_tables
 
+SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
+OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
 LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
 
 
@@ -42,14 +44,33 @@ class InputFile(_Part):
         return cls(file=Path(path).name, sha256=sha256(path))
 
 
-class ChannelChain(_Part):
-    """One channel's lags, zero and dead time [s]; ``lag_s`` is the first moment, the filter B included."""
+Lag = Annotated[float, Field(ge=0, lt=600)]
+Positive = Annotated[float, Field(gt=0, lt=600)]
 
-    tau1_s: float = Field(ge=0, lt=600)
-    tau2_s: float = Field(default=0.0, ge=0, lt=600)
+
+class ChannelChain(_Part):
+    """What stands in the file of one channel's ``tcdyn.Chain``: its parameters [s] by their names there, B left out.
+
+    ``lag_s`` is the chain's first moment, the filter B included.
+    """
+
+    taus_s: tuple[Lag, ...]
     zero_s: float = Field(default=0.0, gt=-600, lt=600)
     delay_s: float = Field(default=0.0, ge=0, lt=60)
+    pair: tuple[Positive, Positive] | None = None
+    cement_s: Lag = 0.0
     lag_s: Estimate
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters by name, as ``tcdyn.Chain`` takes them."""
+        return self.model_dump(exclude={"lag_s"})
+
+    @property
+    def own_lag_s(self) -> float:
+        """First moment of the parameters [s], the filter left out."""
+        pair_s = 2 * self.pair[0] * self.pair[1] if self.pair else 0.0
+        return self.delay_s + sum(self.taus_s) - self.zero_s + pair_s + self.cement_s / 2
 
 
 class ChainRecord(_Part):
@@ -90,7 +111,7 @@ class ChainRecord(_Part):
 class DiskRecord(Result, _Part):
     """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
 
-    schema_: Literal["tcdyn.disk/1"] = Field(default=SCHEMA, alias="schema")
+    schema_: Literal["tcdyn.disk/2"] = Field(default=SCHEMA, alias="schema")
     disk: str = Field(min_length=1, max_length=80)
     created: str
     created_by: str = ""
@@ -125,7 +146,7 @@ class DiskRecord(Result, _Part):
         if self.chain is not None:
             own = self.conditioning.conditioning().lag_s
             for name, c in self.chain.channels.items():
-                lag = c.delay_s + c.tau1_s + c.tau2_s - c.zero_s + own
+                lag = c.own_lag_s + own
                 if abs(lag - c.lag_s.value) > max(LAG_TOLERANCE_S, 3 * c.lag_s.u):
                     raise ValueError(
                         f"chain.channels.{name}.lag_s: {c.lag_s.value:.4g} s, but its lags add to {lag:.4g} s"
@@ -198,7 +219,7 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
 
 
 def read_record(path: str | Path) -> DiskRecord:
-    """Read a record; an older schema is brought up to date with a warning in it.
+    """Read a record, one of version 0.1, too.
 
     Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot
     be.
@@ -221,7 +242,19 @@ def read_record(path: str | Path) -> DiskRecord:
 
 def parse_record(data: Any, where: str) -> DiskRecord:
     """Check a record that is already parsed JSON; ``where`` names it in errors."""
-    data = upgraded(data, where)
+    if not isinstance(data, dict):
+        raise InputError("is no disk record", where=where, expected="a JSON object with the key schema")
+    if "schema" not in data:
+        raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
+    if data["schema"] not in (SCHEMA, OF_0_1):
+        raise InputError(
+            f"schema: {str(data['schema'])[:60]!r} is not known to this version",
+            where=where,
+            expected=f"{SCHEMA!r} or {OF_0_1!r}",
+            remedy="update tcdyn" if str(data["schema"]).startswith("tcdyn.disk/") else "give a disk record",
+        )
+    if data["schema"] == OF_0_1:
+        data = _from_0_1(data)
     try:
         return DiskRecord.model_validate(data)
     except ValidationError as problem:
@@ -235,6 +268,17 @@ def parse_record(data: Any, where: str) -> DiskRecord:
             expected="a record as `tcdyn calibrate` writes it",
             remedy="do not edit records by hand; calibrate again",
         ) from None
+
+
+def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
+    """A record of version 0.1 in today's schema: its two lags are a list."""
+    data = {**deepcopy(data), "schema": SCHEMA}
+    chain = data.get("chain")
+    channels = chain.get("channels") if isinstance(chain, dict) else None
+    for channel in channels.values() if isinstance(channels, dict) else ():
+        if isinstance(channel, dict) and "tau1_s" in channel:
+            channel["taus_s"] = [channel.pop("tau1_s"), channel.pop("tau2_s", 0.0)]
+    return data
 
 
 def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

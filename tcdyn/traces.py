@@ -134,15 +134,7 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             expected="the filter that the disk was calibrated with",
             remedy="give --rig the rig file of the calibration, or calibrate again",
         )
-    return tuple(
-        Chain(
-            taus_s=(c.tau1_s, c.tau2_s),
-            zero_s=c.zero_s,
-            delay_s=c.delay_s,
-            conditioning=own,
-        )
-        for c in (record.chain.channels[ch] for ch in CHANNELS)
-    )
+    return tuple(Chain(**record.chain.channels[c].parameters, conditioning=own) for c in CHANNELS)
 
 
 def _filter_text(b: Conditioning) -> str:

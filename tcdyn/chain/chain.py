@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +70,11 @@ class Chain(Result):
     def lag_s(self) -> float:
         """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
         return self.rational.lag_s
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """All that it is made of but the filter, by name, as a disk record keeps it."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "conditioning"}
 
     def summary(self) -> str:
         """Lags, zero, dead time and filter, and the first moment of it all."""

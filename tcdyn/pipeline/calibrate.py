@@ -160,13 +160,7 @@ def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
     """The identified chains as the record keeps them."""
-    channels = {}
-    for ch in CHANNELS:
-        chain = fit.chains[ch]
-        taus = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0]
-        channels[ch] = ChannelChain(
-            tau1_s=taus[0], tau2_s=taus[1], zero_s=chain.zero_s, delay_s=chain.delay_s, lag_s=fit.lag_s[ch]
-        )
+    channels = {c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c]) for c in CHANNELS}
     return ChainRecord(
         structure=structure,
         channels=channels,

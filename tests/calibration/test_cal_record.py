@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from functools import reduce
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,9 +30,11 @@ from calibration.record import (
     write_record,
 )
 from calibration.rig import load_rig
+from tcdyn.chain import Chain
 from tcdyn.cli.record import app
 from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
 from tcdyn.report.page import write_page
+from tcdyn.traces import record_chains
 
 
 def make_chain(shift_s: float = 0.0) -> ChainRecord:
@@ -43,7 +46,7 @@ def make_chain(shift_s: float = 0.0) -> ChainRecord:
     return ChainRecord(
         structure="P2",
         channels={
-            c: ChannelChain(tau1_s=lag - filter_s - 0.1, tau2_s=0.1, lag_s=Estimate.normal(lag, u))
+            c: ChannelChain(taus_s=(lag - filter_s - 0.1, 0.1), lag_s=Estimate.normal(lag, u))
             for c, lag in lags.items()
         },
         covariance=covariance.tolist(),
@@ -65,7 +68,7 @@ def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
     path = write_record(RECORD, tmp_path / "fast.disk.json")
     assert read_record(path) == RECORD
     keys = json.loads(path.read_text())
-    assert keys["schema"] == "tcdyn.disk/1"
+    assert keys["schema"] == "tcdyn.disk/2"
     wanted = {"schema", "disk", "created", "inputs", "static", "chain", "conditioning", "fit", "warnings", "setup"}
     assert wanted <= set(keys)
     assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(keys["chain"])
@@ -100,7 +103,7 @@ NONSENSE = {
     "static.c.range_degC": ([160.0, 20.0], r"static\.c"),
     "static.q": ({"gain": 1.0, "offset": 0.0, "covariance": [[0, 0], [0, 0]], "range_degC": [20, 160]}, r"static\.q"),
     "static.d.gian": (1.0, r"static\.d\.gian"),
-    "chain.channels.a.tau1_s": (-0.5, r"chain\.channels\.a\.tau1_s"),
+    "chain.channels.a.taus_s": ([0.6, -0.5], r"chain\.channels\.a\.taus_s\.1"),
     "chain.channels.a.lag_s.value": (9.0, r"chain"),
     "chain.channels.a.lag_s.u": (None, r"chain\.channels\.a\.lag_s\.u"),
     "chain.covariance": ([[1.0]], r"chain.*covariance"),
@@ -138,8 +141,8 @@ def test_a_record_edited_to_nonsense_is_refused_by_key(key):
         ("", "not readable as JSON"),
         ("[1, 2]", "no disk record"),
         ("{}", "schema: the key is missing"),
-        ('{"schema": "tcdyn.disk/1"}', "disk: Field required"),
-        ('{"schema": "tcdyn.disk/1", "disk": "a", "disk": "b"}', "'disk' stands twice"),
+        ('{"schema": "tcdyn.disk/2"}', "disk: Field required"),
+        ('{"schema": "tcdyn.disk/2", "disk": "a", "disk": "b"}', "'disk' stands twice"),
         (RECORD.to_json().replace('"offset": ', '"offset": NaN, "x": ', 1), "static"),
         (RECORD.to_json()[:500], "not readable as JSON"),
         ("[" * 100_000, "not readable as JSON|no disk record"),
@@ -150,20 +153,43 @@ def test_files_that_are_no_record_are_refused(tmp_path, text, words):
         read_record(write(tmp_path, "r.json", text))
 
 
-def test_an_older_schema_is_read_with_a_warning(tmp_path):
-    old = {
-        "schema": "tcdyn.disk/0",
-        "disk": "fast",
-        "created": "2014-06-01",
-        "static": {"a": {"slope": 1.01, "intercept": -0.4, "u_slope": 5e-4, "u_intercept": 0.05}},
-    }
-    record = read_record(write(tmp_path, "old.json", json.dumps(old)))
-    assert record.static["a"].gain == 1.01
-    assert record.chain is None
-    assert any("tcdyn.disk/0" in w for w in record.warnings)
-    del old["static"]["a"]["slope"]
-    with pytest.raises(InputError, match="slope"):
-        read_record(write(tmp_path, "old.json", json.dumps(old)))
+def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(tmp_path):
+    old = Path(__file__).with_name("of_version_0_1.disk.json")  # of a simulated campaign; its fit is shortened
+    before = json.loads(old.read_text())
+    record = read_record(old)
+    for c in CHANNELS:
+        row, now = before["chain"]["channels"][c], record.chain.channels[c]
+        assert now.taus_s == (row["tau1_s"], row["tau2_s"])
+        assert now.lag_s.model_dump() == row["lag_s"]
+        assert record.static[c].gain == before["static"][c]["gain"]
+    assert record.warnings == before["warnings"]
+    again = read_record(write_record(record, tmp_path / "new.json"))
+    assert again == record
+    del before["chain"]["channels"]["b"]["tau1_s"]
+    with pytest.raises(InputError, match=r"chain\.channels\.b\.taus_s"):
+        read_record(write(tmp_path, "old.json", json.dumps(before)))
+
+
+CHAINS = {
+    "three lags": Chain((0.4, 0.2, 0.1)),
+    "a lag, a zero and a dead time": Chain((0.5,), zero_s=0.1, delay_s=0.2),
+    "a pair": Chain((), pair=(0.3, 0.5)),
+    "a cement": Chain((0.2,), cement_s=0.8),
+}
+
+
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_record_keeps_any_chain_as_it_is(name, tmp_path):
+    chain = CHAINS[name]
+    lag = Estimate.normal(chain.lag_s, 0.2)
+    rows = {c: ChannelChain(**chain.parameters, lag_s=lag) for c in CHANNELS}
+    apart = {c: Estimate.normal(0.0, 0.005) for c in CHANNELS}
+    covariance = (0.04 * np.ones((6, 6)) + 2.5e-5 * np.eye(6)).tolist()
+    common = ChainRecord(
+        structure="any", channels=rows, covariance=covariance, common_lag_s=lag, differential_lag_s=apart
+    )
+    record = read_record(write_record(make_record(chain=common), tmp_path / "r.json"))
+    assert {*record_chains(record, record.disk_setup())} == {chain}
 
 
 def test_records_of_two_disks_are_not_compared():

@@ -74,7 +74,7 @@ def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float |
         c = disk_truth.channels[ch]
         off = max(common + error, 0.01 - c.tau1_s)
         lag = disk_truth.lags_s[ch] + off
-        channels[ch] = ChannelChain(tau1_s=c.tau1_s + off, tau2_s=c.tau2_s, lag_s=Estimate.normal(lag, u))
+        channels[ch] = ChannelChain(taus_s=(c.tau1_s + off, c.tau2_s), lag_s=Estimate.normal(lag, u))
     mean = float(np.mean([c.lag_s.value for c in channels.values()]))
     covariance = np.full((6, 6), COMMON_U_S**2) + np.eye(6) * DIFFERENTIAL_U_S**2
     return DiskRecord(
