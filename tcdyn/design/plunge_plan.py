@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, DiskSetup
 from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
-from tcdyn.design.prediction import Prediction, from_covariances
+from tcdyn.design import PredictedTest, from_covariances
 from tcdyn.plunge.model import build_run_model
 from tcdyn.plunge.parameters import PlungeParameters, PlungePriors, Structure
 from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, inverse, normal_equations
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_averages
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ def predict_plunges(
     draws: int = 24,
     seed: int = 0,
     name: str | None = None,
-) -> Prediction:
+) -> PredictedTest:
     """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own expected lag.
 
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan

@@ -1,13 +1,16 @@
-"""What loading or unloading in an EHL test will tell of the lags: the friction's step is known, its answer lags."""
+"""Planned tests that end within seconds: a step of load in an EHL test, and touches with a soldering iron."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.special import erfc
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from immersion.cylinder import Cylinder
 from immersion.radial import simulate_plunge_model
@@ -15,10 +18,10 @@ from tcdyn.chain import Chain
 from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.rim import Mesh, Rim, points_of
-from tcdyn.design.prediction import Prediction, from_covariances, information
+from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
 from tcdyn.plunge.parameters import stages
 
-Array = NDArray[np.float64]
+SPLIT_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class StepPlan:
     alike_s: float = 0.05  # prior sd of a channel's lag about the common one
 
 
-def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit: float = 0.0) -> Prediction:
+def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit: float = 0.0) -> PredictedTest:
     """Expected uncertainty of the lags from one step of load, by Fisher information of the rim model.
 
     In the commuted form the inner row's lagged readings drive the rim, so a lag common to all channels acts on the
@@ -49,114 +52,150 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
     conductivity, outer depths, offsets, and the step's instant. Before the step the disk is steady at ``power_W`` (or
     cold); its inner row follows by radial conduction.
     """
-    signals = _Signals(plan, setup, lag_s, logit)
-    jac, noise = signals.jacobian(), plan.noise_K
-    outer = len(OUTER_ROW)
-    shared = jac.shape[1]
-    prior = np.concatenate(
+    dt, before = 1 / plan.rate_Hz, int(round(2.0 * plan.rate_Hz))
+    t = np.asarray((np.arange(before + int(plan.window_s * plan.rate_Hz)) - before) * dt)
+    first, last = (1.0, 0.0) if plan.kind == "unloading" else (0.0, 1.0)
+    on = np.where(t < 0, first, last)
+    inputs = np.column_stack([on, _inner_row(plan, setup, t)])
+    rates = node_rates(dt)
+    banks = [lag_bank(on, dt, rates, hold="zoh", switches=(Switch(before - 1, 1.0, first, last),))]
+    banks += [lag_bank(x, dt, rates) for x in inputs.T[1:]]
+    nominal = points_of(setup, "".join(OUTER_ROW))
+
+    @cache
+    def parts(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
+        """True outer traces (N, 3): the share of the power, and that of every boundary reading (3, N, 3)."""
+        rim = Rim.from_setup(setup, conductivity_W_mK=setup.conductivity_W_mK * float(np.exp(ln_k)))
+        points = [(depth + more, z) for (depth, z), more in zip(nominal, deeper_m)]
+        g = rim_gains(rim, plan.h_W_m2K * float(np.exp(ln_h)), points, plan.half_width_m, rates, mesh=Mesh(33, 53))
+        each = np.array([banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i] for i in range(4)])
+        return plan.power_W * each[0], each[1:]
+
+    def chained(x: Array, lag: float = lag_s, split: float = logit) -> Array:
+        taus, delay, _ = stages("P2", lag, split)
+        return Chain(taus, delay_s=delay, conditioning=setup.conditioning).response(x, dt)
+
+    def readings(theta: Array) -> Array:
+        """Readings of a, c, e, one after the other (3 N,)."""
+        lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(theta, [6, 11, 14])
+        power, rows = parts(float(ln_h), float(ln_k), *map(float, depths))
+        power, row = power * (1 + ln_power), rows.sum(axis=0)
+        # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
+        shift = -instant * power + np.tensordot([lags[CHANNELS.index(c)] - lag_s for c in INNER_ROW], rows, axes=1)
+        out = np.gradient(chained(shift), dt, axis=0) + offsets
+        for k, channel in enumerate(OUTER_ROW):  # a split common to all channels acts on the power's share alone
+            lag = float(lags[CHANNELS.index(channel)])
+            out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
+        return np.asarray(out.T.ravel())
+
+    at = np.concatenate([np.full(6, lag_s), [logit], np.zeros(10)])
+    steps = np.array([*[1e-3] * 8, 0.02, 0.02, 1e-3, *[2e-5] * 3, *[1e-3] * 3])
+    prior = np.array(
         [
-            np.full(6, np.inf),
-            [1.5, plan.power_log_u, plan.h_log_u, plan.conductivity_log_u, plan.instant_u_s],
-            np.full(outer, plan.depth_u_m),
-            np.full(outer, plan.offset_K),
+            *[np.inf] * 6,
+            *(SPLIT_SD, plan.power_log_u, plan.h_log_u, plan.conductivity_log_u, plan.instant_u_s),
+            *[plan.depth_u_m] * 3,
+            *[plan.offset_K] * 3,
         ]
     )
-    alike = (np.eye(6) - 1 / 6) / plan.alike_s  # rows added to the data: channels of one disk are much alike
-    extra = np.zeros((6, shared))
-    extra[:, :6] = alike * noise
-    covariance = information([np.vstack([jac, extra])], noise, 0, shared, np.zeros(0), prior)
-    others = {"u_power_rel": float(np.sqrt(covariance[7, 7])), "u_h_rel": float(np.sqrt(covariance[8, 8]))}
+    alike = np.eye(6, len(at))  # rows added to the data: channels of one disk are much alike
+    alike[:, :6] -= 1 / 6
+    c = covariance(np.vstack([slopes(readings, at, steps) / plan.noise_K, alike / plan.alike_s]), prior)
+    others = {"u_power_rel": float(np.sqrt(c[7, 7])), "u_h_rel": float(np.sqrt(c[8, 8]))}
     label = f"{plan.kind}, {plan.power_W:g} W, {plan.window_s:g} s"
-    return from_covariances(label, plan.kind, [covariance[:6, :6]], others)
+    return from_covariances(label, plan.kind, [c[:6, :6]], others)
 
 
-class _Signals:
-    """Traces of the outer row for given parameters, and their derivatives."""
+def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
+    """Inner row d, b, f (N, 3) about the surroundings: steady then cooling, or cold then warming [K]."""
+    flux = plan.power_W / (2 * np.pi * setup.outer_radius_m * setup.width_m)
+    depths = [setup.junctions[c].depth_m for c in INNER_ROW]
+    rise = simulate_plunge_model(
+        Cylinder.from_setup(setup),
+        depths,
+        lambda T, F, t: np.full_like(T, plan.h_W_m2K),
+        0.0,
+        flux / plan.h_W_m2K,
+        plan.window_s,
+    ).at(t, 0.0)
+    return flux / plan.h_W_m2K - rise if plan.kind == "unloading" else rise
 
-    def __init__(self, plan: StepPlan, setup: DiskSetup, lag_s: float, logit: float) -> None:
-        self.plan, self.setup, self.lag_s, self.logit = plan, setup, lag_s, logit
-        self.dt = 1 / plan.rate_Hz
-        self.before = int(round(2.0 * plan.rate_Hz))
-        self.t = (np.arange(self.before + int(plan.window_s * plan.rate_Hz)) - self.before) * self.dt
-        self.inner = self._inner()
-        rates = node_rates(self.dt)
-        first, last = (1.0, 0.0) if plan.kind == "unloading" else (0.0, 1.0)
-        step = np.where(self.t < 0, first, last)
-        switch = (Switch(self.before - 1, 1.0, first, last),)
-        self.inputs = np.column_stack([step, self.inner, np.zeros(len(step))])
-        self.banks = [lag_bank(step, self.dt, rates, hold="zoh", switches=switch)]
-        self.banks += [lag_bank(self.inputs[:, i], self.dt, rates) for i in (1, 2, 3, 4)]
-        self.rates = rates
 
-    def _inner(self) -> Array:
-        """Inner row d, b, f (N, 3) about the surroundings: steady then cooling, or cold then warming [K]."""
-        p, s = self.plan, self.setup
-        flux = p.power_W / (2 * np.pi * s.outer_radius_m * s.width_m)
-        depths = [s.junctions[c].depth_m for c in INNER_ROW]
-        rise = simulate_plunge_model(
-            Cylinder.from_setup(s),
-            depths,
-            lambda T, F, t: np.full_like(T, p.h_W_m2K),
-            0.0,
-            flux / p.h_W_m2K,
-            p.window_s,
-        ).at(self.t, 0.0)
-        return flux / p.h_W_m2K - rise if p.kind == "unloading" else rise
+@dataclass(frozen=True)
+class TouchPlan:
+    """A touch of about two seconds on a small patch; nothing tells its instant but the reading itself."""
 
-    def parts(self, ln_h: float, ln_k: float, shift_m: Array) -> tuple[Array, Array]:
-        """True outer traces (N, 3): the share of the power, and that of the boundary row (3, N, 3)."""
-        s, p = self.setup, self.plan
-        rim = Rim.from_setup(s, conductivity_W_mK=s.conductivity_W_mK * float(np.exp(ln_k)))
-        points = [(d + float(m), z) for (d, z), m in zip(points_of(s, "".join(OUTER_ROW)), shift_m)]
-        g = rim_gains(rim, p.h_W_m2K * float(np.exp(ln_h)), points, p.half_width_m, self.rates, mesh=Mesh(33, 53))
-        each = [self.banks[i] @ g.gains[i].T + self.inputs[:, i : i + 1] * g.direct[i] for i in range(4)]
-        return p.power_W * each[0], np.array(each[1:])
+    flux_W_m2: float = 1e6  # 7 W through 3 mm
+    radius_m: float = 1.5e-3
+    duration_s: float = 2.0
+    onset_s: float = 0.15  # how fast contact is made
+    window_s: float = 10.0
+    rate_Hz: float = 75.0
+    noise_K: float = 0.12
+    flux_log_u: float = 0.7
+    radius_log_u: float = 0.3
+    start_u_s: float = 0.5
+    duration_log_u: float = 0.3
+    onset_log_u: float = 0.5
+    depth_u_m: float = 1e-4
+    conductivity_log_u: float = 0.03
 
-    def chained(self, x: Array, lag_s: float, logit: float) -> Array:
-        taus, delay, _ = stages("P2", lag_s, logit)
-        return Chain(taus, delay_s=delay, conditioning=self.setup.conditioning).response(x, self.dt)
 
-    def jacobian(self) -> Array:
-        """Readings of a, c, e stacked (3 N, P) by lags a..f, split, ln power, ln h, ln K, instant, depths, offsets."""
-        n, zero = len(self.t), np.zeros(3)
-        power, row = self.parts(0.0, 0.0, zero)
-        total = power + row.sum(axis=0)
-        columns: list[Array] = []
-        step = 1e-3
-        by_lag = (
-            self.chained(total, self.lag_s + step, self.logit) - self.chained(total, self.lag_s - step, self.logit)
-        ) / (2 * step)
-        for channel in CHANNELS:
-            block = np.zeros((n, 3))
-            if channel in OUTER_ROW:
-                k = OUTER_ROW.index(channel)
-                block[:, k] = by_lag[:, k]
-            else:  # its reading, taken for less lagged than it is, enters the rim late
-                block = np.gradient(
-                    self.chained(row[INNER_ROW.index(channel)], self.lag_s, self.logit), self.dt, axis=0
-                )
-            columns.append(block)
-        # a split common to all channels acts on the power's share alone, as a common lag does
-        columns.append(
-            (self.chained(power, self.lag_s, self.logit + step) - self.chained(power, self.lag_s, self.logit - step))
-            / (2 * step)
+def patch_response(t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, alpha_m2_s: float) -> Array:
+    """Rise under the middle of a patch of radius a heated by a unit flux from t = 0 on a half space [K m2/W].
+
+    T(z, t) = (2 sqrt(alpha t)/K) [ierfc(z / (2 sqrt(alpha t))) - ierfc(sqrt(z^2 + a^2) / (2 sqrt(alpha t)))]
+
+    Source: Carslaw and Jaeger (1959), section 10.5 (III). Good while the heat has not met the disk's faces.
+    """
+    root = 2 * np.sqrt(alpha_m2_s * np.maximum(t_s, 1e-12))
+
+    def ierfc(x: Array) -> Array:
+        return np.asarray(np.exp(-(x**2)) / np.sqrt(np.pi) - x * erfc(x))
+
+    rise = root / k_W_mK * (ierfc(depth_m / root) - ierfc(np.hypot(depth_m, radius_m) / root))
+    return np.where(t_s > 0, rise, 0.0)
+
+
+def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit: float = 0.0) -> PredictedTest:
+    """Expected uncertainty of the lags from one touch above each thermocouple, by Fisher information.
+
+    Each touch has its own flux, patch, start, duration and onset (section 6.4.2.1); conductivity and the lag's split
+    are shared.
+    """
+    dt = 1 / plan.rate_Hz
+    t = np.arange(-1.0, plan.window_s, dt)
+    # nominal value, step of the difference, prior standard deviation; all but the last two are a touch's own
+    table = {
+        "lag": (lag_s, 1e-3, np.inf),
+        "ln_flux": (np.log(plan.flux_W_m2), 1e-3, plan.flux_log_u),
+        "ln_radius": (np.log(plan.radius_m), 1e-3, plan.radius_log_u),
+        "start": (0.0, 1e-3, plan.start_u_s),
+        "ln_duration": (np.log(plan.duration_s), 1e-3, plan.duration_log_u),
+        "ln_onset": (np.log(plan.onset_s), 1e-3, plan.onset_log_u),
+        "depth": (0.0, 1e-6, plan.depth_u_m),
+        "offset": (0.0, 1e-3, np.inf),
+        "ln_k": (0.0, 1e-3, plan.conductivity_log_u),
+        "split": (logit, 1e-3, SPLIT_SD),
+    }
+    at, steps, prior = np.array(list(table.values())).T
+
+    def reading(depth_m: float, theta: Array) -> Array:
+        lag, ln_flux, ln_radius, start, ln_duration, ln_onset, depth, offset, ln_k, split = map(float, theta)
+        k = setup.conductivity_W_mK * np.exp(ln_k)
+        alpha = k / (setup.density_kg_m3 * setup.specific_heat_J_kgK)
+        begun, ended = (
+            patch_response(t - start - after, depth_m + depth, np.exp(ln_radius), k, alpha)
+            for after in (0.0, np.exp(ln_duration))
         )
-        columns.append(self.chained(power, self.lag_s, self.logit))
+        taus, delay, _ = stages("P2", lag, split)
+        chain = Chain((*taus, float(np.exp(ln_onset))), delay_s=delay, conditioning=setup.conditioning)
+        return chain.response(np.exp(ln_flux) * (begun - ended), dt) + offset
 
-        def total_at(ln_h: float, ln_k: float, shift: Array) -> Array:
-            a, b = self.parts(ln_h, ln_k, shift)
-            return self.chained(a + b.sum(axis=0), self.lag_s, self.logit)
-
-        for ln_h, ln_k in ((0.02, 0.0), (0.0, 0.02)):
-            columns.append((total_at(ln_h, ln_k, zero) - total_at(-ln_h, -ln_k, zero)) / 0.04)
-        columns.append(-np.gradient(self.chained(power, self.lag_s, self.logit), self.dt, axis=0))
-        deeper = (total_at(0.0, 0.0, np.full(3, 2e-5)) - total_at(0.0, 0.0, np.full(3, -2e-5))) / 4e-5
-        for k in range(3):
-            only = np.zeros((n, 3))
-            only[:, k] = deeper[:, k]
-            columns.append(only)
-        for k in range(3):
-            only = np.zeros((n, 3))
-            only[:, k] = 1.0
-            columns.append(only)
-        return np.column_stack([c.T.ravel() for c in columns])
+    depths = [setup.junctions[channel].depth_m for channel in CHANNELS]
+    each = [slopes(partial(reading, depth), at, steps) / plan.noise_K for depth in depths]
+    own = len(table) - 2
+    rows = np.hstack([block_diag(*(j[:, :own] for j in each)), np.vstack([j[:, own:] for j in each])])
+    lags = slice(0, own * len(each), own)
+    c = covariance(rows, np.concatenate([np.tile(prior[:own], len(each)), prior[own:]]))
+    return from_covariances(f"touch of {plan.duration_s:g} s above each thermocouple", "touch", [c[lags, lags]])

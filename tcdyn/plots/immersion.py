@@ -9,8 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from calibration.estimate import Z95
-from tcdyn.design.advice import COMMON, DIFFERENCES
-from tcdyn.design.compare import Design
+from tcdyn.design.compare import COMMON, DIFFERENCES, Design
 from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, finish
 from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tcdyn.design import advice
+from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.plots.immersion import draw_design
 from tcdyn.plots.style import figure
@@ -30,14 +30,14 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
         [
             Section(
                 "What each test would tell",
-                f"{MEANS}\n\n{advice.MEANING}",
+                f"{MEANS}\n\n{compare.MEANING}",
                 design_table(design),
                 picture,
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % point over entry "
                 "bursts and scales of h, which nobody can plan.",
             )
         ],
-        verdict=advice.headline(design.predictions, design.lag_s),
+        verdict=compare.headline(design.predictions, design.lag_s),
         assumptions=assumptions,
     )
 
@@ -52,10 +52,10 @@ def design_table(design: Design) -> pd.DataFrame:
                 "common lag, u [s]": f"{p.u_common_s:.3f}",
                 "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}" if p.high_s > p.low_s else "",
                 "u over lag [%]": f"{100 * p.u_common_s / lag:.2g}",
-                "told": advice.common(p, lag),
+                "told": compare.common(p, lag),
                 "differences, u [s]": f"{p.u_differential_s:.3f}",
                 "u over lag [%] ": f"{100 * p.u_differential_s / lag:.2g}",
-                "told ": advice.differences(p, lag),
+                "told ": compare.differences(p, lag),
             }
             for p in design.predictions
         ]

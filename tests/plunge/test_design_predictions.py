@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from calibration.rig import UncertaintyTable, load_rig
-from tcdyn.design.advice import COMMON, DIFFERENCES, MEANING, grade, headline
-from tcdyn.design.compare import compare_tests
+from tcdyn.design import PredictedTest, combined, covariance, from_covariances, slopes
+from tcdyn.design.compare import COMMON, DIFFERENCES, MEANING, compare_tests, grade, headline
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
-from tcdyn.design.prediction import Prediction, combined, from_covariances, information
-from tcdyn.design.step_plan import StepPlan, predict_step
-from tcdyn.design.touch_plan import TouchPlan, patch_response, predict_touches
+from tcdyn.design.step_plan import StepPlan, TouchPlan, patch_response, predict_step, predict_touches
 
 SETUP = load_rig().disk_setup("fast")
 PLAN = PlungePlan(duration_s=60.0)
@@ -69,10 +67,16 @@ def test_a_touch_cannot_beat_its_unknown_onset() -> None:
 
 
 def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
-    # y_r = x + s: own x_r flat, shared s with prior sd 2; one reading of noise 1 each: var x = 1 + 4
-    c = information([np.array([[1.0, 1.0]])] * 3, 1.0, 1, 1, np.array([np.inf]), np.array([2.0]))
+    # y_r = x_r + s: own x_r flat, shared s with prior sd 2; one reading of noise 1 each: var x = 1 + 4
+    c = covariance(np.column_stack([np.eye(3), np.ones(3)]), np.array([np.inf, np.inf, np.inf, 2.0]))
     np.testing.assert_allclose(np.diag(c)[:3], 5.0, rtol=1e-9)
     np.testing.assert_allclose(c[0, 1], 4.0, rtol=1e-9)
+
+
+def test_slopes_are_the_derivatives() -> None:
+    at, steps = np.array([2.0, 3.0]), np.array([1e-3, 1e-4])
+    found = slopes(lambda x: np.array([x[0] ** 2, x[0] * x[1]]), at, steps)
+    np.testing.assert_allclose(found, [[4.0, 0.0], [3.0, 2.0]], rtol=1e-9)  # exact for a quadratic
 
 
 def test_common_and_differential_parts_of_a_covariance() -> None:
@@ -109,8 +113,8 @@ def test_the_design_widens_h_by_the_fluid_s_properties_as_the_fit_does() -> None
     assert unknown.others["u_h_rel"] > known.others["u_h_rel"]
 
 
-def told(kind: str, common_s: float, differences_s: float) -> Prediction:
-    return Prediction(f"{kind} test", kind, common_s, differences_s, np.eye(6), common_s, common_s)
+def told(kind: str, common_s: float, differences_s: float) -> PredictedTest:
+    return PredictedTest(f"{kind} test", kind, common_s, differences_s, np.eye(6), common_s, common_s)
 
 
 def test_the_headline_names_the_least_laborious_test_that_suffices() -> None:
