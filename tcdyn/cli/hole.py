@@ -57,7 +57,7 @@ def hole(
     if out is not None:
         write_text(out, dump({**found.to_dict(), "warnings": warnings}))
     if report is not None:
-        from tcdyn.plots.immersion import draw_holes
+        from tcdyn.plots.plunge import draw_holes
         from tcdyn.plots.style import figure
         from tcdyn.report.page import Section, write_page
 

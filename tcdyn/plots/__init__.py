@@ -15,10 +15,11 @@ from typing import Any
 
 _ROOMS = {
     "pick": ("draw",),
-    "basics": ("draw_chain", "draw_log"),
-    "calibration": ("draw_bearing", "draw_error_histogram", "draw_lags", "draw_transducer"),
-    "plunges": ("draw_plunge", "draw_plunge_residuals"),
-    "immersion": (
+    "calibration": (
+        "draw_bearing", "draw_chain", "draw_error_histogram", "draw_lags", "draw_log", "draw_transducer",
+    ),
+    "plunge": (
+        "draw_plunge", "draw_plunge_residuals",
         "draw_common_lag", "draw_design", "draw_differential_lags", "draw_entry", "draw_heat_transfer", "draw_holes",
         "draw_record",
     ),
@@ -27,8 +28,7 @@ _ROOMS = {
     "partition": (
         "draw_budget", "draw_exponent", "draw_lines", "draw_map", "draw_temperatures", "draw_unloading", "draw_ways",
     ),
-    "junctions": ("draw_junctions",),
-    "windows": ("draw_referee", "draw_window_study"),
+    "transient": ("draw_junctions", "draw_referee", "draw_window_study"),
     "campaign": ("draw_beta", "draw_friction_coefficient", "draw_temperature", "draw_traction"),
     "conduction": ("draw_comparison", "draw_convergence", "draw_field", "draw_mesh_errors", "draw_profiles"),
 }  # fmt: skip

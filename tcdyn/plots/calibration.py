@@ -1,11 +1,12 @@
-"""Pictures of a calibration: errors, residuals against temperature, transducer sessions, lags and their budget."""
+"""Pictures of what goes in: a log as read, errors and residuals of an oven, transducers, chains and lags."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
@@ -13,13 +14,11 @@ from calibration.lines.bearing import BearingFriction
 from calibration.lines.oven import error_histogram
 from calibration.lines.static import OvenFit, static_u
 from calibration.lines.transducers import TransducerLine
+from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
-from tcdyn.plots.style import GREY, SLOW, TRUTH, figure, finish
+from tcdyn.chain import Chain
+from tcdyn.plots.style import GREY, SLOW, TRUTH, dressed, figure, finish
 from tcdyn.plunge.fit import LagShare
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MARKERS = "os^vDx"
 
@@ -71,10 +70,7 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     band = 1.96 * static_u(line, t)
     ax.fill_between(t, -band, band, color="0.85", zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    ax.set_xlabel("PRT [°C]")
-    ax.set_ylabel("PRT minus line [K]")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
-    return finish(ax)
+    return dressed(ax, "PRT [°C]", "PRT minus line [K]", loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes) -> Axes:
@@ -85,10 +81,7 @@ def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, 
         dots = ax.plot(v[here], f[here], "o", markersize=4, label=name)[0]
         ends = np.array([v[here].min(), v[here].max()])
         ax.plot(ends, line.slope_N_V.value * ends + intercept.value, color=dots.get_color(), linewidth=1)
-    ax.set_xlabel("transducer [V]")
-    ax.set_ylabel("force [N]")
-    ax.legend(title="session", fontsize="small", frameon=False)
-    return finish(ax)
+    return dressed(ax, "transducer [V]", "force [N]", title="session")
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
@@ -97,10 +90,7 @@ def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
         dots = ax.plot(line.x, line.y, "o", markersize=4, label=f"{speed:.0f} rpm")[0]
         ends = np.array([line.x.min(), line.x.max()])
         ax.plot(ends, line.slope * ends + line.intercept, color=dots.get_color(), linewidth=1)
-    ax.set_xlabel("load [N]")
-    ax.set_ylabel("bearing friction, both shafts [N]")
-    ax.legend(title="slow shaft", fontsize="small", frameon=False)
-    return finish(ax)
+    return dressed(ax, "load [N]", "bearing friction, both shafts [N]", title="slow shaft")
 
 
 def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
@@ -118,10 +108,7 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
         ax.plot(i, lag.value, "o", color="white", markeredgecolor=TRUTH, markersize=5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("channel")
-    ax.set_ylabel("lag [s]")
-    ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small", frameon=False)
-    return finish(ax)
+    return dressed(ax, "channel", "lag [s]", loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
@@ -173,3 +160,44 @@ def budget_figure(shares: Sequence[LagShare]) -> Figure:
     picture, (ax,) = figure(height_in=4.2)
     draw_lag_budget(shares, ax)
     return picture
+
+
+MOST_POINTS = 4000  # more than a page can show
+STYLES = ("-", "--", ":")  # told apart in grey, too
+
+
+def draw_log(log: Log, ax: Axes) -> Axes:
+    """Every thermocouple of a log against time, or against the PRT for an oven log."""
+    step = max(len(log.frame) // MOST_POINTS, 1)
+    shown = log.frame.iloc[::step]
+    if log.kind == "oven":
+        x, label = shown["prt_degC"], "PRT, °C"
+    else:
+        x, label = shown["time_s"], "time, s"
+    for k, name in enumerate(log.channels):
+        y, words = shown[name], name.removesuffix("_degC").replace("_", " ")
+        if log.kind == "oven":
+            y, line = y - x, "o"
+        else:
+            line = STYLES[(k // 6) % len(STYLES)]
+        ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
+    ax.set_xlabel(label)
+    traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
+    ax.set_ylabel("logged minus PRT, K" if log.kind == "oven" else f"{traced} temperature, °C")
+    ax.legend(fontsize="small", ncols=2)
+    return ax
+
+
+def draw_chain(chain: Chain, ax: Axes) -> Axes:
+    """Unit step response of a chain, its first moment marked."""
+    end = 6 * max(chain.lag_s, 1e-3)
+    n = 600
+    dt = end / n
+    before = n // 20
+    step = np.ones(n + before)
+    step[:before] = 0.0
+    t = (np.arange(n + before) - before) * dt
+    ax.plot(t, step, drawstyle="steps-post", color="0.5", linewidth=0.9, label="at the junction")
+    ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
+    ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color="0.3", label=f"lag {chain.lag_s:.3g} s")
+    return dressed(ax, "time after the step, s", "share of the step", loc="lower right")

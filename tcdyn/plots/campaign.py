@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.pipeline.campaign_table import done_rows, speed_groups, trend
-from tcdyn.plots.style import GREY, figure
+from tcdyn.plots.style import GREY, dressed, figure
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 LINES = ("-", "--", "-.", ":")
@@ -50,10 +50,7 @@ def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
     for part, k in _parts(good):
         _series(ax, part, "sliding_speed_m_s", "friction_coefficient", k, f"{part['load_N'].mean():.0f} N")
-    ax.set_xlabel("sliding speed [m/s]")
-    ax.set_ylabel("coefficient of friction [1]")
-    ax.legend(frameon=False, fontsize=8, title="load", title_fontsize=8)
-    return ax
+    return dressed(ax, "sliding speed [m/s]", "coefficient of friction [1]", title="load", title_fontsize=8)
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
@@ -75,10 +72,12 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
         ends = np.array([x.min(), x.max()])
         ax.plot(ends, line.intercept + line.slope * ends, ":", color="black", linewidth=1, label="line, least squares")
     name_points(ax, x, [str(name) for name in good["test"]])
-    ax.set_xlabel("temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]")
-    ax.set_ylabel("heat partition β [1]")
-    ax.legend(frameon=False, fontsize=8)
-    return ax
+    return dressed(
+        ax,
+        "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]",
+        "heat partition β [1]",
+        legend=True,
+    )
 
 
 def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str]) -> None:

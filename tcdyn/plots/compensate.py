@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from calibration.estimate import Z95
 from tcdyn.compensate.before_use import BeforeUse
 from tcdyn.compensate.deconvolve import Tradeoff
 from tcdyn.compensate.result import Compensated
-from tcdyn.plots.style import BAND, FAST, SLOW
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from tcdyn.plots.style import BAND, FAST, SLOW, dressed
 
 MOST_POINTS = 4000  # more than a page can show
 
@@ -38,10 +34,7 @@ def draw_compensated(
     for event, _ in result.events_s:
         if low <= event <= high:
             ax.axvline(event, linestyle="--", linewidth=0.8, color="0.4")
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("temperature [°C]")
-    ax.legend(loc="best", fontsize="small")
-    return ax
+    return dressed(ax, "time [s]", "temperature [°C]", loc="best")
 
 
 def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
@@ -78,7 +71,4 @@ def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:
         "s",
         label=f"chosen by {tradeoff.criterion}",
     )
-    ax.set_xlabel("mean square residual [K²]")
-    ax.set_ylabel("roughness [K²/s³]")
-    ax.legend(fontsize="small")
-    return ax
+    return dressed(ax, "mean square residual [K²]", "roughness [K²/s³]", legend=True)

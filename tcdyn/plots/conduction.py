@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import FAST, SLOW, finish
+from tcdyn.plots.style import FAST, SLOW, dressed, finish
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None) -> Axes:
@@ -29,9 +26,7 @@ def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str
         ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor="black", markersize=5)
         ax.annotate(name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white")
     ax.invert_yaxis()
-    ax.set_xlabel("z [mm]")
-    ax.set_ylabel("depth [mm]")
-    return ax
+    return dressed(ax, "z [mm]", "depth [mm]")
 
 
 def draw_profiles(
@@ -45,10 +40,7 @@ def draw_profiles(
         line = np.asarray(readings_degC) @ basis[:3] + ambient_degC * basis[3:].sum(axis=0)
         ax.plot(z * 1e3, line, style, label=kind)
     ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="d, b, f")
-    ax.set_xlabel("z [mm]")
-    ax.set_ylabel("temperature at R_i [°C]")
-    ax.legend()
-    return ax
+    return dressed(ax, "z [mm]", "temperature at R_i [°C]", legend=True)
 
 
 def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
@@ -70,10 +62,7 @@ def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
     """Largest error against the number of nodes, log-log, with the fitted orders."""
     for check, style in zip(checks, ("o-", "s--", "^:")):
         ax.loglog(check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}")
-    ax.set_xlabel("nodes in r")
-    ax.set_ylabel("largest error [K]")
-    ax.legend()
-    return ax
+    return dressed(ax, "nodes in r", "largest error [K]", legend=True)
 
 
 def draw_mesh_errors(
@@ -84,19 +73,14 @@ def draw_mesh_errors(
         colour, marker, line = ("black", FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
         ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), marker, color=colour, linestyle=line, label=f"mesh {name}")
         ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel(f"{part} error against mesh IV [%]")
-    ax.legend(title="crosses: published")
-    return ax
+    return dressed(ax, "time [s]", f"{part} error against mesh IV [%]", title="crosses: published")
 
 
 def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
     """The steady map of chapter 4: misfit (H, B) [K] over film coefficient and share of the heat."""
     filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis")
     ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
-    ax.set_xlabel("h [W/m2K]")
-    ax.set_ylabel("share of the heat")
-    return ax
+    return dressed(ax, "h [W/m2K]", "share of the heat")
 
 
 def verify_figures() -> dict[str, Figure]:

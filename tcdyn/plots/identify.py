@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tcdyn.identify.bands import Band, bode_band, percent_times, step_band
 from tcdyn.identify.fit import Fit
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.validate import Correlation, Validation, validate
-from tcdyn.plots.style import BAND, FAST, SLOW, figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from tcdyn.plots.style import BAND, FAST, SLOW, dressed, figure
 
 
 def label(name: str, unit: str) -> str:
@@ -33,11 +29,8 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     twin.plot(t, s.u, color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
     ax.plot([], [], color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), label=f"{model.input_name}, right axis")
     twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel(label(model.output_name, model.output_unit))
     ax.set_title(f"fit {model.statistics['fit_percent']:.2f} %")
-    ax.legend(loc="best", fontsize=8)
-    return ax
+    return dressed(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
 
 
 def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
@@ -57,9 +50,7 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
                 f" {name} = {time.text('s')}", (time.value, share * model.gain), fontsize=8, va="top",
                 xytext=(4, -2), textcoords="offset points",
             )  # fmt: skip
-    ax.set_xlabel("time after a unit step [s]")
-    ax.set_ylabel(label(model.output_name, model.output_unit))
-    return ax
+    return dressed(ax, "time after a unit step [s]", label(model.output_name, model.output_unit))
 
 
 def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Axes]:
@@ -92,9 +83,7 @@ def draw_residuals(fit: Fit, ax: Axes) -> Axes:
     """Residuals in the order of the record."""
     ax.plot(fit.residual, ".", markersize=2.5, color="0.4")
     ax.axhline(0.0, color=SLOW, linewidth=0.8)
-    ax.set_xlabel("measured sample")
-    ax.set_ylabel(label("residual", fit.identified.output_unit))
-    return ax
+    return dressed(ax, "measured sample", label("residual", fit.identified.output_unit))
 
 
 def fit_figure(fit: Fit) -> Figure:

@@ -9,7 +9,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
-from tcdyn.plots.style import BAND, CHANNEL_STYLE, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY
+from tcdyn.plots.style import BAND, CHANNEL_STYLE, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, dressed
 
 SHOWN = ("e", "a", "b")
 
@@ -31,11 +31,8 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
         )  # fmt: skip
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
     ax.axvline(0.0, color="black", linewidth=0.8)
-    ax.set_xlabel("time from parting [s]")
-    ax.set_ylabel("temperature [°C]")
     ax.set_title(f"{disk} disk", loc="left")
-    ax.legend(frameon=False, fontsize=8)
-    return ax
+    return dressed(ax, "time from parting [s]", "temperature [°C]", legend=True)
 
 
 def draw_lines(p: Partition, ax: Axes) -> Axes:
@@ -54,10 +51,13 @@ def draw_lines(p: Partition, ax: Axes) -> Axes:
         _point(p, ax, f"h cooling {disk}", fit.h_W_m2K, f"cooling {disk}", fit.beta, 1, colour, f"cooling fit, {disk}")
         _point(p, ax, f"h joint {disk}", joint.h_W_m2K, f"joint {disk}", joint.beta, 2, colour, f"joint fit, {disk}")
     ax.set_xlim(0, top)
-    ax.set_xlabel("heat transfer coefficient of the disk [W/m²K]")
-    ax.set_ylabel("heat partition β (share of the fast disk) [1]")
-    ax.legend(frameon=False, fontsize=8, ncols=2, markerscale=0.7)
-    return ax
+    return dressed(
+        ax,
+        "heat transfer coefficient of the disk [W/m²K]",
+        "heat partition β (share of the fast disk) [1]",
+        ncols=2,
+        markerscale=0.7,
+    )
 
 
 def _point(
@@ -125,11 +125,15 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     ax.plot(m.h_W_m2K[inside], m.best_share[inside], "k.", markersize=4, label="least misfit at each h")
     ax.plot(m.h_W_m2K, m.line.intercept + m.line.slope * m.h_W_m2K, "k-", linewidth=1, label="steady line")
     ax.set_ylim(m.share[0], m.share[-1])
-    ax.set_xlabel(f"h of the {disk} disk [W/m²K]")
-    ax.set_ylabel("β [1]" if disk == "fast" else "1 - β [1]")
     ax.set_title(f"{disk} disk: mean |measured - model| [K]", loc="left", fontsize=9)
-    ax.legend(frameon=True, framealpha=1, edgecolor="none", fontsize=7, loc="upper left")
-    return ax
+    return dressed(
+        ax,
+        f"h of the {disk} disk [W/m²K]",
+        "β [1]" if disk == "fast" else "1 - β [1]",
+        framealpha=1,
+        edgecolor="none",
+        loc="upper left",
+    )
 
 
 def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8) -> Axes:
@@ -144,10 +148,7 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
         color="black", markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
     )  # fmt: skip
     ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
-    ax.set_xlabel("exponent n of h ~ u^n [1]")
-    ax.set_ylabel("heat partition β [1]")
-    ax.legend(frameon=False, fontsize=8)
-    return ax
+    return dressed(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
 
 def draw_temperatures(p: Partition, ax: Axes) -> Axes:
@@ -163,7 +164,4 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
             )  # fmt: skip
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(at, color="black", linewidth=0.7)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("temperature [°C]")
-    ax.legend(frameon=False, fontsize=8, ncols=2)
-    return ax
+    return dressed(ax, "time [s]", "temperature [°C]", ncols=2)

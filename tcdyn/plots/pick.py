@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
 
 from calibration.errors import InputError
 from calibration.lines.bearing import BearingFriction
@@ -23,9 +25,6 @@ from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign import CampaignRun
 from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 # what is drawn, and the part of the result that it takes
 PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {

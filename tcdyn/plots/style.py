@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -27,3 +29,11 @@ def finish(ax: Axes) -> Axes:
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
     return ax
+
+
+def dressed(ax: Axes, x: str, y: str, *, legend: bool = False, **options: Any) -> Axes:
+    """``ax`` with its labels, units in them, and a legend where asked for or where ``options`` place one."""
+    ax.set(xlabel=x, ylabel=y)
+    if legend or options:
+        ax.legend(**{"frameon": False, "fontsize": "small", **options})
+    return finish(ax)

@@ -18,10 +18,8 @@ from tcdyn.partition.tables import (
     ways_table,
 )
 from tcdyn.plots import partition as draw
-from tcdyn.plots.junctions import draw_junctions
-from tcdyn.plots.profile import draw_profiles
 from tcdyn.plots.style import figure
-from tcdyn.plots.windows import draw_referee, draw_window_study
+from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_window_study
 from tcdyn.report.page import Section, write_page
 
 ASSUMED = (

@@ -14,8 +14,8 @@ from calibration.lines.static import OvenFit, static_u
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
-from tcdyn.plots.plunges import plunge_figure, standardised
-from tcdyn.plots.plunges import residual_figure as left_over_figure
+from tcdyn.plots.plunge import plunge_figure, standardised
+from tcdyn.plots.plunge import residual_figure as left_over_figure
 from tcdyn.plunge.fit import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 

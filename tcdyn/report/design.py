@@ -9,7 +9,7 @@ import pandas as pd
 
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
-from tcdyn.plots.immersion import draw_design
+from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import figure
 from tcdyn.report.page import Section, write_page
 

@@ -15,7 +15,7 @@ from calibration.rig import load_rig
 from tcdyn.cli.design import design
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan
-from tcdyn.plots import immersion as pictures
+from tcdyn.plots import plunge as pictures
 from tcdyn.plots.style import figure
 from tcdyn.plunge.fit import PlungeFit, identify_plunges, published_degC
 from tcdyn.plunge.hole import compare_holes

@@ -1,18 +1,21 @@
-"""Pictures of plunges after the thesis's figures 5.14 and 5.24 to 5.27, of the lags found, and of planned tests."""
+"""Pictures of plunges (after the thesis's figures 5.14 and 5.24 to 5.27), of the lags found, and of planned tests."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from calibration.estimate import Z95
 from tcdyn.design.compare import COMMON, DIFFERENCES, Design
-from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, finish
+from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, dressed, figure, finish
 from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
+from tcdyn.plunge.posterior import block_sd
 from tcdyn.plunge.run import PlungeRun
 
 _LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
@@ -25,8 +28,7 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
         ax.plot(result.block_time_s, result.readings_degC[:, k], ".", color=colour, markersize=2)
         ax.plot(result.block_time_s, result.fitted_degC[:, k], color=colour, ls=_LINES[k % 6], lw=1.1, label=name)
     ax.set_xlim(-2, min(20.0, float(result.block_time_s[-1])))
-    ax.legend(fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
+    return dressed(ax, "Time after entry [s]", "Temperature [°C]", legend=True)
 
 
 def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
@@ -38,8 +40,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
         ax.plot(t[shown][::every], run.readings_degC[shown][::every, j], ls=CHANNEL_STYLE.get(c, "-"), lw=0.9, label=c)
     ax.plot(t[shown][::every], run.fluid_degC[shown][::every], color=GREY, lw=0.8, label="bath")
     ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
-    ax.legend(ncol=4, fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
+    return dressed(ax, "Time after entry [s]", "Temperature [°C]", ncol=4)
 
 
 def draw_entry(
@@ -60,8 +61,7 @@ def draw_entry(
         if instant is not None:
             ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)
     ax.axvspan(-run.entry.u_s, run.entry.u_s, color=GREY, alpha=0.25, lw=0)
-    ax.legend(fontsize="small")
-    return _axes(ax, "Time after entry [s]", "Temperature [°C]")
+    return dressed(ax, "Time after entry [s]", "Temperature [°C]", legend=True)
 
 
 def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
@@ -71,8 +71,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     late = model.grid_s > 0.01
     ax.semilogx(model.grid_s[late], surface.h_W_m2K[late], color=FAST, label="fitted")
     ax.semilogx(model.grid_s[late], plain[late], color=SLOW, ls="--", label=fit.correlation)
-    ax.legend(fontsize="small")
-    return _axes(ax, "Time after entry [s]", "h [W/m2K]")
+    return dressed(ax, "Time after entry [s]", "h [W/m2K]", legend=True)
 
 
 def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
@@ -85,8 +84,7 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     for name, value in fit.model_form.common_lag_s.items():
         ax.axvline(value, lw=0.7, ls=":", color=TRUTH)
         ax.annotate(name, (value, 1.0), rotation=90, fontsize=6, va="top", ha="right")
-    ax.legend(fontsize="small")
-    return _axes(ax, "Common lag [s]", "Relative likelihood [1]")
+    return dressed(ax, "Common lag [s]", "Relative likelihood [1]", legend=True)
 
 
 def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
@@ -96,7 +94,7 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     ax.errorbar(x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set_xticks(x, fit.channels)
-    return _axes(ax, "Channel", "Lag minus common lag [s]")
+    return dressed(ax, "Channel", "Lag minus common lag [s]")
 
 
 def draw_design(design: Design, ax: Axes) -> Axes:
@@ -119,11 +117,76 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ax.set_xticks(shown, [f"{t:g}" for t in shown])
     ax.minorticks_off()
     ax.set_yticks(y, [p.name.replace("degC", "°C") for p in design.predictions], fontsize="small")
-    ax.legend(fontsize="small")
-    return _axes(ax, "Expected standard uncertainty [s]", "")
+    return dressed(ax, "Expected standard uncertainty [s]", "", legend=True)
 
 
-def _axes(ax: Axes, x: str, y: str) -> Axes:
-    ax.set_xlabel(x)
-    ax.set_ylabel(y)
+def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Axes:
+    """Block means (dots) and the fitted model with its chain (lines) of the first ``until_s`` seconds after the entry.
+
+    Only the channels nearest to the surface and farthest from it are drawn: the others lie between them.
+    """
+    blocks = fit.optimum.problem.models[run].blocks
+    shown = (blocks.time_s > -2.0) & (blocks.time_s < until_s)
+    depth = [fit.setup.junctions[c].depth_m for c in fit.channels]
+    ends = (int(np.argmin(depth)), int(np.argmax(depth))) if len(depth) > 1 else (0,)
+    for j, tone in zip(ends, (SLOW, GREY)):
+        channel = fit.channels[j]
+        ax.plot(blocks.time_s[shown], blocks.readings_degC[shown, j], ".", markersize=4, color=tone, alpha=0.6)
+        ax.plot(
+            blocks.time_s[shown], fit.optimum.predictions_degC[run][shown, j], color=TRUTH, linewidth=1.0,
+            ls=CHANNEL_STYLE.get(channel, "-"), label=f"{channel}, {1e3 * depth[j]:g} mm deep",
+        )  # fmt: skip
+    ax.axvline(0.0, color=TRUTH, lw=0.7, ls=":")
+    ax.set_title(fit.runs[run].name, fontsize="medium")
+    return dressed(ax, "time after the entry [s]", "temperature [°C]", loc="upper left")
+
+
+def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
+    """What the fit leaves of each block (B, C), over its expected standard deviation; nan where a block is empty."""
+    problem = fit.optimum.problem
+    blocks = problem.models[run].blocks
+    rest = blocks.readings_degC - fit.optimum.predictions_degC[run]
+    return np.asarray(np.where(blocks.count > 0, rest / block_sd(problem.noise[run].sd_K, blocks.count), np.nan))
+
+
+def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
+    """Readings minus model over their expected noise, all channels (dots) and their mean (line), log of time."""
+    blocks = fit.optimum.problem.models[run].blocks
+    after = blocks.time_s > 0.02
+    z = standardised(fit, run)[after]
+    t = blocks.time_s[after]
+    ax.plot(np.repeat(t, z.shape[1]), z.ravel(), ".", color=GREY, markersize=2, label="each channel")
+    ax.plot(t, np.nanmean(z, axis=1), color=SLOW, linewidth=1.0, label="mean of the channels")
+    for level in (-1.96, 1.96):
+        ax.axhline(level, color=TRUTH, linewidth=0.8, ls="--")
+    ax.set_xscale("log")
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.set_ylim(-5, 5)
+    ax.set_xlabel("time after the entry [s]")
+    ax.set_ylabel("left over, in noise sd [1]")
+    inside = 100 * float(np.mean(np.abs(z[np.isfinite(z)]) < 1.96))
+    ax.set_title(f"{fit.runs[run].name}: {inside:.0f} % within the dashed lines", fontsize="medium")
     return finish(ax)
+
+
+def plunge_figure(fit: PlungeFit) -> Figure:
+    """The first seconds of every plunge of the fit, two in a row."""
+    return _panels(fit, draw_plunge, 3.2)
+
+
+def residual_figure(fit: PlungeFit) -> Figure:
+    """What the fit leaves of every plunge, two in a row."""
+    picture = _panels(fit, draw_plunge_residuals, 2.6)
+    picture.axes[0].legend(fontsize="small", frameon=False, loc="lower right", ncols=2)
+    return picture
+
+
+def _panels(fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float) -> Figure:
+    count = len(fit.runs)
+    rows = (count + 1) // 2
+    picture, axes = figure(rows, min(count, 2), height_in=height_in * rows)
+    for ax in axes[count:]:
+        ax.remove()
+    for run, ax in enumerate(axes[:count]):
+        draw(fit, run, ax)
+    return picture

@@ -1,0 +1,140 @@
+"""Pictures of the transient fits: answer over the window, both forms, profiles, and where the junctions are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from calibration.disk import DISKS
+from calibration.estimate import Z95, Estimate
+from tcdyn.partition.profile_interval import LEVEL, intervals
+from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, dressed
+
+TOP = 9.0
+LABELS = {
+    "beta": "β [1]",
+    "h": "h [W/m²K]",
+    "lag_s": "common lag [s]",
+    "h_fast": "h of the fast disk [W/m²K]",
+    "h_slow": "h of the slow disk [W/m²K]",
+    "exponent": "exponent n [1]",
+}
+TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
+ORDER = (
+    ("fast", "beta"), ("fast", "h"), ("fast", "lag_s"), None,
+    ("slow", "beta"), ("slow", "h"), ("slow", "lag_s"), None,
+    ("both", "beta"), ("both", "h_fast"), ("both", "h_slow"), ("both", "exponent"),
+)  # fmt: skip
+
+
+def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
+    """One profile (rows of one fit and one parameter) against the parabola; its 95 % interval as a bar at 3.84."""
+    fit, parameter = str(own["fit"].iloc[0]), str(own["parameter"].iloc[0])
+    colour = DISK_COLOUR.get(fit, "black")
+    estimate = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
+    x = np.linspace(own["value"].min(), own["value"].max(), 200)
+    ax.plot(x, ((x - estimate.value) / estimate.u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
+    ax.plot(own["value"], own["deviance"], ".-", color=colour, markersize=4, linewidth=1.4)
+    ax.axhline(LEVEL, color="black", linestyle=":", linewidth=0.9)
+    (found,) = intervals(own)
+    ends = [found.low_seen if found.low95 is None else found.low95]
+    ends += [found.high_seen if found.high95 is None else found.high95]
+    ax.plot(ends, [LEVEL, LEVEL], color=colour, linewidth=3, solid_capstyle="butt", alpha=0.6)
+    for end, mark, open_end in zip(ends, "<>", (found.low95 is None, found.high95 is None)):
+        if open_end:
+            ax.plot(end, LEVEL, mark, color=colour, markersize=8)
+    ax.set_ylim(0, TOP)
+    ax.locator_params(axis="x", nbins=4)
+    ax.set_xlabel(LABELS[parameter])
+    ax.set_title(TITLES[fit], loc="left", fontsize=9)
+    return ax
+
+
+def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
+    """All profiles of ``tcdyn.partition.profile.joint_profiles`` on three rows of four axes, a legend in the corner."""
+    for k, (which, ax) in enumerate(zip(ORDER, axes, strict=True)):
+        if which is None:
+            ax.set_axis_off()
+            continue
+        draw_profile(table[(table["fit"] == which[0]) & (table["parameter"] == which[1])], ax)
+        if k % 4 == 0:
+            ax.set_ylabel("deviance [1]")
+    corner = axes[3]
+    corner.plot([], [], ".-", color="black", label="profile: all else refitted")
+    corner.plot([], [], "--", color=GREY, label="standard uncertainty's parabola")
+    corner.plot([], [], ":", color="black", label="3.84: 95 %")
+    corner.plot([], [], color="black", linewidth=3, alpha=0.6, label="interval of the profile")
+    corner.plot([], [], ">", color="black", markersize=8, label="left open by the data")
+    corner.legend(frameon=False, fontsize=8, loc="center left")
+    return axes
+
+
+def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None) -> Axes:
+    """``quantity`` ("beta" or "h_W_m2K") of the cooling fit over window length with 95 % bars; open: within the lag.
+
+    ``table`` is that of ``cooling_by_window``.
+    """
+    for k, disk in enumerate(DISKS):
+        own = table[(table["disk"] == disk) & table[quantity].notna()]
+        x = own["window_s"] * (1.0 + 0.03 * k)  # side by side
+        ax.errorbar(
+            x, own[quantity], yerr=Z95 * own[f"u_{quantity}"], fmt="none", ecolor=DISK_COLOUR[disk], capsize=2,
+            linewidth=0.8,
+        )  # fmt: skip
+        for early in (True, False):
+            part = (own["within_lag"] == early).to_numpy()
+            if part.any():
+                ax.plot(
+                    x[part], own[quantity][part], DISK_MARKER[disk], color=DISK_COLOUR[disk],
+                    markerfacecolor="white" if early else DISK_COLOUR[disk],
+                    label=f"{disk} disk" + (", window shorter than the lag" if early else ""),
+                )  # fmt: skip
+    if truth is not None:
+        ax.axhline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
+    ax.set_xscale("log")
+    ticks = sorted(set(table["window_s"]))
+    ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
+    ax.minorticks_off()
+    return dressed(
+        ax,
+        "window after the parting [s]",
+        "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]",
+        legend=True,
+    )
+
+
+def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
+    """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
+    names = [f"{r['disk']} {'β' if r['quantity'] == 'beta' else 'h'}" for _, r in table.iterrows()]
+    y = list(range(len(names)))[::-1]
+    ax.axvspan(-2, 2, color="#eeeeee", zorder=0)
+    for at, (_, r) in zip(y, table.iterrows()):
+        ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
+    ax.axvline(0, color="black", linewidth=0.8)
+    ax.set_yticks(y, names)
+    reach = max(3.0, 1.2 * float(table["z"].abs().max()))
+    ax.set_xlim(-reach, reach)
+    ax.set_ylim(-0.6, len(names) - 0.4)
+    ax.set_xlabel("compensated less commuted,\nin standard uncertainties of the difference [1]")
+    return ax
+
+
+def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
+    """How much deeper than stated the test alone places each junction, with 95 % bars; grey: the stated 95 %."""
+    stated_mm = max(t.stated_u_m for t in tests.values()) * 1e3
+    ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color="#e6e6e6", zorder=0, label="as stated, 95 %")
+    for k, (disk, test) in enumerate(tests.items()):
+        at = [i + 0.24 * (k - 0.5) for i in range(len(test.deeper_m))]  # side by side
+        mm = [1e3 * e.value for e in test.deeper_m.values()]
+        bars = [Z95 * 1e3 * e.u for e in test.deeper_m.values()]
+        ax.errorbar(
+            at, mm, yerr=bars, fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2, linewidth=0.9,
+            label=f"{disk} disk, by this test alone, 95 %",
+        )  # fmt: skip
+    ax.set_xticks(range(len(test.deeper_m)), list(test.deeper_m))
+    ax.axhline(0, color="black", linewidth=0.8)
+    return dressed(ax, "junction", "deeper than stated [mm]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
