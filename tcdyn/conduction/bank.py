@@ -8,12 +8,12 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 
-Array = NDArray[np.float64]
 SLOWEST_PER_S = 0.3  # below the slowest mode of a 6 mm rim of steel (0.7 1/s)
 NODES = 40
 

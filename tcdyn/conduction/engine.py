@@ -1,7 +1,7 @@
 """One test through the modal rim: temperatures at junctions, (beta, h) maps, and whole fields.
 
-For users of the rim model, in Python, and for ``tcdyn verify``; the benchmarks time its map, that of section 3.5.
-The fits of ``tcdyn.partition`` need neither fields nor maps and call ``modal`` and ``bank`` themselves.
+For ``tcdyn verify`` and for users of the rim model; the benchmarks time its map. The fits of ``tcdyn.partition`` need
+neither fields nor maps and call ``modal`` and ``bank`` themselves.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
 from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
-Array = NDArray[np.float64]
 Start = Literal["equilibrium"] | Array  # a bank's state at its first sample
 CHUNK = 8192  # samples filtered at a time: bounds the memory of a map
 
@@ -73,26 +73,6 @@ class Drive:
         return [heat, *(lag_bank(x, self.dt_s, rates, "foh", (), at) for x, at in zip(u[1:], initial[1:], strict=True))]
 
 
-def simulate_rim(
-    rim: Rim,
-    drive: Drive,
-    h_W_m2K: float,
-    points: Sequence[Point],
-    half_width_m: float,
-    *,
-    share: float = 1.0,
-    profile: Profile = "modal",
-    flux: Flux = "hertz",
-    mesh: Mesh = MESH_IV,
-) -> Array:
-    """Temperatures (N, P) [degC] at ``points`` when this disk takes ``share`` (beta, or 1 - beta) of the power.
-
-    Starts in steady state with the first sample. One entry of ``map_beta_h``.
-    """
-    whole = map_beta_h(rim, drive, share, h_W_m2K, points, half_width_m, profile=profile, flux=flux, mesh=mesh)
-    return np.asarray(whole[0, 0].T)
-
-
 def map_beta_h(
     rim: Rim,
     drive: Drive,
@@ -105,9 +85,10 @@ def map_beta_h(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Temperatures (H, B, P, N) [degC] for every h and share of the power: the thesis's map (section 3.5).
+    """Temperatures (H, B, P, N) [degC] for every h and share (beta, or 1 - beta) of the power: the map of section 3.5.
 
-    Linear in the share, so each h costs two weighted sums of a bank that all of them have in common.
+    Starts in steady state with the first sample. Linear in the share, so each h costs two weighted sums of a bank
+    that all of them have in common.
     """
     shares, hs = np.atleast_1d(np.asarray(share, dtype=float)), np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
     rates, u = node_rates(drive.dt_s), drive.inputs

@@ -14,15 +14,15 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import eigh_tridiagonal
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.conduction.bank import cardinal
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, flux_density, profile_basis
 
-Array = NDArray[np.float64]
 INPUTS = ("power_W", "d", "b", "f", "ambient")
 SPLIT_INPUTS = ("power_W", "d", "b", "f", "ambient_rim", "ambient_d_side", "ambient_f_side")
 # every separable source of heat is a forcing in r times one in z (rows of Spectrum.force_r, force_z) and belongs to an
@@ -48,13 +48,6 @@ class RimGains:
     def static(self) -> Array:
         """Steady answer of each point to each input (I, P): exact for the scheme, whatever the bank."""
         return np.asarray(self.gains.sum(axis=2) + self.direct)
-
-    def respond(self, banks: Sequence[Array], inputs: ArrayLike) -> Array:
-        """Temperatures (N, P) from the banks (N, K) of all inputs and the inputs themselves (N, I)."""
-        out = np.asarray(inputs, dtype=float) @ self.direct
-        for bank, gain in zip(banks, self.gains, strict=True):
-            out += bank @ gain.T
-        return np.asarray(out)
 
 
 @dataclass(frozen=True)

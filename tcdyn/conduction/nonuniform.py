@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.conduction.bank import cardinal
 from tcdyn.conduction.modal import (
@@ -26,7 +26,6 @@ from tcdyn.conduction.modal import (
 )
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
-Array = NDArray[np.float64]
 BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
 
-Array = NDArray[np.float64]
 Point = tuple[float, float]  # (depth below the running surface, z from one face), both in m
 Profile = Literal["quadratic", "quartic", "modal"]
 Flux = Literal["hertz", "uniform"] | Callable[[Array], Array]

@@ -23,7 +23,7 @@ from calibration.rig import load_rig
 from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.engine import Drive, map_beta_h
 from tcdyn.conduction.modal import rim_gains, spectrum
-from tcdyn.conduction.reference import CrankNicolson, scheme
+from tcdyn.conduction.referees import CrankNicolson, scheme
 from tcdyn.conduction.rim import Mesh, Rim, points_of
 
 DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3

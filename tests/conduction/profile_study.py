@@ -17,6 +17,7 @@ from tcdyn.conduction.rim import Mesh, Profile, Rim, points_of
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.truth import DiskTruth, draw_truth
+from tests.conduction.reference_run import respond
 
 DT_S, OFF_S, AMBIENT = 1 / 75, 400.0, 55.0
 
@@ -84,7 +85,7 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
     def misfit(p: np.ndarray) -> np.ndarray:
         gains = rim_gains(rim, p[1] * case.h, points, case.half_width_m, rates, profile=profile, mesh=mesh)
         scaled = replace(gains, gains=gains.gains * np.array([p[0], 1, 1, 1, 1])[:, None, None])
-        return (scaled.respond(banks, inputs) - seen).ravel()
+        return (respond(scaled, banks, inputs) - seen).ravel()
 
     fit = least_squares(misfit, [1.0, 1.0])
     rms = float(np.sqrt(np.mean(fit.fun**2)))

@@ -1,13 +1,13 @@
-"""Run the Crank-Nicolson reference over a drive, stepping between samples, with its own reading of the junctions."""
+"""Run the engine, or the Crank-Nicolson reference with its own steps and reading of the junctions, over a drive."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tcdyn.conduction.engine import Drive
-from tcdyn.conduction.modal import spectrum
-from tcdyn.conduction.reference import CrankNicolson, Scheme, steady_field
+from tcdyn.conduction.engine import Drive, map_beta_h
+from tcdyn.conduction.modal import RimGains, spectrum
+from tcdyn.conduction.referees import CrankNicolson, Scheme, steady_field
 from tcdyn.conduction.rim import Mesh, Point, Rim
 
 
@@ -19,6 +19,16 @@ def hertz_cells(rim: Rim, half_width_m: float, nz: int) -> np.ndarray:
     density = np.where(np.abs(x) < 1, 0.75 / half_width_m * (1 - x**2), 0.0)
     node = np.rint(fine / dz).astype(int)
     return np.bincount(node, density, nz) / np.bincount(node, minlength=nz) / (2 * np.pi * rim.outer_radius_m)
+
+
+def simulate_rim(rim: Rim, drive: Drive, h: float, points: list[Point], half_width_m: float, share=1.0, **options):
+    """Temperatures (N, P) of one pair of the map."""
+    return map_beta_h(rim, drive, share, h, points, half_width_m, **options)[0, 0].T
+
+
+def respond(gains: RimGains, banks: list[np.ndarray], inputs: np.ndarray) -> np.ndarray:
+    """Temperatures (N, P) from the banks (N, K) of all inputs and the inputs themselves (N, I)."""
+    return inputs @ gains.direct + sum(bank @ gain.T for bank, gain in zip(banks, gains.gains, strict=True))
 
 
 def run_reference(

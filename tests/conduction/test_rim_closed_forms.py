@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.conduction.closed_forms import (
+from tcdyn.conduction.referees import (
     penetration_depth_m,
     ring_roots,
     ring_steady_degC,

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, run_reference
+from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, respond, run_reference, simulate_rim
 
 from calibration.errors import InputError
 from tcdyn.conduction.bank import Switch, node_rates
-from tcdyn.conduction.engine import Drive, fields_at, map_beta_h, simulate_rim
+from tcdyn.conduction.engine import Drive, fields_at, map_beta_h
 from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.reference import scheme, steady_field
+from tcdyn.conduction.referees import scheme, steady_field
 from tcdyn.conduction.rim import Mesh, Rim
 
 DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
@@ -98,7 +98,7 @@ def test_a_map_is_the_single_runs_whole_and_in_pieces(rim, points):
     rates = node_rates(DT)
     banks, inputs = drive.banks(rates), drive.inputs * [0.3, 1, 1, 1, 1]
     banks[0] = 0.3 * banks[0]
-    one = rim_gains(rim, 900.0, points, B, rates, mesh=MESH).respond(banks, inputs)
+    one = respond(rim_gains(rim, 900.0, points, B, rates, mesh=MESH), banks, inputs)
     np.testing.assert_allclose(table[1, 0].T, one, atol=1e-9)
 
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, run_reference
+from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, respond, run_reference
 
 from calibration.errors import InputError
 from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
-from tcdyn.conduction.reference import scheme
+from tcdyn.conduction.referees import scheme
 from tcdyn.conduction.rim import Mesh
 
 DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
@@ -25,7 +25,7 @@ def test_a_film_in_steps_follows_the_reference(rim, points):
     drive = heating_and_cooling(4.0, 1.0, 3.0)
     rates = node_rates(DT)
     gains = rim_gains_nonuniform(rim, film, points, B, rates, mesh=MESH)
-    ours = gains.respond(drive.banks(rates), drive.inputs)
+    ours = respond(gains, drive.banks(rates), drive.inputs)
     theirs = run_reference(
         rim, scheme(rim, film, MESH), drive, boundary_shapes(rim, MESH), hertz_cells(rim, B, 53), points, 2, 16
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.conduction.reference import CrankNicolson, explicit_growth, explicit_limit_s, scheme
+from tcdyn.conduction.referees import CrankNicolson, explicit_growth, explicit_limit_s, scheme
 from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
 
 MESH = Mesh(17, 27)
