@@ -16,7 +16,7 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
 from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
-from tcdyn.identify.fit import Fit
+from tcdyn.identify.search import Fit
 from tcdyn.report.page import Section, write_page
 
 

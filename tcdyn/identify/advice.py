@@ -9,6 +9,7 @@ import pandas as pd
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.finding import Finding, look, note, refuse
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.validate import ALARM
@@ -21,9 +22,9 @@ def follows_input(row: pd.Series) -> bool:
     return bool(row.get("p_input", 1.0) < ALARM)
 
 
-def advice(
+def verdict(
     table: pd.DataFrame, recommended: str, why: str, untried: Sequence[str] = (), troubles: Sequence[str] = ()
-) -> str:
+) -> Finding:
     """What to use and why, or that none of the models is good enough and what to try.
 
     Args:
@@ -31,54 +32,32 @@ def advice(
         recommended: the model that it recommends.
         why: its reason, one sentence or two.
         untried: models that were not among those compared.
-        troubles: what to do about the record, as its residuals say (``Validation.troubles``).
+        troubles: codes of what to do about the record, as its residuals say (``Validation.troubles``).
     """
     row = table[table["model"] == recommended].iloc[0]
     coloured = bool(row.get("p_white", 1.0) < ALARM)
-    against = objection(row, coloured)
-    if against:
-        more = [f"compare others (--models {','.join(untried[:3])})" if untried else "ask --narx whether it is linear"]
-        repeats = f" It repeats the held-out part to {row['held_out_percent']:.1f} %." if known(row) else ""
-        return (
-            f"None of these models is good enough: {against}. Do not trust the intervals below. The least bad is "
-            f"{recommended}. {why}{repeats} Next, {', and '.join([*troubles, *more])}."
-        )
-    first = f" But first {', and '.join(troubles)}." if troubles else ""
-    if row["remark"]:
-        return (
-            f"Use {recommended} with care. {why} But {row['remark']}: excite the input more, or hold what is known "
-            f"(--gain).{first}"
-        )
-    if coloured:
-        said = (
-            "Its residuals are coloured, by disturbances or dynamics; beneath that colour the test cannot see what is "
-            "left of the input. The intervals are the robust, wider ones."
-        )
-    elif row["fit_percent"] < HALF:
-        said = f"It explains {row['fit_percent']:.0f} % of the output, the rest is white noise."
-    else:
-        said = "Its residuals hold nothing against it."
-    unconfirmed = coloured and known(row) and row["held_out_percent"] < 0
-    if unconfirmed:
-        said += f" The held-out part does not confirm it: worse than the mean there ({row['held_out_percent']:.1f} %)."
-    name = f"Provisionally {recommended}" if troubles or unconfirmed else f"Recommended: {recommended}"
-    return f"{name}. {why} {said}{first}"
-
-
-def objection(row: pd.Series, coloured: bool) -> str:
-    """Why a model is not good enough to be used, else ""; white noise may be as large as it likes."""
+    known = bool(np.isfinite(row["held_out_percent"]))  # there is none where the output of that part never moves
+    common = {"subject": recommended, "why": why, "troubles": list(troubles)}
+    if known:
+        common["held_out_percent"] = float(row["held_out_percent"])
+    percent = float(row["fit_percent"])
+    against = None
     if follows_input(row):
-        return "the residuals of every one that the data determine still follow the input"
-    if known(row) and row["held_out_percent"] < 0 and row["held_out_rms"] > 2 * row["rms"]:
-        return "on data that it has not seen the best of them does worse than their mean"
-    if coloured and row["fit_percent"] < HALF:
-        return f"the best of them repeats only {row['fit_percent']:.0f} % of the output, and the rest is no white noise"
-    return ""
-
-
-def known(row: pd.Series) -> bool:
-    """Whether there is a held-out score: none where the output of that part never moves."""
-    return bool(np.isfinite(row["held_out_percent"]))
+        against = "dynamics"
+    elif known and row["held_out_percent"] < 0 and row["held_out_rms"] > 2 * row["rms"]:
+        against = "held out"
+    elif coloured and percent < HALF:
+        against = "colour"
+    if against:
+        return refuse("models.none", against=against, fit_percent=percent, untried=list(untried[:3]), **common)
+    if not row["determined"]:
+        return look("models.undetermined", remark=row["remark"], **common)
+    worse = coloured and known and bool(row["held_out_percent"] < 0)
+    code = "models.provisional" if troubles or worse else "models.recommended"
+    small = percent < HALF
+    return (look if troubles or worse else note)(
+        code, coloured=coloured, worse_than_mean=worse, small=small, fit_percent=percent, **common
+    )
 
 
 def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:

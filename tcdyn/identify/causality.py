@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.identify.models import process
-from tcdyn.identify.problem import Problem
-from tcdyn.identify.srivc import filled
-from tcdyn.identify.start import lag_bank
+from tcdyn.identify.problem import Posed
+from tcdyn.identify.start import filled, lag_bank
 
 Fitted = tuple[float, int, float]  # r^2, shift [samples], lag [s]
 REFINED = 4  # times the row of lags is narrowed to its cube root and less: from a factor 3 to 1 %
@@ -41,7 +40,7 @@ def shift_scores(x: Array, y: Array, reach: int) -> Array:
     return np.asarray(np.where(good, np.sign(cov) * cov**2 / np.where(good, vx * vy, 1.0), 0.0))
 
 
-def best_shifts(one: Problem, y: Array, taus_s: Array, reach: int) -> tuple[Fitted, Fitted]:
+def best_shifts(one: Posed, y: Array, taus_s: Array, reach: int) -> tuple[Fitted, Fitted]:
     """The best (r^2, shift in samples, lag [s]) with the output ahead of the input, and with it behind, for the lags
     ``taus_s`` (T,) and the output ``y`` (N,); ``one`` has one segment."""
     ahead, behind = (0.0, 0, float(taus_s[0])), (0.0, 0, float(taus_s[0]))
@@ -59,7 +58,7 @@ def moves_first(ahead: Fitted, behind: Fitted) -> bool:
     return ahead[0] > 0.3 and 1 - ahead[0] < 0.7 * (1 - behind[0])
 
 
-def check_causality(problem: Problem, where: str) -> None:
+def check_causality(problem: Posed, where: str) -> None:
     """Raise InputError when a lag with a *negative* dead time explains the output far better than any real one.
 
     Far better means: more than two samples ahead, r^2 above 0.3, and less than 0.7 of the variance that the best

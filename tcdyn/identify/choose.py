@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,16 @@ import pandas as pd
 
 from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.finding import Finding
 from calibration.result import Result, jsonable
 from tcdyn.chain.rational import realise
-from tcdyn.identify.advice import COLUMNS, advice, follows_input, order_table
+from tcdyn.identify.advice import COLUMNS, follows_input, order_table, verdict
 from tcdyn.identify.bands import percent_times
-from tcdyn.identify.data import IOData
-from tcdyn.identify.fit import Fit, fit
+from tcdyn.identify.data import IOData, Segment, cut
+from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.problem import Segment, cut
-from tcdyn.identify.validate import start_advice
+from tcdyn.identify.search import Fit
+from tcdyn.identify.validate import off_equilibrium, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -52,11 +54,16 @@ class Comparison(Result):
         shown = order_table(self.table, model.output_unit).to_string(index=False)
         return "\n".join([*lines, "", shown, "", COLUMNS])
 
-    @property
-    def advice(self) -> str:
+    @cached_property
+    def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = [name for name in OFFERED if name not in set(self.table["model"])]
-        return advice(self.table, self.recommended, self.why, untried, self.best.validation.troubles)
+        return verdict(self.table, self.recommended, self.why, untried, validate(self.best).troubles)
+
+    @property
+    def advice(self) -> str:
+        """The verdict in words."""
+        return self.verdict.sentence
 
     def to_dict(self) -> dict[str, Any]:
         """The recommended model as its file holds it, why, and the order table."""
@@ -65,7 +72,7 @@ class Comparison(Result):
 
     def card(self) -> pd.DataFrame:
         """The order table, remarks left out."""
-        return self.table.drop(columns=["remark"])
+        return self.table.drop(columns=["remark", "determined"])
 
 
 def compare(
@@ -85,7 +92,7 @@ def compare(
     each model before it is fitted.
     """
     found = compared(data, models, held_out, progress, options)
-    if "initial" in options or not start_advice(found.best):
+    if "initial" in options or not off_equilibrium(found.best):
         return found
 
     def again(name: str, number: int, count: int) -> None:
@@ -119,7 +126,7 @@ def compared(
             rms, percent = held_out_score(score, test, from_s)
         except InputError as error:
             first = first or error
-            rows.append({"model": model.name, "remark": str(error)})
+            rows.append({"model": model.name, "remark": str(error), "determined": False})
             continue
         fits[model.name] = whole
         s = whole.identified.statistics
@@ -136,11 +143,12 @@ def compared(
                 "p_white": s["p_white"],
                 "p_input": s["p_input"],
                 "remark": "; ".join(whole.warnings),
+                "determined": not whole.findings,
             }
         )
     if not fits:
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
-    table = pd.DataFrame(rows).sort_values("BIC", ignore_index=True)
+    table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
     name, why = recommend(table, overdamped(fits))
     return Comparison(table, fits, name, why)
 
@@ -153,7 +161,7 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
         for name, found in fits.items()
         if found.identified.theta.get("Zeta", 0.0) >= 1
         and (plain := fits.get(name.replace("U", ""))) is not None
-        and (found.warnings or not plain.warnings)
+        and (found.findings or not plain.findings)
     ]
 
 
@@ -241,7 +249,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     held-out error is better by more than 5 %. ``left_out`` are names that are not considered.
     """
     good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
-    sound = good[good["remark"] == ""]
+    sound = good[good["determined"]]
     passing = sound[[not follows_input(row) for _, row in sound.iterrows()]]
     explaining = good[[not follows_input(row) for _, row in good.iterrows()]]
     limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
@@ -267,7 +275,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
     if len(ties) and not len(near):
         reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
-    skipped = good[(good["BIC"] < best["BIC"]) & (good["remark"] != "")]
+    skipped = good[(good["BIC"] < best["BIC"]) & ~good["determined"]]
     if len(skipped):
         verb = "is" if len(skipped) == 1 else "are"
         reason += f"; {', '.join(skipped['model'])} would score better but {verb} not determined by these data"

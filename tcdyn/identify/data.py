@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.result import Result
 
-Array = NDArray[np.float64]
 Hold = Literal["zoh", "foh"]
+SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
 
 
 @dataclass(frozen=True)
@@ -186,6 +187,47 @@ class IOData(Result):
     def times_s(self, index: int = 0) -> Array:
         """Time of every sample of one run [s]."""
         return np.asarray(self.runs[index].start_s + np.arange(self.runs[index].n) * self.dt_s)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured.
+
+    ``past`` (M,) is the input of its run before it, gaps bridged by straight lines. A segment that has a past follows
+    a gap: nothing is known of the state it begins from, but what a dead time holds back is.
+    """
+
+    u: Array
+    y: Array
+    seen: np.ndarray
+    run: int
+    start_s: float
+    past: Array = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def resumed(self) -> bool:
+        """Whether it follows a gap of its run."""
+        return len(self.past) > 0
+
+    def history(self, count: int) -> Array:
+        """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
+        first = np.concatenate([self.past, self.u])[0]
+        padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
+        return np.asarray(padded[len(padded) - count :])
+
+
+def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
+    """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
+    known = np.isfinite(run.u[:, 0])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
+    pieces = []
+    for a, b in edges.reshape(-1, 2):
+        y = run.y[a:b, 0]
+        if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
+            t = np.flatnonzero(known[:b])
+            past = np.interp(np.arange(t[0], a), t, run.u[t, 0])
+            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
+    return pieces
 
 
 def index_of(name: str | None, names: tuple[str, ...], role: str) -> int:

@@ -4,97 +4,28 @@ uncertainty."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
-import pandas as pd
+from scipy import stats
 
 from calibration.arrays import Array
-from calibration.estimate import Estimate, rounded
-from calibration.result import Result
+from calibration.estimate import Z95, Estimate
+from calibration.finding import Finding, look
+from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
+from tcdyn.fitting import profile as walk
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.noise import Noise, coarse_step, fit_arma, inverse, rounding_covariance, sandwich, stretches
-from tcdyn.identify.optimise import Optimum, Status
-from tcdyn.identify.problem import Initial, Problem, pose
-from tcdyn.identify.robust import Loss, reweight, robust_covariance
-from tcdyn.identify.search import search
-from tcdyn.identify.validate import ALARM, Validation, validate, whiteness
+from tcdyn.identify.problem import Initial, Posed, pose
+from tcdyn.identify.search import Fit, ordered, search, with_noise
+from tcdyn.identify.start import polished
+from tcdyn.identify.validate import ALARM, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
 Intervals = Literal["auto", "quadratic", "profile"]
-
-
-@dataclass(frozen=True)
-class Fit(Result):
-    """A finished fit: the identified model and everything needed to judge it.
-
-    ``residual`` (N,) is measured minus simulated at the measured samples; ``innovation`` the same after the noise
-    model and the robust weights; ``weighted_jacobian`` (N, size) goes with it; ``covariance_x`` is that of the
-    whole vector x.
-    """
-
-    identified: Identified
-    problem: Problem
-    x: Array
-    residual: Array
-    innovation: Array
-    weighted_jacobian: Array
-    covariance_x: Array
-    noise: Noise
-    status: Status
-    iterations: int
-    loss: Loss = "linear"
-
-    @property
-    def estimates(self) -> Mapping[str, Estimate]:
-        """The free parameters with their intervals."""
-        return self.identified.estimates
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know."""
-        return self.identified.warnings
-
-    @cached_property
-    def validation(self) -> Validation:
-        """The residual tests (:func:`tcdyn.identify.validate.validate`)."""
-        return validate(self)
-
-    def simulated(self) -> list[Array]:
-        """The model's output over every segment of the data (N,)."""
-        answers = self.problem.outputs(self.x, jacobian=False)
-        assert answers is not None
-        return [y for y, _ in answers]
-
-    def summary(self) -> str:
-        """The table people read."""
-        m, s = self.identified, self.identified.statistics
-        lines = [f"{m.model.name}: {m.input_name} -> {m.output_name}, {m.hold.upper()}, dt = {m.dt_s:g} s"]
-        for name in m.model.names:
-            unit = m.model.unit(name)
-            if name in self.estimates:
-                e = self.estimates[name]
-                value, u = rounded(e.value, e.u)
-                interval = f"[{rounded(e.low95, e.u)[0]}, {rounded(e.high95, e.u)[0]}]"
-                lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} {interval} {unit}")
-            else:
-                lines.append(f"  {name:5s} {m.theta[name]:12.5g} (fixed) {unit}")
-        lines.append(f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}")
-        lines += [f"  {m.sentence}", *(f"  warning: {w}" for w in self.warnings)]
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The identified model as its file holds it."""
-        return self.identified.to_dict()
-
-    def card(self) -> pd.DataFrame:
-        """Parameters with their standard uncertainties and intervals."""
-        return self.identified.card()
 
 
 def fit(
@@ -130,155 +61,64 @@ def fit(
     problem = pose(data, structure, initial)
     if check:
         check_causality(problem, data.name or "identify")
-    x0 = None
-    if start is not None:
-        from tcdyn.identify.start import polished
-
-        x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1]
+    x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1] if start is not None else None
     optimum = search(problem, start=x0)
-    problem = replace(problem, time_scale_s=max(problem.dt_s, abs(first_moment(problem, optimum.x))))
-    if problem.loose:
-        optimum = search(problem, start=rescaled(problem, optimum.x))
-    parts = stretches(problem)
-    weights = np.ones(problem.n_seen)
+    if problem.loose:  # initial states are best searched in the time scale of the model, linear ones solved anew
+        problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
+        optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
     if loss != "linear":
-        optimum, weights = reweight(problem, optimum, loss)
+        optimum = ordered(problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0))
     model_noise = Noise()
     if noise != "white":
-        optimum, model_noise = with_noise(problem, optimum, noise, weights)
-    evaluated = problem.evaluate(optimum.x)
-    assert evaluated is not None
-    r, j = evaluated
-    root = np.sqrt(weights)
-    innovation = model_noise.whiten(-r * root, parts)
-    jacobian = model_noise.whiten(j * root[:, None], parts)
-    result = assemble(data, problem, optimum, -r, innovation, jacobian, model_noise, loss, covariance)
-    if intervals != "quadratic":
-        from tcdyn.identify.likelihood import with_profiles
-
-        result = with_profiles(result, everything=intervals == "profile")
-    return result
+        optimum, model_noise = with_noise(problem, optimum, noise)
+    return assemble(data, problem, optimum, model_noise, loss, covariance, intervals)
 
 
-def first_moment(problem: Problem, x: Array) -> float:
-    """Total lag of the model at x [s], a time scale for its initial state."""
+def first_moment(problem: Posed, x: Array) -> float:
+    """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
     g = problem.model.rational(problem.theta(x))
-    return float(sum(abs(f.coefs[1]) for f in g.factors)) or problem.dt_s
-
-
-def rescaled(problem: Problem, x: Array) -> Array:
-    """x with the initial states back at zero, for a problem whose time scale has changed, linear ones solved
-    anew."""
-    from tcdyn.identify.start import polished
-
-    return polished(problem, problem.theta(x))[1]
-
-
-def with_noise(problem: Problem, optimum: Optimum, order: tuple[int, int], weights: Array) -> tuple[Optimum, Noise]:
-    """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction
-    error."""
-    parts, root = stretches(problem), np.sqrt(weights)
-    model = Noise()
-    cost = np.inf
-    for _ in range(12):
-        found = problem.evaluate(optimum.x)
-        assert found is not None
-        model = fit_arma(found[0] * root, parts, *order)
-
-        def evaluate(x: Array, model: Noise = model) -> tuple[Array, Array] | None:
-            answer = problem.evaluate(x)
-            if answer is None:
-                return None
-            return model.whiten(answer[0] * root, parts), model.whiten(answer[1] * root[:, None], parts)
-
-        optimum = search(problem, evaluate, start=optimum.x)
-        if cost - optimum.cost < 1e-7 * optimum.cost:
-            break
-        cost = optimum.cost
-    return optimum, model
+    return max(problem.dt_s, float(sum(abs(f.coefs[1]) for f in g.factors)))
 
 
 def assemble(
     data: IOData,
-    problem: Problem,
+    problem: Posed,
     optimum: Optimum,
-    residual: Array,
-    innovation: Array,
-    jacobian: Array,
     noise: Noise,
     loss: Loss,
     covariance: Covariance,
+    intervals: Intervals,
 ) -> Fit:
-    """Covariance, estimates, statistics, validation and warnings around an optimum."""
-    n, k = problem.n_seen, problem.size
-    model, x = problem.model, optimum.x
-    parts = stretches(problem)
-    variance = float(innovation @ innovation) / (n - k)
-    bread, full_rank = inverse(jacobian)
-    cov_x, kind = variance * bread, 0.0
-    coloured = covariance == "auto" and whiteness(innovation, jacobian, parts, problem.dt_s, 20).p < ALARM
-    if covariance == "robust" or coloured:
-        cov_x, kind = sandwich(jacobian, innovation, parts), 1.0
-    if loss != "linear" and noise.white:
-        found = problem.evaluate(x)
-        assert found is not None
-        cov_x = robust_covariance(found[0], found[1], loss)
-    step = coarse_step(problem)
-    if np.sqrt(np.mean(residual**2)) < step:
-        cov_x, kind = cov_x + rounding_covariance(problem, jacobian, step), 1.0
+    """Covariance, estimates, findings, validation and statistics around an optimum."""
+    n, model, x = problem.n_seen, problem.model, optimum.theta
+    answer = problem.evaluate(x)
+    assert answer is not None
+    blank = Identified(model, problem.theta(x), np.zeros((len(model.free),) * 2), {})
+    result = Fit(blank, problem, optimum, -answer[0], np.zeros((problem.size,) * 2), noise, loss)
+    cov_x, robust = covariance_of(result, covariance)
     scale = problem.natural_scale(x)[: problem.n_model]
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
-    theta = problem.theta(x)
-    u = np.sqrt(np.maximum(np.diag(cov), 0.0))
-    warnings = []
-    lower, upper = problem.bounds()
-    for i, name in enumerate(model.free):
-        if x[i] <= lower[i] or x[i] >= upper[i]:
-            end = "lower" if x[i] <= lower[i] else "upper"
-            warnings.append(f"{name} ended on its {end} bound ({theta[name]:.3g}): the data do not ask for it")
-        elif twin(model, theta, name):
-            warnings.append(
-                f"{name} equals another lag: only their sum is determined; complex poles (U) may fit better"
-            )
-        elif undetermined(model, name, theta, u[i]):
-            warnings.append(f"{name} is hardly determined by these data (u = {u[i]:.2g} for {theta[name]:.2g})")
-    if not full_rank:
-        warnings.append(f"the data cannot tell all parameters of {model.name} apart: some intervals are meaningless")
-    if optimum.status is Status.STALLED:
-        warnings.append(optimum.status.value)
-    sse = float(innovation @ innovation)
-    count = k + 1 + len(noise.ar) + len(noise.ma)
-    likelihood = n * np.log(max(sse, 1e-300) / n)
-    offset = float(np.mean(x[problem.n_model : problem.n_model + problem.n_offsets])) if problem.n_offsets else 0.0
+    u = dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
+    sse = float(result.innovation @ result.innovation)
     identified = Identified(
         model=model,
-        theta=theta,
+        theta=blank.theta,
         covariance=cov,
-        estimates={name: Estimate.normal(theta[name], s) for name, s in zip(model.free, u)},
-        offset=offset,
-        noise_sd=float(np.sqrt(variance)),
+        estimates={name: Estimate.normal(blank.theta[name], u[name]) for name in model.free},
+        offset=float(np.mean(x[problem.n_model :][: problem.n_offsets])) if problem.n_offsets else 0.0,
+        noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
         dt_s=problem.dt_s,
         input_name=data.input_names[0],
         output_name=data.output_names[0],
         input_unit=data.input_units[0],
         output_unit=data.output_units[0],
-        warnings=tuple(warnings),
+        findings=noticed(problem, optimum, blank.theta, u),
     )
-    result = Fit(
-        identified,
-        problem,
-        x,
-        residual,
-        innovation,
-        jacobian,
-        cov_x,
-        noise,
-        optimum.status,
-        optimum.iterations,
-        loss,
-    )
+    result = replace(result, identified=identified, covariance_x=cov_x)
     checked = validate(result)
+    count = problem.size + 1 + len(noise.ar) + len(noise.ma)
+    likelihood = n * np.log(max(sse, 1e-300) / n)
     statistics = {
         "n": float(n),
         "parameters": float(count - 1),
@@ -288,9 +128,50 @@ def assemble(
         "bic": likelihood + count * float(np.log(n)),
         "p_white": checked.whiteness.p,
         "p_input": checked.input.p,
-        "robust_covariance": kind,
+        "robust_covariance": float(robust),
     }
-    return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+    result = replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+    return result if intervals == "quadratic" or loss != "linear" else profiled(result, intervals == "profile")
+
+
+def covariance_of(found: Fit, kind: Covariance) -> tuple[Array, bool]:
+    """Covariance of x, and whether it is wider than white noise alone makes it."""
+    problem, e, j = found.problem, found.innovation, found.weighted_jacobian
+    bread = inverse(j.T @ j)
+    cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
+    coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
+    if kind == "robust" or coloured:
+        cov_x, wider = sandwich(j, e, problem.parts), True
+    if found.loss != "linear" and found.noise.white:
+        cov_x = robust_covariance(found.optimum.residual, found.optimum.jacobian, found.loss)
+    step = problem.rounding_step
+    if np.sqrt(np.mean(found.residual**2)) < step:  # no noise shakes it: equal readings share one error
+        edges = [part.start for part in problem.parts]
+        new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
+        half = np.add.reduceat(j, new, axis=0) @ bread
+        cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
+    return cov_x, wider
+
+
+def noticed(
+    problem: Posed, optimum: Optimum, theta: Mapping[str, float], u: Mapping[str, float]
+) -> tuple[Finding, ...]:
+    """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
+    found, x = [], optimum.theta
+    lower, upper = problem.bounds()
+    for i, name in enumerate(problem.model.free):
+        if x[i] <= lower[i] or x[i] >= upper[i]:
+            end = "lower" if x[i] <= lower[i] else "upper"
+            found.append(look("fit.bound", subject=name, end=end, value=theta[name]))
+        elif twin(problem.model, theta, name):
+            found.append(look("fit.twin", subject=name))
+        elif undetermined(problem.model, name, theta, u[name]):
+            found.append(look("fit.undetermined", subject=name, u=u[name], value=theta[name]))
+    if not determined(optimum.information):
+        found.append(look("fit.indistinct", subject=problem.model.name))
+    if optimum.status is Status.STALLED:
+        found.append(look("fit.stalled"))
+    return tuple(found)
 
 
 def undetermined(model: Model, name: str, theta: Mapping[str, float], u: float) -> bool:
@@ -310,4 +191,52 @@ def twin(model: Model, theta: Mapping[str, float], name: str) -> bool:
     return name in ("Tp1", "Tp2", "Tp3") and any(abs(theta[n] / theta[name] - 1) < 1e-2 for n in lags)
 
 
-__all__ = ["Fit", "fit"]
+def profiled(found: Fit, everything: bool) -> Fit:
+    """``found`` with profile intervals in place of the poor quadratic ones (or of all)."""
+    estimates, findings = dict(found.estimates), list(found.findings)
+    for name in (n for n in found.problem.model.free if everything or poor(found, n)):
+        e, inside = profile(found, name)
+        estimates[name] = e
+        if not inside:
+            findings.append(look("fit.open_interval", subject=name, low95=e.low95, high95=e.high95))
+    return replace(found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings)))
+
+
+def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
+    """The estimate of ``name`` with its 95 % profile-likelihood interval, and whether both ends were found.
+
+    The deviance is in units of the reported variance, sandwich and rounding included, against Student's t.
+    """
+    problem, e = found.problem, found.innovation
+    index, freedom = problem.model.free.index(name), problem.n_seen - problem.size
+    positive = problem.model.positive(name)
+    variance = float(e @ e) / freedom
+    u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
+    white = variance * found.optimum.covariance[index, index]
+    wider = found.covariance_x[index, index] / white if found.identified.statistics["robust_covariance"] else 1.0
+    t = float(stats.t.ppf(0.975, freedom))
+    run = walk(
+        found.optimum, name, u=min(u, 1.5) if positive else u, scale=variance * wider, level=t**2, drop=t**2,
+        step=t, reach=1e3, refine=0.01, limit=25, tolerance=0.0, relative=1e-9,
+    )  # fmt: skip
+    ends = [run.value[k] if end is None else end for k, end in ((0, run.low95), (-1, run.high95))]
+    low, high = np.exp(ends) if positive else ends
+    old = found.estimates[name]
+    interval = Estimate(
+        value=old.value, u=min(old.u, float(high - low) / (2 * Z95)), low95=float(low), high95=float(high)
+    )
+    return interval, run.low95 is not None and run.high95 is not None
+
+
+def poor(found: Fit, name: str) -> bool:
+    """Whether the quadratic interval of ``name`` cannot be trusted: wide for its size, or over the edge."""
+    e, model = found.estimates[name], found.problem.model
+    if model.positive(name):
+        return e.u > 0.2 * e.value
+    if name in ("Tz", "Td") and {"Tz", "Td"} <= set(model.free):
+        lag = first_moment(found.problem, found.x)
+        return abs(found.estimates["Tz"].value) < 0.1 * lag  # there zero and dead time act alike
+    return name == "Td" and e.low95 < 0
+
+
+__all__ = ["Fit", "fit", "profile"]

@@ -15,6 +15,7 @@ from calibration.arrays import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded
+from calibration.finding import Finding, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Rational, Start, simulate
@@ -49,7 +50,12 @@ class Identified(Result):
     output_unit: str = ""
     statistics: Mapping[str, float] = field(default_factory=dict)
     sentence: str = ""
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know."""
+        return tuple(f.sentence for f in self.findings)
 
     @property
     def rational(self) -> Rational:
@@ -68,7 +74,9 @@ class Identified(Result):
 
     def lag_at(self, theta: Mapping[str, float]) -> float:
         """First moment at other parameters: Td + sum of a_1 - b_1/b_0."""
-        return self.model.rational(theta).lag_s
+        g = self.model.rational(theta)
+        own = g.delay_s + sum(float(f.coefs[1]) for f in g.factors)
+        return own - (float(g.num[1] / g.num[0]) if len(g.num) > 1 else 0.0)
 
     def lag_gradient(self) -> Array:
         """d(lag_s)/d(free parameters), by the chain rule of the coefficients."""
@@ -98,7 +106,16 @@ class Identified(Result):
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The model as a ``control.TransferFunction``; the dead time by its Pade form of ``pade_order``."""
-        return self.rational.transfer_function(pade_order, inputs=self.input_name, outputs=self.output_name)
+        import control
+
+        g = self.rational
+        num, den = g.num[::-1], np.array([1.0] + [0.0] * g.integrators)
+        for f in g.factors:
+            den = np.polymul(den, f.coefs[::-1])
+        if g.delay_s and pade_order:
+            pade_num, pade_den = control.pade(g.delay_s, pade_order)
+            num, den = np.polymul(num, pade_num), np.polymul(den, pade_den)
+        return control.TransferFunction(num, den, inputs=self.input_name, outputs=self.output_name)
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain; ``conditioning`` is the filter that was the
@@ -106,7 +123,7 @@ class Identified(Result):
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
-        if Known.of(conditioning).den != self.model.known.den:
+        if Known.conditioning(conditioning) != self.model.known:
             raise InputError(
                 f"{self.model.name} was identified with another known part", remedy="pass the same conditioning"
             )
@@ -172,6 +189,7 @@ class Identified(Result):
                 "statistics": {k: (v if np.isfinite(v) else None) for k, v in self.statistics.items()},
                 "sentence": self.sentence,
                 "warnings": list(self.warnings),
+                "findings": [f.to_dict() for f in self.findings],
             }
         )
         return dict(plain)
@@ -193,7 +211,7 @@ class Identified(Result):
             kind=m["kind"],
             names=tuple(m["parameters"]),
             integrators=m["integrators"],
-            known=Known.ratio(m["known"]["num"], m["known"]["den"]),
+            known=Known(tuple(m["known"]["num"]), tuple(m["known"]["den"])),
             fixed=m["fixed"],
             delay_max_s=m["delay_max_s"],
             offset=m["offset"],
@@ -213,8 +231,13 @@ class Identified(Result):
             output_unit=d["output"]["unit"],
             statistics={k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
             sentence=d["sentence"],
-            warnings=tuple(d["warnings"]),
+            findings=tuple(map(Finding.from_dict, d["findings"])) if "findings" in d else said(d["warnings"]),
         )
+
+
+def said(sentences: list[str]) -> tuple[Finding, ...]:
+    """Findings of a file from before there were any."""
+    return tuple(note("said", text=text) for text in sentences)
 
 
 def read_identified(path: str | Path) -> Identified:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -11,42 +11,17 @@ import numpy as np
 
 from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
-from tcdyn.identify.data import IOData, Run
+from tcdyn.fitting import Noise, Problem
+from tcdyn.identify.data import SHORTEST, IOData, Segment, cut
 from tcdyn.identify.models import Model
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
 
 @dataclass(frozen=True)
-class Segment:
-    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured.
-
-    ``past`` (M,) is the input of its run before it, gaps bridged by straight lines. A segment that has a past follows
-    a gap: nothing is known of the state it begins from, but what a dead time holds back is.
-    """
-
-    u: Array
-    y: Array
-    seen: np.ndarray
-    run: int
-    start_s: float
-    past: Array = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def resumed(self) -> bool:
-        """Whether it follows a gap of its run."""
-        return len(self.past) > 0
-
-    def history(self, count: int) -> Array:
-        """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
-        first = np.concatenate([self.past, self.u])[0]
-        padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
-        return np.asarray(padded[len(padded) - count :])
-
-
-@dataclass(frozen=True)
-class Problem:
+class Posed:
     """One input, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
     the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
     ``initial`` is "estimated"."""
@@ -122,12 +97,16 @@ class Problem:
         longest = max(len(s.u) for s in self.segments) * self.dt_s
         return int(np.ceil(self.model.fixed.get("Td", self.model.delay_max_s or 0.5 * longest) / self.dt_s)) + 1
 
+    @property
+    def begun(self) -> Start:
+        """The state in which runs begin, unless it is estimated."""
+        return "zero" if self.initial == "zero" else "equilibrium"
+
     def driven(self, system: Realisation, segment: Segment, delay_s: float) -> Array:
         """Rows (R, N) of the response to a segment's input, and to what a dead time brings in from before a gap."""
-        start: Start = "zero" if self.initial == "zero" else "equilibrium"
         past = segment.history(self.reach) if segment.resumed else segment.past
         u = np.concatenate([past, segment.u])
-        return simulate_rows(system, u, self.dt_s, delay_s, self.hold, start)[:, len(past) :]
+        return simulate_rows(system, u, self.dt_s, delay_s, self.hold, self.begun)[:, len(past) :]
 
     def natural_scale(self, x: Array) -> Array:
         """d(natural parameter)/dx along the diagonal."""
@@ -136,6 +115,30 @@ class Problem:
             if self.model.positive(n):
                 scale[i] = np.exp(x[i])
         return scale
+
+    @cached_property
+    def parts(self) -> list[slice]:
+        """Slices of the residual vector within which samples follow each other without a gap."""
+        found, at = [], 0
+        for segment in self.segments:
+            index = np.flatnonzero(segment.seen)
+            for part in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
+                found.append(slice(at, at + len(part)))
+                at += len(part)
+        return found
+
+    @cached_property
+    def measured(self) -> Array:
+        """The measured output samples of all segments in a row (N,)."""
+        return np.concatenate([s.y[s.seen] for s in self.segments])
+
+    @cached_property
+    def rounding_step(self) -> float:
+        """The step in which the output's logger counts, where neighbours are often equal; else zero."""
+        if rounding_sd(self.measured) == 0:
+            return 0.0
+        moved = np.abs(np.diff(self.measured))
+        return float(moved[moved > 1e-9 * moved.max()].min())
 
     def bounds(self) -> tuple[Array, Array]:
         """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
@@ -210,22 +213,19 @@ class Problem:
             return None
         return residual, np.vstack([j[s.seen] for s, (_, j) in zip(self.segments, answers)])
 
+    def core(self, noise: Noise | None = None, root: Array | None = None) -> Problem:
+        """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``."""
 
-SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
+        def evaluate(x: Array) -> tuple[Array, Array] | None:
+            answer = self.evaluate(x)
+            if answer is None:
+                return None
+            r, j = answer if root is None else (answer[0] * root, answer[1] * root[:, None])
+            return (r, j) if noise is None else (noise.whiten(r, self.parts), noise.whiten(j, self.parts))
 
-
-def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
-    """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
-    known = np.isfinite(run.u[:, 0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
-    pieces = []
-    for a, b in edges.reshape(-1, 2):
-        y = run.y[a:b, 0]
-        if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
-            t = np.flatnonzero(known[:b])
-            past = np.interp(np.arange(t[0], a), t, run.u[t, 0])
-            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
-    return pieces
+        lower, upper = self.bounds()
+        names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))
+        return Problem(names, evaluate, lower=lower, upper=upper)
 
 
 def nothing_left(data: IOData) -> str:
@@ -239,7 +239,7 @@ def nothing_left(data: IOData) -> str:
     return f"column {data.input_names[0]} has no {SHORTEST} samples in a row, with the output measured, without a gap"
 
 
-def pose(data: IOData, model: Model, initial: Initial) -> Problem:
+def pose(data: IOData, model: Model, initial: Initial) -> Posed:
     """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt
     from."""
     where = data.name or "identify"
@@ -263,7 +263,7 @@ def pose(data: IOData, model: Model, initial: Initial) -> Problem:
             f"{model.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
             remedy="add a lag (P1D)",
         )
-    problem = Problem(model, segments, data.dt_s, data.hold, initial)
+    problem = Posed(model, segments, data.dt_s, data.hold, initial)
     if problem.n_seen < max(2 * problem.size, 8):
         raise InputError(
             f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",

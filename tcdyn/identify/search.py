@@ -1,88 +1,188 @@
-"""The prediction-error search: a few short descents from the best starts, the winner taken to convergence."""
+"""The prediction-error search: a few short descents from the best starts, the winner taken to convergence; and the
+finished fit that comes of it."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.identify.optimise import Evaluate, Optimum, least_squares
-from tcdyn.identify.problem import Problem
+from calibration.estimate import Estimate, rounded
+from calibration.finding import Finding
+from calibration.result import Result
+from tcdyn.fitting import Loss, Noise, Optimum, Problem, fit_arma, least, minimise
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.problem import Posed
 from tcdyn.identify.start import starts
 
+FINE = {"tolerance": 0.0, "limit": 80}  # the noise is not known: nothing but the cost itself says what is little
 
-def search(problem: Problem, evaluate: Evaluate | None = None, start: Array | None = None) -> Optimum:
-    """The least-squares optimum of ``problem``; ``evaluate`` replaces its residuals (filtered or weighted
-    ones)."""
-    evaluate = evaluate or problem.evaluate
-    lower, upper = problem.bounds()
-    candidates = [start] if start is not None else diverse(problem, starts(problem))
-    best: Optimum | None = None
-    short = 6 if len(candidates) > 1 else 60
-    for x0 in candidates:
-        found = least_squares(evaluate, x0, lower, upper, max_iterations=short, tolerance=1e-4)
-        if found is not None and np.isfinite(found.cost) and (best is None or found.cost < best.cost):
-            best = found
-    if best is None:
+
+@dataclass(frozen=True)
+class Fit(Result):
+    """A finished fit: the identified model and everything needed to judge it.
+
+    ``residual`` (N,) is measured minus simulated at the measured samples; ``optimum`` that of the residuals which
+    were minimised, filtered by the ``noise`` model and without the robust loss's weights; ``covariance_x`` is that of
+    the whole vector x.
+    """
+
+    identified: Identified
+    problem: Posed
+    optimum: Optimum
+    residual: Array
+    covariance_x: Array
+    noise: Noise
+    loss: Loss = "linear"
+
+    @property
+    def x(self) -> Array:
+        """All that was fitted: model parameters (positive ones as logarithms), offsets, initial states."""
+        return self.optimum.theta
+
+    @property
+    def innovation(self) -> Array:
+        """``residual`` (N,) after the noise model and the robust weights."""
+        weights = self.optimum.weights
+        return -self.optimum.residual * (1.0 if weights is None else np.sqrt(weights))
+
+    @property
+    def weighted_jacobian(self) -> Array:
+        """d(-innovation)/dx (N, size)."""
+        weights = self.optimum.weights
+        return self.optimum.jacobian if weights is None else self.optimum.jacobian * np.sqrt(weights)[:, None]
+
+    @property
+    def estimates(self) -> Mapping[str, Estimate]:
+        """The free parameters with their intervals."""
+        return self.identified.estimates
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed."""
+        return self.identified.findings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know."""
+        return self.identified.warnings
+
+    def simulated(self) -> list[Array]:
+        """The model's output over every segment of the data (N,)."""
+        answers = self.problem.outputs(self.x, jacobian=False)
+        assert answers is not None
+        return [y for y, _ in answers]
+
+    def summary(self) -> str:
+        """The table people read."""
+        m, s = self.identified, self.identified.statistics
+        lines = [f"{m.model.name}: {m.input_name} -> {m.output_name}, {m.hold.upper()}, dt = {m.dt_s:g} s"]
+        for name in m.model.names:
+            unit = m.model.unit(name)
+            if name in self.estimates:
+                e = self.estimates[name]
+                value, u = rounded(e.value, e.u)
+                interval = f"[{rounded(e.low95, e.u)[0]}, {rounded(e.high95, e.u)[0]}]"
+                lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} {interval} {unit}")
+            else:
+                lines.append(f"  {name:5s} {m.theta[name]:12.5g} (fixed) {unit}")
+        lines.append(f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}")
+        lines += [f"  {m.sentence}", *(f"  warning: {w}" for w in self.warnings)]
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The identified model as its file holds it."""
+        return self.identified.to_dict()
+
+    def card(self) -> pd.DataFrame:
+        """Parameters with their standard uncertainties and intervals."""
+        return self.identified.card()
+
+
+def search(posed: Posed, core: Problem | None = None, start: Array | None = None) -> Optimum:
+    """The least-squares optimum of ``posed``; ``core`` replaces its residuals by filtered or weighted ones."""
+    core = core or posed.core()
+    if start is None:
+        candidates = diverse(posed, starts(posed))
+        start = least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in candidates]).theta
+    found = minimise(core, start, **FINE)
+    if not np.isfinite(found.cost):
         raise InputError(
-            f"no stable {problem.model.name} was found from any start",
+            f"no stable {posed.model.name} was found from any start",
             expected="data in which the output follows the input",
             remedy="plot the record, check that input and output are not exchanged, or give start= from Python",
         )
-    final = least_squares(evaluate, best.x, lower, upper, max_iterations=80)
-    assert final is not None
-    return ordered(problem, kicked(problem, evaluate, final))
+    return ordered(posed, kicked(posed, found))
 
 
-def diverse(problem: Problem, ranked: list[Array], count: int = 4) -> list[Array]:
+def diverse(posed: Posed, ranked: list[Array], count: int = 4) -> list[Array]:
     """The best starts that are not near copies of a better one: 30 % apart in some lag or dead time."""
     chosen: list[Array] = []
     for x in ranked:
-        theta = problem.theta(x)
-        times = np.array([v for n, v in theta.items() if n.startswith("T")] or [0.0])
-        size = np.abs(times).sum() + problem.dt_s
-        if all(np.max(np.abs(times - old)) > 0.15 * size for old in (spans(problem, c) for c in chosen)):
+        times = spans(posed, x)
+        size = np.abs(times).sum() + posed.dt_s
+        if all(np.max(np.abs(times - spans(posed, c))) > 0.15 * size for c in chosen):
             chosen.append(x)
         if len(chosen) == count:
             break
     return chosen or ranked[:1]
 
 
-def spans(problem: Problem, x: Array) -> Array:
+def spans(posed: Posed, x: Array) -> Array:
     """The times among the parameters [s]."""
-    return np.array([v for n, v in problem.theta(x).items() if n.startswith("T")] or [0.0])
+    return np.array([v for n, v in posed.theta(x).items() if n.startswith("T")] or [0.0])
 
 
-def kicked(problem: Problem, evaluate: Evaluate, optimum: Optimum) -> Optimum:
+def kicked(posed: Posed, optimum: Optimum) -> Optimum:
     """The better of ``optimum`` and descents from either side of Tz = 0, where zero and dead time act alike."""
-    free = list(problem.model.free)
+    free = list(posed.model.free)
     if "Tz" not in free or "Td" not in free:
         return optimum
-    z, d = free.index("Tz"), free.index("Td")
-    lag = max(sum(v for n, v in problem.theta(optimum.x).items() if n.startswith("Tp")), problem.dt_s)
-    if abs(optimum.x[z]) > 0.02 * lag:
+    both = [free.index("Tz"), free.index("Td")]
+    lag = max(sum(v for n, v in posed.theta(optimum.theta).items() if n.startswith("Tp")), posed.dt_s)
+    if abs(optimum.theta[both[0]]) > 0.02 * lag:
         return optimum
-    lower, upper = problem.bounds()
-    best = optimum
+    found = [optimum]
     for size in (0.15 * lag, -0.15 * lag):
-        x0 = optimum.x.copy()
-        x0[z] += size
-        x0[d] += size
-        found = least_squares(evaluate, x0, lower, upper, max_iterations=40)
-        if found is not None and found.cost < best.cost:
-            best = found
-    return best
+        x0 = optimum.theta.copy()
+        x0[both] += size
+        found.append(minimise(optimum.problem, x0, limit=40, tolerance=0.0))
+    return least(found)
 
 
-def ordered(problem: Problem, optimum: Optimum) -> Optimum:
+def ordered(posed: Posed, optimum: Optimum) -> Optimum:
     """The same optimum with Tp1 >= Tp2 >= Tp3."""
-    free = list(problem.model.free)
+    free = list(posed.model.free)
     lags = [free.index(n) for n in ("Tp1", "Tp2", "Tp3") if n in free]
     if "Tw" in free or len(lags) < 2:
         return optimum
-    order = [lags[i] for i in np.argsort(-optimum.x[lags], kind="stable")]
-    index = np.arange(len(optimum.x))
-    index[lags] = order
-    return replace(optimum, x=optimum.x[index], jacobian=optimum.jacobian[:, index])
+    index = np.arange(len(optimum.theta))
+    index[lags] = [lags[i] for i in np.argsort(-optimum.theta[lags], kind="stable")]
+    return replace(
+        optimum,
+        theta=optimum.theta[index],
+        jacobian=optimum.jacobian[:, index],
+        information=optimum.information[np.ix_(index, index)],
+    )
+
+
+def with_noise(posed: Posed, optimum: Optimum, order: tuple[int, int]) -> tuple[Optimum, Noise]:
+    """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction
+    error. Robust weights stay as ``optimum`` has them."""
+    root = None if optimum.weights is None else np.sqrt(optimum.weights)
+    model, cost = Noise(), np.inf
+    plain = posed.core(root=root)
+    for _ in range(12):
+        answer = plain.evaluate(optimum.theta)
+        assert answer is not None
+        model = fit_arma(answer[0], posed.parts, *order)
+        optimum = search(posed, posed.core(model, root), optimum.theta)
+        if cost - optimum.cost < 1e-7 * optimum.cost:
+            break
+        cost = optimum.cost
+    return optimum, model

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files import open_table, read_whole
-from tcdyn.identify.data import Array, Hold, IOData
+from tcdyn.identify.data import Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 OTHER_FORMS = (".tdms", ".lvm", ".parquet", ".pq")

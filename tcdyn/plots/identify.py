@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tcdyn.identify.bands import Band, bode_band, percent_times, step_band
-from tcdyn.identify.fit import Fit
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.validate import Correlation, Validation, validate
+from tcdyn.identify.search import Fit
+from tcdyn.identify.validate import ResidualTest, Validation, validate
 from tcdyn.plots.style import BAND, FAST, SLOW, dressed, figure
 
 
@@ -67,7 +67,7 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
     return magnitude, phase
 
 
-def draw_correlation(c: Correlation, ax: Axes, title: str) -> Axes:
+def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     """Correlations as stems over the 95 % bound of each."""
     order = np.argsort(c.lags_s)
     ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color="0.85", label="95 % of each lag")

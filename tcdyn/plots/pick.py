@@ -18,8 +18,8 @@ from tcdyn.compensate.before_use import BeforeUse
 from tcdyn.compensate.result import Compensated
 from tcdyn.design.compare import Design
 from tcdyn.identify.choose import Comparison
-from tcdyn.identify.fit import Fit
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign import CampaignRun

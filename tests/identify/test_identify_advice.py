@@ -13,19 +13,20 @@ import pytest
 from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
-from tcdyn.identify.advice import advice, as_chain, order_table
+from tcdyn.identify.advice import as_chain, order_table, verdict
 from tcdyn.identify.choose import recommend
 from tcdyn.identify.models import process
 
 
 def row(model: str, bic: float, **other: Any) -> dict[str, Any]:
     plain = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
-    return {"model": model, **plain, "held_out_percent": 88.0, "p_white": 0.5, "p_input": 0.5, "remark": "", **other}
+    said = {"p_white": 0.5, "p_input": 0.5, "remark": "", "determined": "remark" not in other}
+    return {"model": model, **plain, "held_out_percent": 88.0, **said, **other}
 
 
 def told(*rows: dict[str, Any], untried: tuple[str, ...] = ()) -> str:
     table = pd.DataFrame(rows)
-    return advice(table, *recommend(table), untried)
+    return verdict(table, *recommend(table), untried).sentence
 
 
 def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
@@ -83,8 +84,10 @@ def test_models_as_good_as_the_recommended_one_are_named() -> None:
 
 def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6)])
-    troubles = ("let the runs start off equilibrium (--initial estimated)",)
-    assert "Next, let the runs start off equilibrium" in advice(table, *recommend(table), troubles=troubles)
+    found = verdict(table, *recommend(table), troubles=("record.off_equilibrium",))
+    assert found.code == "models.none"
+    assert found.numbers["against"] == "dynamics"
+    assert "Next, let the runs start off equilibrium" in found.sentence
 
 
 def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> None:
@@ -110,8 +113,8 @@ def test_a_held_out_part_in_which_nothing_happens_does_not_overrule_a_decisive_b
 
 def test_a_test_passed_for_want_of_power_does_not_overrule_a_decisive_bic() -> None:
     """What explains decisively less has coarser residuals, beneath which the test sees no input."""
-    for remark in ("", "Tp1 equals another lag"):
-        table = pd.DataFrame([row("P2U", 0.0, p_input=1e-4), row("P2D", 200.0, remark=remark)])
+    for more in ({}, {"remark": "Tp1 equals another lag"}):
+        table = pd.DataFrame([row("P2U", 0.0, p_input=1e-4), row("P2D", 200.0, **more)])
         assert recommend(table)[0] == "P2U"
         assert told(*table.to_dict("records")).startswith("None of these models")
 
@@ -130,9 +133,9 @@ def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_the
 def test_troubles_of_the_record_come_before_any_recommendation() -> None:
     for other in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
         table = pd.DataFrame([row("P1", 0.0, **other)])
-        said = advice(table, *recommend(table), troubles=("take the drift out of the output",))
-        assert "But first take the drift out of the output." in said
-        assert "Recommended" not in said
+        found = verdict(table, *recommend(table), troubles=("record.drift",))
+        assert "But first take the drift out of the output." in found.sentence
+        assert found.code in ("models.provisional", "models.undetermined")
 
 
 def off_equilibrium() -> IOData:

@@ -8,7 +8,7 @@ from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnie
 from scipy.signal import lfilter
 
 from calibration.disk import Conditioning
-from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer
+from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer, validate
 from tcdyn.identify.models import as_model
 
 TRUTHS = {
@@ -107,7 +107,7 @@ def test_coloured_noise_widens_the_robust_interval_and_a_noise_model_narrows_it(
     assert sandwich.estimates["Tp1"].u > 1.5 * classical.estimates["Tp1"].u
     assert modelled.estimates["Td"].u < sandwich.estimates["Td"].u
     assert modelled.noise.ar[0] == pytest.approx(-0.9, abs=4 * np.sqrt((1 - 0.81) / 800))
-    assert modelled.validation.whiteness.p > 0.001
+    assert validate(modelled).whiteness.p > 0.001
 
 
 def test_rao_garnier_from_no_start():

@@ -76,7 +76,7 @@ def test_a_smaller_model_with_nearly_the_same_bic_is_preferred():
             "parameters": [5, 4],
             "BIC": [100.0, 101.0],
             "held_out_rms": [1.0, 1.0],
-            "remark": ["", ""],
+            "determined": [True, True],
         }
     )
     assert recommend(table)[0] == "P1D"
@@ -161,9 +161,9 @@ def test_a_drift_of_the_output_is_told():
     y = simulate(plant, u, 1.0, "zoh") + 0.1 * rng.normal(size=1500)
     for slope in (0.0, 0.004):
         data = IOData.from_arrays(u, y + slope * np.arange(1500), 1.0, hold="zoh")
-        v = fit(data, "P1D", intervals="quadratic").validation
+        v = validate(fit(data, "P1D", intervals="quadratic"))
         assert ("take the trend out" in v.sentence) == (slope > 0)
-        assert v.troubles == (("take the drift out of the output",) if slope else ())
+        assert v.troubles == (("record.drift",) if slope else ())
 
 
 def test_feedback_is_told_from_missing_dynamics():
