@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,7 +38,7 @@ def verdict(
     row = table[table["model"] == recommended].iloc[0]
     coloured = bool(row.get("p_white", 1.0) < ALARM)
     known = bool(np.isfinite(row["held_out_percent"]))  # there is none where the output of that part never moves
-    common = {"subject": recommended, "why": why, "troubles": list(troubles)}
+    common: dict[str, Any] = {"subject": recommended, "why": why, "troubles": list(troubles)}
     if known:
         common["held_out_percent"] = float(row["held_out_percent"])
     percent = float(row["fit_percent"])
@@ -53,11 +54,8 @@ def verdict(
     if not row["determined"]:
         return look("models.undetermined", remark=row["remark"], **common)
     worse = coloured and known and bool(row["held_out_percent"] < 0)
-    code = "models.provisional" if troubles or worse else "models.recommended"
-    small = percent < HALF
-    return (look if troubles or worse else note)(
-        code, coloured=coloured, worse_than_mean=worse, small=small, fit_percent=percent, **common
-    )
+    common |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF, "fit_percent": percent}
+    return look("models.provisional", **common) if troubles or worse else note("models.recommended", **common)
 
 
 def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:

@@ -74,9 +74,7 @@ class Identified(Result):
 
     def lag_at(self, theta: Mapping[str, float]) -> float:
         """First moment at other parameters: Td + sum of a_1 - b_1/b_0."""
-        g = self.model.rational(theta)
-        own = g.delay_s + sum(float(f.coefs[1]) for f in g.factors)
-        return own - (float(g.num[1] / g.num[0]) if len(g.num) > 1 else 0.0)
+        return self.model.rational(theta).lag_s
 
     def lag_gradient(self) -> Array:
         """d(lag_s)/d(free parameters), by the chain rule of the coefficients."""
@@ -106,16 +104,7 @@ class Identified(Result):
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The model as a ``control.TransferFunction``; the dead time by its Pade form of ``pade_order``."""
-        import control
-
-        g = self.rational
-        num, den = g.num[::-1], np.array([1.0] + [0.0] * g.integrators)
-        for f in g.factors:
-            den = np.polymul(den, f.coefs[::-1])
-        if g.delay_s and pade_order:
-            pade_num, pade_den = control.pade(g.delay_s, pade_order)
-            num, den = np.polymul(num, pade_num), np.polymul(den, pade_den)
-        return control.TransferFunction(num, den, inputs=self.input_name, outputs=self.output_name)
+        return self.rational.transfer_function(pade_order, inputs=self.input_name, outputs=self.output_name)
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain; ``conditioning`` is the filter that was the
@@ -123,7 +112,7 @@ class Identified(Result):
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
-        if Known.conditioning(conditioning) != self.model.known:
+        if Known.of(conditioning).den != self.model.known.den:
             raise InputError(
                 f"{self.model.name} was identified with another known part", remedy="pass the same conditioning"
             )
@@ -211,7 +200,7 @@ class Identified(Result):
             kind=m["kind"],
             names=tuple(m["parameters"]),
             integrators=m["integrators"],
-            known=Known(tuple(m["known"]["num"]), tuple(m["known"]["den"])),
+            known=Known.ratio(m["known"]["num"], m["known"]["den"]),
             fixed=m["fixed"],
             delay_max_s=m["delay_max_s"],
             offset=m["offset"],

@@ -20,8 +20,6 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.start import starts
 
-FINE = {"tolerance": 0.0, "limit": 80}  # the noise is not known: nothing but the cost itself says what is little
-
 
 @dataclass(frozen=True)
 class Fit(Result):
@@ -107,11 +105,12 @@ class Fit(Result):
 def search(posed: Posed, core: Problem | None = None, start: Array | None = None) -> Optimum:
     """The least-squares optimum of ``posed``; ``core`` replaces its residuals by filtered or weighted ones."""
     core = core or posed.core()
-    if start is None:
-        candidates = diverse(posed, starts(posed))
-        start = least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in candidates]).theta
-    found = minimise(core, start, **FINE)
-    if not np.isfinite(found.cost):
+    tried = [start] if start is not None else diverse(posed, starts(posed))
+    if len(tried) > 1:
+        tried = [least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in tried]).theta]
+    # the noise is not known: only the cost itself says what is little of it
+    found = minimise(core, tried[0], limit=80, tolerance=0.0) if tried else None
+    if found is None or not np.isfinite(found.cost):
         raise InputError(
             f"no stable {posed.model.name} was found from any start",
             expected="data in which the output follows the input",

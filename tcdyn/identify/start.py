@@ -20,11 +20,6 @@ from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Posed
 
 
-def known_factor(model: Model) -> tuple[Factor, ...]:
-    """The denominator of the known part, if it has any."""
-    return (Factor.polynomial(np.asarray(model.known.den), free=False),) if len(model.known.den) > 1 else ()
-
-
 def filled(segment: Segment) -> Array:
     """The output with its gaps bridged by straight lines; only starts use it."""
     t = np.arange(len(segment.y))
@@ -46,7 +41,7 @@ def output_terms(problem: Posed, segment: Segment, den: Array) -> Array:
     n = len(den) - 1
     y = filled(segment)
     level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
-    model = Rational(np.eye(n + 1)[0], (Factor.polynomial(den, free=False),))
+    model = Rational(np.eye(n + 1)[0], (Factor(tuple(den), free=False),))
     rows = simulate_rows(realise(model), y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
     rows[0] += level
     return rows
@@ -56,7 +51,7 @@ def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[
     """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset."""
     targets, regressors, instruments = [], [], []
     q = len(num)
-    factors = (*known_factor(problem.model), Factor.polynomial(den))
+    factors = (*problem.model.known.factors, Factor(tuple(den)))
     for segment in problem.segments:
         yf = output_terms(problem, segment, den)
         model = Rational(num, factors, delay_s, problem.model.integrators)
@@ -82,7 +77,7 @@ def solve(target: Array, regressors: Array, instruments: Array) -> Array:
 def simulated_cost(problem: Posed, num: Array, den: Array, delay_s: float, offset: float) -> float:
     """Sum of squared simulation errors."""
     own = problem.model
-    factors = (Factor.polynomial(den, False), *known_factor(own))
+    factors = (Factor(tuple(den)), *own.known.factors)
     model = Rational(np.asarray(np.convolve(num, own.known.num), dtype=float), factors, delay_s, own.integrators)
     system = realise(model, sensitivities=False)
     total = 0.0
@@ -145,13 +140,13 @@ def transfer_starts(problem: Posed, delays_s: Sequence[float]) -> list[dict[str,
 
 def lag_bank(problem: Posed, taus_s: Array) -> list[Array]:
     """Per segment the input through 1/(1 + tau s) (and integrators, known part), shape (len(taus), N)."""
-    num, fixed = np.asarray(problem.model.known.num), known_factor(problem.model)
+    known = problem.model.known
     banks = []
     for s in problem.segments:
         rows = []
         for tau in taus_s:
-            model = Rational(num, (Factor.lag(tau, False), *fixed), 0.0, problem.model.integrators)
-            system = realise(model, sensitivities=False)
+            factors = (Factor((1.0, tau)), *known.factors)
+            system = realise(Rational(np.array(known.num), factors, 0.0, problem.model.integrators), False)
             rows.append(simulate_rows(system, s.u, problem.dt_s, 0.0, problem.hold, problem.begun)[0])
         banks.append(np.array(rows))
     return banks

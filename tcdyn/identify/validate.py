@@ -62,8 +62,8 @@ class Validation:
     @property
     def troubles(self) -> tuple[str, ...]:
         """Codes of what is wrong with the record; of what only excuses the residuals, where they need an excuse."""
-        counted = ("record.off_equilibrium", "record.drift")
-        counted += ("record.coarse", "record.feedback") if self.dynamics_missing else ()
+        counted = ["record.off_equilibrium", "record.drift"]
+        counted += ["record.coarse", "record.feedback"] if self.dynamics_missing else []
         return tuple(f.code for f in self.findings if f.code in counted)
 
 
@@ -113,15 +113,17 @@ def _verdict(
     fit: Fit, white: ResidualTest, cross: ResidualTest, coloured: bool, rounding: bool, percent: float
 ) -> Finding:
     """What is wrong with the model, or that the record holds nothing against it."""
-    name, p = fit.problem.model.name, {"p_white": white.p, "p_input": cross.p}
+    name = fit.problem.model.name
     if rounding:
         return note("residuals.rounding", subject=name)
     if cross.p < ALARM:
         worst = float(cross.lags_s[int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))])
         return look("residuals.follow_input", subject=name, fit_percent=percent, p_input=cross.p, lag_s=worst)
     if coloured:
-        return look("residuals.coloured", subject=name, noise_model=not fit.noise.white, **p)
-    return note("residuals.white", subject=name, **p)
+        return look(
+            "residuals.coloured", subject=name, noise_model=not fit.noise.white, p_white=white.p, p_input=cross.p
+        )
+    return note("residuals.white", subject=name, p_white=white.p, p_input=cross.p)
 
 
 def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: int) -> ResidualTest:
