@@ -258,7 +258,7 @@ def chance(p: float) -> str:
     return f"p = {p:.2f}" if p >= 0.01 else f"p = {p:.0e}" if p > 1e-99 else "p < 1e-99"
 
 
-def _coloured(subject: str, p_white: float, p_input: float, noise_model: bool, **_: Any) -> str:
+def _coloured_residuals(subject: str, p_white: float, p_input: float, noise_model: bool, **_: Any) -> str:
     remedy = "Intervals are the robust ones; try one lag more, and if the colour stays, noise=(2, 1) from Python."
     if noise_model:
         remedy = "Try a noise model of higher order, or one lag more."
@@ -353,7 +353,7 @@ IDENTIFY: dict[str, Words] = {
         f"{subject} misses dynamics although it fits {fit_percent:.1f} %: its residuals still follow the input "
         f"({chance(p_input)}, most at a lag of {lag_s:.3g} s); try another lag, a zero or a dead time."
     ),
-    "residuals.coloured": _coloured,
+    "residuals.coloured": _coloured_residuals,
     "residuals.white": lambda subject, p_white, p_input, **_: (
         f"Residuals of {subject} are white (Ljung-Box {chance(p_white)}) and unrelated to the input "
         f"({chance(p_input)}): this record holds nothing against the model."
