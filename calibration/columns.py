@@ -54,6 +54,15 @@ FEW = 3  # names that a question may hold; more stand in the lines to write only
 KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.all))
 
 
+def is_couple(name: str) -> bool:
+    """Whether a column is a junction's: a temperature that is neither the room's nor a bath's, a probe's or the PRT's.
+
+    >>> is_couple("fast_a_degC"), is_couple("oil_degC")
+    (True, False)
+    """
+    return name.endswith("_degC") and name not in (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
+
+
 def recognise(names: Iterable[str]) -> str | None:
     """The kind of log that these column names make, or None; the hole kind is never guessed.
 

@@ -15,7 +15,7 @@ from calibration.arrays import Array, Flags
 from calibration.checks.kind import check_course, check_edges, check_places, two_level
 from calibration.checks.sampling import Sampling, check_time
 from calibration.checks.temperature import LONGEST_NAN_S, Place, Thinned, check_sample, column_check
-from calibration.columns import KNOWN, LAYOUTS, ROOM_AND_BATH, SWITCHES, Kind, match_columns
+from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import RowNumbers, Table, open_table, read_whole, shown
 from calibration.files.logwrite import write_log
@@ -23,6 +23,7 @@ from calibration.files.table import PIECE_ROWS
 from calibration.files.write import sha256
 from calibration.finding import Finding, look, sentences, with_where
 from calibration.lines.oven import oven_frame
+from calibration.lines.typej import MillivoltTable
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
@@ -55,8 +56,7 @@ class Log(Result):
     @property
     def channels(self) -> tuple[str, ...]:
         """The junctions' columns."""
-        skip = {*ROOM_AND_BATH, "prt_degC", "setpoint_degC"}
-        return tuple(n for n in self.frame.columns if n.endswith("_degC") and n not in skip)
+        return tuple(n for n in self.frame.columns if is_couple(n))
 
     def summary(self) -> str:
         """File, kind, length, sampling and warnings."""
@@ -281,7 +281,8 @@ def open_log(
     where = shown(file)
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
-    mapping = (rig or load_rig()).columns(disk)
+    used = rig or load_rig()
+    mapping = used.columns(disk)
     table = open_table(file, (*KNOWN, *mapping.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
@@ -290,7 +291,12 @@ def open_log(
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    return table, match_columns(table.names, kind, where, mapping)
+    names = match_columns(table.names, kind, where, mapping)
+    logger = used.tables(disk or "").logger
+    if logger.millivolts:
+        couples = frozenset(own for name, own in names.items() if is_couple(name))
+        table = MillivoltTable(table, couples, logger.cold_junction_degC)
+    return table, names
 
 
 def _not_there(columns: Collection[str], kind: Kind) -> list[Finding]:

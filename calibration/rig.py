@@ -77,6 +77,13 @@ class ConditioningTable(_Table):
         return Conditioning(self.cutoff_Hz, self.poles, self.shape)
 
 
+class LoggerTable(_Table):
+    """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
+
+    millivolts: bool = False
+    cold_junction_degC: float = Field(0.0, ge=-50, le=100)
+
+
 class UncertaintyTable(_Table):
     """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
 
@@ -118,6 +125,7 @@ class RigTables(_Table):
     )
     contact: ContactTable = Field(default_factory=lambda: ContactTable.model_validate({}))
     conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
+    logger: LoggerTable = Field(default_factory=lambda: LoggerTable.model_validate({}))
     uncertainty: UncertaintyTable = Field(default_factory=lambda: UncertaintyTable.model_validate({}))
     columns: dict[str, str] = Field(default_factory=dict)
 
@@ -307,7 +315,7 @@ def rig_toml(rig: Rig) -> str:
     """The rig as TOML text, every key with its value: what ``tcdyn rig --show`` prints."""
     lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
     body = rig.common.model_dump()
-    for table in ("disk", "washer", "thermocouples", "contact", "conditioning", "uncertainty", "columns"):
+    for table in ("disk", "washer", "thermocouples", "contact", "conditioning", "logger", "uncertainty", "columns"):
         lines += _toml_table(table, body[table])
     lines += HINTS if not body["columns"] else []
     for disk in ("fast", "slow"):
@@ -333,4 +341,4 @@ def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
 def _toml_value(value: Any) -> str:
     if isinstance(value, str):
         return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    return repr(value)
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -112,7 +112,17 @@ READER: dict[str, Words] = {
 }
 
 # calibration: lines, record
-LINES: dict[str, Words] = {}
+LINES: dict[str, Words] = {
+    "line.lack_of_fit": "channel {subject}: the line does not fit within the scatter of the repeats (p = {p:.2g})",
+    "line.curved": "channel {subject}: a quadratic term is significant (p = {p:.2g})",
+    "line.repeats_shift": "channel {subject}: the repeats shift by {u_degC:.2g} degC (u of their mean, p = {p:.2g})",
+    "line.outlying": "channel {subject}: repeat {repeat:g} at {setpoint_degC:g} degC lies {off_K:+.2f} degC off the "
+    "line; it is kept",
+    "line.extrapolated": "{subject} read {read_degC[0]:.0f} to {read_degC[1]:.0f} degC, calibrated from "
+    "{range_degC[0]:.0f} to {range_degC[1]:.0f} degC: static lines extrapolate there",
+    "transducer.slopes_differ": "the sessions have different slopes (p = {p:.2g}); the cell itself has changed, not "
+    "its zero",
+}
 
 # immersion
 IMMERSION: dict[str, Words] = {

@@ -98,7 +98,7 @@ class DiskTraces(DiskChannels):
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> list[str]:
         """What to say of channels that left the range of their static lines by far, in ``rows``; ``where`` in front."""
         named = dict(zip(CHANNELS, self.measured_degC[rows].T))
-        return extrapolated(where, named, dict(zip(CHANNELS, self.lines)))
+        return [f.sentence for f in extrapolated(where, named, dict(zip(CHANNELS, self.lines)))]
 
 
 def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "") -> DiskChannels:

@@ -156,7 +156,7 @@ def check_group(columns: Mapping[str, Array], place: Place, reference_degC: floa
                 f"column {name} stays between {low[name]:.3g} and {value:.3g}: this looks like millivolts",
                 where=place.where,
                 expected="degrees Celsius",
-                remedy="convert with calibration.lines.typej.temperature_degC",
+                remedy="for type J write millivolts = true into rig.toml [logger]",
             )
     rise = {n: high[n] - low[n] for n in columns}
     usual = _middle(rise.values())

@@ -244,9 +244,10 @@ def check_sample(name: str, sample: Array, rows: Index, place: Place) -> float:
     """
     if not name.endswith("_degC"):
         return np.inf
-    if np.isnan(sample).all():
+    finite = sample[np.isfinite(sample)]
+    if not len(finite):
         raise InputError(f"column {name} holds no numbers", where=place.where, expected="degrees Celsius")
-    low, high = np.nanquantile(sample, [0.02, 0.98])
+    low, high = np.quantile(finite, [0.02, 0.98])
     if low > 250.0 and high < 800.0:
         raise InputError(
             f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files.csvtable import CsvTable
 from calibration.files.lvm import read_lvm
@@ -12,7 +15,7 @@ from calibration.files.parquet import ParquetTable
 from calibration.files.table import Columns, RowNumbers, Table, read_whole, shown
 from calibration.files.tdms import TdmsTable
 
-__all__ = ["Columns", "RowNumbers", "Table", "open_table", "read_whole", "shown"]
+__all__ = ["Columns", "RowNumbers", "Table", "open_table", "read_numbers", "read_whole", "shown"]
 
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 
@@ -51,3 +54,21 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
         expected = "a log (CSV, LVM, TDMS or Parquet)"
         raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
     return CsvTable.open(file, where, known)
+
+
+def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[str] = ()) -> dict[str, Array]:
+    """The named columns (N,) of a table in which every cell of them is a number; of the ``optional``, those there are.
+
+    Raises InputError for a file that cannot be read, a missing column, or a cell without a number.
+    """
+    table = open_table(path, (*names, *optional))
+    where = shown(Path(path))
+    for name in names:
+        if name not in table.names:
+            raise InputError(f"column {name} is missing", where=where, expected=", ".join(names))
+    columns = read_whole(table, [*names, *(n for n in optional if n in table.names)])
+    for name, values in columns.data.items():
+        if not np.isfinite(values).all():
+            row = columns.rows.of(int(np.argmin(np.isfinite(values))))
+            raise InputError(f"column {name}, row {row}: no number", where=where)
+    return columns.data

@@ -5,38 +5,42 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.estimate import Z95
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class LineFit:
-    """y = slope * x + intercept through N points.
+    """y = slope * x + intercept through N points, or one slope and an intercept for each of k groups of them.
 
-    ``covariance`` (2, 2) of (slope, intercept) uses the residual variance with N - 2 degrees of freedom (or the
-    known error of y, whichever is larger); ``covariance_95`` is it times (t / 1.96)^2, so that 1.96 u is the 95 %
-    interval.
+    ``covariance`` (1 + k, 1 + k) of (slope, intercepts) uses the residual variance with N - 1 - k degrees of freedom
+    (or the known error of y, whichever is larger); ``covariance_95`` is it times (t / 1.96)^2, so that 1.96 u is the
+    95 % interval.
     """
 
-    x: FloatArray
-    y: FloatArray
+    x: Array
+    y: Array
     slope: float
-    intercept: float
-    covariance: FloatArray
-    covariance_95: FloatArray
-    residuals: FloatArray
+    intercepts: Array
+    covariance: Array
+    covariance_95: Array
+    residuals: Array
     sd: float
     dof: int
     r_squared: float
 
+    @property
+    def intercept(self) -> float:
+        """The intercept, of the first group where there are several."""
+        return float(self.intercepts[0])
 
-def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
-    """Least squares line of y on x, both of shape (N,), N >= 3.
+
+def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike | None = None) -> LineFit:
+    """Least squares line of y on x, both of shape (N,), N >= 3; ``groups`` (N,) are numbers 0 .. k - 1.
 
     With ``u_y``, the known standard error of y, what the residuals hold beyond it is taken as noise of x, and the
     slope is freed of the pull towards zero that such noise makes: slope / (1 - u_x^2 / var(x)) (errors in
@@ -53,36 +57,27 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0) -> LineFit:
     n = len(x)
     if n < 3:
         raise InputError(f"{n} points", expected="at least 3 for a line with its uncertainty")
-    mx, my = float(np.mean(x)), float(np.mean(y))
-    dx, dy = x - mx, y - my
-    sxx = float(dx @ dx)
+    at = np.zeros(n, dtype=int) if groups is None else np.asarray(groups)
+    count = np.bincount(at)
+    mx, my = (np.array([values[at == j].mean() for j in range(len(count))]) for values in (x, y))
+    dx, dy = x - mx[at], y - my[at]
+    sxx, syy, dof = float(dx @ dx), float(dy @ dy), n - 1 - len(count)
     if sxx <= 1e-24 * max(float(x @ x), 1e-300):
         raise InputError("the points of a calibration line all lie at one place", expected="a spread of inputs")
     slope = float(dx @ dy) / sxx
     if u_y > 0.0:
         rest = dy - slope * dx
-        u_x2 = max(float(rest @ rest) / (n - 2) - u_y**2, 0.0) / slope**2 if slope else 0.0
+        u_x2 = max(float(rest @ rest) / dof - u_y**2, 0.0) / slope**2 if slope else 0.0
         slope /= 1.0 - min(u_x2 * n / sxx, 0.5)
-    intercept = my - slope * mx
     residuals = dy - slope * dx
-    dof = n - 2
-    sd = float(np.sqrt(residuals @ residuals / dof))
-    shape = np.array([[1 / sxx, -mx / sxx], [-mx / sxx, 1 / n + mx * mx / sxx]])
-    known = u_y**2
-    free = sd**2 * (float(stats.t.ppf(0.975, dof)) / Z95) ** 2
-    syy = float(dy @ dy)
-    return LineFit(
-        x,
-        y,
-        slope,
-        intercept,
-        shape * max(sd**2, known),
-        shape * max(free, known),
-        residuals,
-        sd,
-        dof,
-        min(max(1.0 - float(residuals @ residuals) / syy, 0.0), 1.0) if syy > 0 else 1.0,
-    )
+    rss = float(residuals @ residuals)
+    sd = float(np.sqrt(rss / dof))
+    centre = np.array([1.0, *-mx])
+    shape = np.outer(centre, centre) / sxx + np.diag([0.0, *1 / count])
+    wide = (float(stats.t.ppf(0.975, dof)) / Z95) ** 2
+    r_squared = min(max(1.0 - rss / syy, 0.0), 1.0) if syy > 0 else 1.0
+    within, within_95 = (shape * max(factor * sd**2, u_y**2) for factor in (1.0, wide))
+    return LineFit(x, y, slope, my - slope * mx, within, within_95, residuals, sd, dof, r_squared)
 
 
 def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:

@@ -14,6 +14,7 @@ from calibration.checks.temperature import Place, TemperatureCheck, check_sample
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
+from calibration.lines.linefit import fit_line
 
 
 @dataclass(frozen=True)
@@ -123,11 +124,9 @@ def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
     ok = np.isfinite(y)
     if ok.sum() < 6:
         return False
-    dt = t_h[ok] - t_h[ok].mean()
-    slope = float(dt @ y[ok] / (dt @ dt))
-    rest = y[ok] - y[ok].mean() - slope * dt
-    error = float(np.sqrt(rest @ rest / (ok.sum() - 2) / (dt @ dt)))
-    return abs(slope) < limit + 2 * error and error < 2 * limit
+    line = fit_line(t_h[ok], y[ok])
+    error = float(np.sqrt(line.covariance[0, 0]))
+    return abs(line.slope) < limit + 2 * error and error < 2 * limit
 
 
 def _plateaus(steady: NDArray[np.bool_], level: Array, apart_K: float) -> list[list[int]]:
@@ -208,9 +207,8 @@ def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
                 where=place.where,
                 expected="at least 3 rows over 5 degC or more",
             )
-        slope, offset = np.polyfit(prt[ok], y[ok], 1)
-        rest = y[ok] - slope * prt[ok] - offset
-        _check_follows(name, float(slope), float(offset), float(np.std(rest)), float(np.ptp(prt[ok])), place)
+        line = fit_line(prt[ok], y[ok])
+        _check_follows(name, line.slope, line.intercept, float(np.std(line.residuals)), float(np.ptp(prt[ok])), place)
         far = np.abs(y - prt) > 15.0
         if far.any():
             i = int(np.argmax(far))

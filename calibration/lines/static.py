@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from calibration.arrays import Array, Flags
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.finding import Finding, look, sentences
 from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
-from calibration.lines.oven import ErrorStatistics, error_statistics, hold_means
+from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
 
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
@@ -72,9 +74,14 @@ class OvenFit(Result):
     lines: dict[str, StaticLine]
     statistics: pd.DataFrame
     residuals: pd.DataFrame
-    raw_errors_K: NDArray[np.float64]
-    calibrated_errors_K: NDArray[np.float64]
-    warnings: tuple[str, ...] = ()
+    raw_errors_K: Array
+    calibrated_errors_K: Array
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
     def summary(self) -> str:
         """The lines as people write them."""
@@ -105,68 +112,51 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     names = [c for c in CHANNELS if f"{c}_degC" in frame]
     lines: dict[str, StaticLine] = {}
     residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
-    notes: list[str] = []
+    found: list[Finding] = []
     for channel in names:
         logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
         ok = np.isfinite(logged) & np.isfinite(prt)
         if ok.sum() < 3:
             raise InputError(f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3")
         fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
-        groups, repeats = (frame[k].to_numpy()[ok] for k in ("setpoint_degC", "repeat"))
-        lines[channel], said = _line(channel, fit, prt[ok], groups, repeats, prt_shared_u_degC, frame[ok])
-        notes += said
+        lines[channel], said = _line(channel, fit, frame[ok], prt_shared_u_degC)
+        found += said
         residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
     raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
     after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
-    table = _table(error_statistics(raw), error_statistics(after))
-    return OvenFit(lines, table, residuals, raw, after, tuple(notes))
+    table = pd.DataFrame({"raw": error_statistics(raw).rows(), "calibrated": error_statistics(after).rows()})
+    return OvenFit(lines, table, residuals, raw, after, tuple(found))
 
 
-def _line(
-    channel: str,
-    fit: LineFit,
-    prt: NDArray[np.float64],
-    groups: NDArray[np.float64],
-    repeats: NDArray[np.float64],
-    shared_u: float,
-    rows: pd.DataFrame,
-) -> tuple[StaticLine, list[str]]:
-    notes: list[str] = []
-    lack = lack_of_fit_p(fit, groups)
+def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tuple[StaticLine, list[Finding]]:
+    lack = lack_of_fit_p(fit, rows["setpoint_degC"].to_numpy())
     curve = quadratic_p(fit)
-    within, shift_u, shift_p = repeat_shift(fit, repeats)
+    within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
+    found, variance = list[Finding](), shared_u**2
     if lack is not None and lack < SIGNIFICANT:
-        notes.append(f"channel {channel}: the line does not fit within the scatter of the repeats (p = {lack:.2g})")
+        found.append(look("line.lack_of_fit", subject=channel, p=lack))
     if curve is not None and curve < SIGNIFICANT:
-        notes.append(f"channel {channel}: a quadratic term is significant (p = {curve:.2g})")
-    extra = shared_u**2
+        found.append(look("line.curved", subject=channel, p=curve))
     if shift_p is not None and shift_p < SIGNIFICANT:
-        extra += shift_u**2
-        notes.append(f"channel {channel}: the repeats shift by {shift_u:.2g} degC (u of their mean, p = {shift_p:.2g})")
+        variance += shift_u**2
+        found.append(look("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p))
     for i in outlying(fit):
-        row = rows.iloc[i]
-        notes.append(
-            f"channel {channel}: repeat {row['repeat']:g} at {row['setpoint_degC']:g} degC lies "
-            f"{fit.residuals[i]:+.2f} degC off the line; it is kept"
-        )
-    covariance = fit.covariance_95 + np.diag([0.0, extra])
+        hold = {"repeat": float(rows["repeat"].iloc[i]), "setpoint_degC": float(rows["setpoint_degC"].iloc[i])}
+        found.append(look("line.outlying", subject=channel, off_K=fit.residuals[i], **hold))
+    (gg, go), (_, oo) = (fit.covariance_95 + np.diag([0.0, variance])).tolist()
     line = StaticLine(
         gain=fit.slope,
         offset=fit.intercept,
-        covariance=_pair(covariance),
-        range_degC=(float(prt.min()), float(prt.max())),
+        covariance=((gg, go), (go, oo)),
+        range_degC=(float(fit.y.min()), float(fit.y.max())),
         residual_sd_degC=fit.sd,
         repeatability_sd_degC=within,
-        n=len(prt),
+        n=len(fit.y),
         r_squared=fit.r_squared,
         lack_of_fit_p=lack,
         quadratic_p=curve,
     )
-    return line, notes
-
-
-def _pair(matrix: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (float(matrix[0, 0]), float(matrix[0, 1])), (float(matrix[1, 0]), float(matrix[1, 1]))
+    return line, found
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
@@ -186,11 +176,7 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
     )
 
 
-def _table(raw: ErrorStatistics, after: ErrorStatistics) -> pd.DataFrame:
-    return pd.DataFrame({"raw": raw.rows(), "calibrated": after.rows()})
-
-
-def apply_static(logged: ArrayLike, line: StaticLine) -> NDArray[np.float64]:
+def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
     """T [degC] = gain * logged + offset; any shape, NaN stays NaN.
 
     >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
@@ -200,39 +186,45 @@ def apply_static(logged: ArrayLike, line: StaticLine) -> NDArray[np.float64]:
     return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
 
 
-def static_u(line: StaticLine, temperature_degC: ArrayLike) -> NDArray[np.float64]:
+def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
     """Standard uncertainty [K] of the line at T [degC]: u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g."""
     y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
     return np.asarray(np.sqrt(np.maximum(y * y * gg + 2 * y * go + oo, 0.0)))
 
 
-def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> NDArray[np.bool_]:
+def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> Flags:
     """Which temperatures lie more than ``margin_K`` outside the calibrated range: there the line extrapolates."""
     t = np.asarray(temperature_degC, dtype=float)
     with np.errstate(invalid="ignore"):
         return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
 
 
-def extrapolated(where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]) -> list[str]:
-    """One sentence for all channels of one calibrated range that a log took far outside it.
+def extrapolated(
+    where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]
+) -> list[Finding]:
+    """One finding for all channels of one calibrated range that a log took far outside it.
 
     Far: more than ``FAR_K`` for more than half a per cent of the samples; a straight line bears a few kelvin more.
 
     ``temperature_degC``: after the static lines, (N,) each, NaN where missing.
 
     >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
-    >>> extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line})
-    ['B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there']
+    >>> print(*extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
+    B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there
     """
-    left: dict[tuple[float, float], list[tuple[str, float, float]]] = {}
+    left: dict[tuple[float, float], dict[str, list[float]]] = {}
     for channel, values in temperature_degC.items():
-        low, high = (float(v) for v in np.nanquantile(np.asarray(values, dtype=float), [0.005, 0.995]))
-        if outside_range(lines[channel], [low, high], margin_K=FAR_K).any():
-            left.setdefault(lines[channel].range_degC, []).append((channel, low, high))
+        ends = np.nanquantile(np.asarray(values, dtype=float), [0.005, 0.995])
+        if outside_range(lines[channel], ends, margin_K=FAR_K).any():
+            left.setdefault(lines[channel].range_degC, {})[channel] = ends.tolist()
     return [
-        f"{where}: {', '.join(c for c, _, _ in group)} read {min(low for _, low, _ in group):.0f} to "
-        f"{max(high for *_, high in group):.0f} degC, calibrated from {span[0]:.0f} to {span[1]:.0f} degC: static "
-        "lines extrapolate there"
-        for span, group in left.items()
+        look(
+            "line.extrapolated",
+            where=where,
+            subject=", ".join(read),
+            read_degC=(min(low for low, _ in read.values()), max(high for _, high in read.values())),
+            range_degC=span,
+        )
+        for span, read in left.items()
     ]

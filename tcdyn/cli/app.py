@@ -22,6 +22,11 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("tcdyn.cli.demo", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
     "simulate": ("tcdyn.cli.simulate", "app", "Write logs of the synthetic rig, their truth beside them."),
     "rig": ("tcdyn.cli.rig", "rig", "Check a rig file and print every key with the value in force."),
+    "transducer": (
+        "tcdyn.cli.rig",
+        "transducer",
+        "Gain and zero of a load cell from dead weights.",
+    ),
     "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
     "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
     "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),

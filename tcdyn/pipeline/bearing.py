@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
-
 from calibration.errors import InputError
+from calibration.files import read_numbers
 from calibration.files.write import sha256
-from calibration.lines.bearing import BearingFriction, fit_bearing_friction
+from calibration.lines.forces import BearingFriction, fit_bearing_friction
 from tcdyn.partition.friction import FrictionAdded
 
 COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
@@ -44,28 +42,13 @@ class BearingFile:
 
 
 def read_bearing(path: str | Path) -> BearingFile:
-    """Read a CSV with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
+    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
 
     Raises InputError for an unreadable file, a missing column, a value that is no number, or too few loads a speed.
     """
-    where = str(path)
+    values = read_numbers(path, COLUMNS)
     try:
-        frame = pd.read_csv(path, comment="#")
-    except FileNotFoundError:
-        raise InputError("no such file", where=where) from None
-    except (OSError, ValueError) as problem:
-        raise InputError(f"not readable as CSV ({problem})", where=where) from None
-    missing = [c for c in COLUMNS if c not in frame.columns]
-    if missing:
-        raise InputError(f"column {missing[0]} is missing", where=where, expected=", ".join(COLUMNS))
-    values = []
-    for name in COLUMNS:
-        column = pd.to_numeric(frame[name], errors="coerce").to_numpy(dtype=float)
-        if not np.isfinite(column).all():
-            raise InputError(f"column {name}, row {int(np.argmin(np.isfinite(column))) + 2}: no number", where=where)
-        values.append(column)
-    try:
-        lines = fit_bearing_friction(*values)
+        lines = fit_bearing_friction(*(values[name] for name in COLUMNS))
     except InputError as problem:
-        raise InputError(str(problem), where=where) from None
+        raise InputError(str(problem), where=str(path)) from None
     return BearingFile(lines, Path(path).name, sha256(path))

@@ -99,7 +99,8 @@ def calibrate_disk(
         run = run_from_log(bath_filled(log), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        warnings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
+        outside = extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
+        warnings += [f.sentence for f in outside]
         bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
         warnings += [f.sentence for f in log.findings if not (bounce_told and f.code == "switch.bounces")]
     progress("grey-box fit of the chain to all plunges")

@@ -87,7 +87,7 @@ def denoise_log(
         logged = frame[f"{name}_degC"].to_numpy(dtype=float)
         clean, missing = despiked(np.asarray(apply_static(logged, line)))
         done[name] = remove_noise(time, np.where(missing, np.nan, clean), events, methods)
-        said += extrapolated(table.path.name, {name: clean}, {name: line})
+        said += [f.sentence for f in extrapolated(table.path.name, {name: clean}, {name: line})]
         frame[f"{name}_degC"] = np.round(done[name].temperature, DECIMALS)
         progress(name, k + 1, len(names))
     notes = {

@@ -314,6 +314,8 @@ def open_growing(path: Path, rig: Rig, records: Mapping[str, DiskRecord]) -> Gro
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
+    if rig.tables(disk).logger.millivolts:
+        raise InputError("is in millivolts by rig.toml [logger]", where=where, expected="degrees Celsius to follow")
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]
         below = [stream.readline(), stream.readline()]

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from calibration.errors import InputError
-from calibration.lines.bearing import BearingFriction
+from calibration.lines.forces import BearingFriction
 from calibration.lines.static import OvenFit
 from calibration.log import Log
 from calibration.record import DiskRecord

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import shutil
 
+import pandas as pd
 import pytest
 from cal_cases import immersion_frame, oven_frame
 from cal_corpus import CORPUS, REFUSED
 from test_cal_record import RECORD
+from test_cal_transducers import sessions
 
+from calibration.lines.forces import fit_transducer
 from calibration.log import write_log
 from calibration.record import read_record, write_record
 from tcdyn.cli.app import app, run
@@ -85,3 +88,19 @@ def test_the_certificate_shows_the_plunges(tmp_path):
     assert rest.image.startswith("data:image/png")
     # what is left in a single sample is the simulated noise of 0.1 to 0.15 degC
     assert all(float(rest.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
+
+
+def test_a_transducers_gain_and_zero_are_printed_and_written(tmp_path, capsys):
+    volts, force, session = sessions(0)
+    path, out = tmp_path / "weights.csv", tmp_path / "cell.json"
+    pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
+    assert tcdyn("transducer", path, "--out", out) == 0
+    said = capsys.readouterr().out
+    found = json.loads(out.read_text())
+    line = fit_transducer(volts, force, session)
+    assert found["slope_N_V"]["value"] == pytest.approx(line.slope_N_V.value, rel=1e-12)
+    assert found["intercept_N"]["2"]["u"] == pytest.approx(line.intercept_N["2"].u, rel=1e-12)
+    assert line.slope_N_V.text("N/V") in said
+    path.write_text("volts,force_N\n0.1,0\n0.2,\n0.3,200\n")
+    assert tcdyn("transducer", path) == 2
+    assert "column force_N, row 3: no number" in capsys.readouterr().err

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
+from cal_cases import ehl_frame, immersion_frame, oven_frame
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibration.columns import is_couple
 from calibration.errors import InputError
-from calibration.lines.typej import emf_mV, sensitivity_mV_K, temperature_degC
+from calibration.lines.typej import emf_mV, temperature_degC
+from calibration.log import read_log, write_log
+from calibration.rig import parse_rig, rig_toml
 
 
 def test_emf_agrees_with_the_published_table():
@@ -28,20 +34,46 @@ def test_the_cold_junction_adds_its_own_emf(cold, hot):
     assert float(temperature_degC(emf_mV(hot) - emf_mV(cold), cold)) == pytest.approx(hot, abs=1e-8)
 
 
-def test_the_two_ranges_join_at_760_degC_and_the_sensitivity_is_the_slope():
+def test_the_two_ranges_join_at_760_degC():
     assert float(emf_mV(760.0 + 1e-9) - emf_mV(760.0)) == pytest.approx(0.0, abs=1e-6)  # table's resolution is 1 uV
-    t = np.linspace(-200, 1190, 500)
-    assert sensitivity_mV_K(t) == pytest.approx((emf_mV(t + 1e-3) - emf_mV(t - 1e-3)) / 2e-3, rel=1e-6)
 
 
-def test_values_outside_are_refused_or_made_nan_and_nan_stays():
+def test_values_outside_are_refused_or_made_infinite_and_nan_stays():
     with pytest.raises(InputError, match="5000 degC at index 1"):
         emf_mV([20.0, 5000.0])
     with pytest.raises(InputError, match="mV"):
         temperature_degC(100.0)
-    assert np.isnan(temperature_degC([100.0, np.nan], outside="nan")).all()
+    assert temperature_degC([100.0, np.nan, -9.0], outside="inf") == pytest.approx(
+        [np.inf, np.nan, -np.inf], nan_ok=True
+    )
 
 
 def test_any_shape_and_a_trace_at_a_time():
     t = np.random.default_rng(0).uniform(0, 200, (75, 12))
     assert temperature_degC(emf_mV(t)) == pytest.approx(t, abs=1e-9)
+
+
+def millivolts(frame, cold_degC):
+    couples = {n: emf_mV(frame[n]) - emf_mV(cold_degC) for n in frame if is_couple(n)}
+    return frame.assign(**couples)
+
+
+@pytest.mark.parametrize("kind", ["ehl", "immersion", "oven"])
+def test_a_log_in_millivolts_is_read_as_the_log_in_degrees(tmp_path, kind):
+    frame = {"ehl": ehl_frame, "immersion": immersion_frame, "oven": oven_frame}[kind]()
+    rig = parse_rig({"logger": {"millivolts": True, "cold_junction_degC": 24.0}}, "rig.toml")
+    plain = read_log(write_log(frame, tmp_path / "C.csv"), kind)
+    found = read_log(write_log(millivolts(frame, 24.0), tmp_path / "mV.csv"), kind, rig)
+    assert found.frame.to_numpy() == pytest.approx(plain.frame.to_numpy(), abs=1e-8)
+    assert found.warnings == ()
+
+
+def test_a_spike_beyond_type_j_is_taken_as_missing_and_degrees_for_millivolts_are_refused(tmp_path):
+    rig = parse_rig(tomllib.loads(rig_toml(parse_rig({"logger": {"millivolts": True}}, "rig.toml"))), "rig.toml")
+    frame = millivolts(ehl_frame(), 0.0)
+    frame.loc[1000, "fast_e_degC"] = 500.0
+    found = read_log(write_log(frame, tmp_path / "spike.csv"), "ehl", rig)
+    assert [f.code for f in found.findings] == ["values.impossible"]
+    assert found.frame["fast_e_degC"].isna().sum() == 1
+    with pytest.raises(InputError, match="no junction has"):
+        read_log(write_log(ehl_frame(), tmp_path / "C.csv"), "ehl", rig)

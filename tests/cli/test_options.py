@@ -21,7 +21,7 @@ from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
 PRINT_NUMBERS = {
-    "demo", "rig", "calibrate", "identify", "compensate", "beta", "campaign", "design", "hole", "verify",
+    "demo", "rig", "transducer", "calibrate", "identify", "compensate", "beta", "campaign", "design", "hole", "verify",
     "record show", "record diff", "record check", "simulate oven", "simulate immersion", "simulate hole",
     "simulate ehl", "simulate campaign",
 }  # fmt: skip
