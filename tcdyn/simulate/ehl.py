@@ -10,12 +10,13 @@ import numpy as np
 import pandas as pd
 
 from calibration.arrays import Array
+from calibration.disk import DISKS
 from tcdyn.contact import half_width_m
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
 from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.programme import EhlCondition, ehl_test
-from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
+from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
 STUDY_MESH = DiskMesh(radial=32, axial=40)  # three times faster than the default, 0.02 K from it
 
@@ -39,23 +40,21 @@ class EhlOptions:
 
 @dataclass(frozen=True)
 class EhlTruth:
-    """What one test really did."""
+    """What one test really did; ``drift`` says whether friction, ambient and oil wander."""
 
-    test: str
+    test: EhlCondition
     beta: float
     h_fast_W_m2K: float
     h_slow_W_m2K: float
     half_width_m: float
-    load_N: float
     friction_N: float  # nominal level, before drift
-    sliding_speed_m_s: float
-    entraining_speed_m_s: float
     load_on_s: float
     unload_s: float
     parting_s: float
     loading_s: float
     ambient_degC: float
     phases: tuple[float, ...]
+    drift: bool
 
     @property
     def breaks_s(self) -> tuple[float, float, float, float]:
@@ -73,23 +72,23 @@ class EhlTruth:
         rise = np.clip((t - on) / max(up - on, 1e-12), 0, 1)
         return np.asarray(rise * (1 - np.clip((t - off) / max(apart - off, 1e-12), 0, 1)))
 
-    def friction_at(self, t: Array, drift: bool) -> Array:
+    def friction_at(self, t: Array) -> Array:
         """True friction [N]: running-in over some minutes, then a slow wander of half a percent."""
         level = np.full_like(t, self.friction_N)
-        if drift:
+        if self.drift:
             p = self.phases
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)
             wander = 0.004 * np.sin(2 * np.pi * (t / 310.0 + p[0])) + 0.003 * np.sin(2 * np.pi * (t / 97.0 + p[1]))
             level = level * (1 + run_in + wander)
         return level * self.contact_share(t)
 
-    def ambient_at(self, t: Array, drift: bool) -> Array:
+    def ambient_at(self, t: Array) -> Array:
         """True temperature of the enclosure [degC]: slow drift, and a little warming by the loaded disks."""
         out = np.full_like(t, self.ambient_degC)
-        if drift:
+        if self.drift:
             p = self.phases
             out = out + 0.3 * np.sin(2 * np.pi * (t / 900.0 + p[2])) + 0.1 * np.sin(2 * np.pi * (t / 333.0 + p[3]))
-            out = out + 0.005 * self.friction_N * self.sliding_speed_m_s * _first_order(
+            out = out + 0.005 * self.friction_N * self.test.sliding_speed_m_s * _first_order(
                 t, self.load_on_s, self.unload_s, 260.0
             )
         return out
@@ -108,21 +107,19 @@ def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOption
     h_fast = o.h_fast_W_m2K if o.h_fast_W_m2K is not None else h_fast
     width = half_width_m(test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m)
     return EhlTruth(
-        test=test.name,
+        test=test,
         beta=o.beta if o.beta is not None else beta,
         h_fast_W_m2K=h_fast,
         h_slow_W_m2K=h_fast / truth.gear_ratio**truth.speed_exponent,
         half_width_m=width * truth.half_width_scale,
-        load_N=test.load_N,
         friction_N=o.friction_N if o.friction_N is not None else friction,
-        sliding_speed_m_s=test.sliding_speed_m_s,
-        entraining_speed_m_s=test.entraining_speed_m_s,
         load_on_s=o.load_on_s + float(on),
         unload_s=o.unload_s + float(off),
         parting_s=o.parting_s,
         loading_s=o.loading_s,
         ambient_degC=ambient,
         phases=phases,
+        drift=truth.imperfections.drift,
     )
 
 
@@ -149,116 +146,101 @@ def simulate_ehl(
     rig = truth or draw_truth(seed)
     o = options or EhlOptions()
     drawn = draw_test(rig, condition, seed, o)
-    how = rig.imperfections
     t = sample_times(o.duration_s)
-    columns: dict[str, Array] = {"time_s": t}
-    traces: dict[str, Array] = {"time_s": t}
-    _log_conditions(columns, traces, condition, drawn, rig, rng_for(seed, "conditions", condition.name))
-    for name, share, h in (
-        ("fast", drawn.beta, drawn.h_fast_W_m2K),
-        ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K),
-    ):
+    columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
+    for name, share, h in (("fast", drawn.beta, drawn.h_fast_W_m2K), ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K)):
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
-        at = _disk_temperatures(rig, name, drawn, share, h, o)
-        log, true = log_disk(at, o.duration_s, disk, rng, how, spikes=True)
+        at = _disk_temperatures(disk, drawn, share, h, o)
+        log, true = log_disk(at, o.duration_s, disk, rng, rig.imperfections, spikes=True)
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]
-    order = [*_FRONT, *(c for c in columns if c.startswith(("fast_", "slow_"))), "ambient_degC", "oil_degC"]
+    order = [c for c in columns if c not in _LAST] + _LAST
     frame, trace_frame = pd.DataFrame(columns)[order], pd.DataFrame(traces)[order]
     return frame, {**_scalars(drawn, rig, trace_frame), "traces": trace_frame}
 
 
-_FRONT = ("time_s", "load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
+_LAST = ["ambient_degC", "oil_degC"]
 
 
 def _disk_temperatures(
-    rig: RigTruth, name: str, drawn: EhlTruth, share: float, h: float, o: EhlOptions
+    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions
 ) -> Callable[[Array], Array]:
-    system = build_system(rig.disk(name), h, drawn.half_width_m, o.mesh)
-    drift = rig.imperfections.drift
+    system = build_system(disk, h, drawn.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
-        return share * drawn.sliding_speed_m_s * drawn.friction_at(t, drift)
+        return share * drawn.test.sliding_speed_m_s * drawn.friction_at(t)
 
-    def ambient(t: Array) -> Array:
-        return drawn.ambient_at(t, drift)
-
-    start = steady_state(system, 0.0, float(ambient(np.zeros(1))[0]))
+    start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
     breaks = sorted({b for b in drawn.breaks_s if 0 < b < o.duration_s})
-    return integrate(system, power, ambient, (0.0, *breaks, o.duration_s), start, o.stepping).at
+    return integrate(system, power, drawn.ambient_at, (0.0, *breaks, o.duration_s), start, o.stepping).at
 
 
-def _log_conditions(
-    columns: dict[str, Array],
-    traces: dict[str, Array],
-    test: EhlCondition,
-    drawn: EhlTruth,
-    rig: RigTruth,
-    rng: np.random.Generator,
-) -> None:
-    """Load, friction, contact, speeds, ambient and oil, as they were and as they are logged."""
-    how, t = rig.imperfections, columns["time_s"]
-    n = len(t)
+def _conditions(
+    t: Array, drawn: EhlTruth, rig: RigTruth, rng: np.random.Generator
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Time, load, friction, contact, speeds, ambient and oil, as they are logged and as they were."""
+    how, n = rig.imperfections, len(t)
     late = rng.uniform(-0.02, 0.02, 4) if how.timing else np.zeros(4)
     noise = rng.standard_normal((6, n)) * (1.0 if how.noise else 0.0)
     zero_load, zero_friction = rng.uniform(-1, 1, 2) * ([4.0, 0.08] if how.static else [0.0, 0.0])
     oil = np.full(n, 60.0)
     if how.drift:
         oil = oil + 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4])) + 0.2 * drawn.contact_share(t)
-    fast = np.full(n, test.speed_fast_rpm)
-    slow = np.full(n, test.speed_slow_rpm)
-    true = {
-        "load_N": drawn.load_N * drawn.contact_share(t),
-        "friction_N": drawn.friction_at(t, how.drift),
-        "contact": ((t >= drawn.load_on_s) & (t < drawn.unload_s)).astype(float),
-        "speed_fast_rpm": fast,
-        "speed_slow_rpm": slow,
-        "ambient_degC": drawn.ambient_at(t, how.drift),
-        "oil_degC": oil,
-    }
-    traces.update(true)
-    load = drawn.load_N * drawn.contact_share(t - late[0])
-    friction = rig.friction_scale * drawn.friction_at(t - late[1], how.drift)
-    columns["load_N"] = _digitised(load + zero_load + 6.0 * noise[0], 5000.0, how)
-    columns["friction_N"] = _digitised(friction + zero_friction + 0.15 * noise[1], 100.0, how)
-    columns["contact"] = ((t >= drawn.load_on_s + 0.5 * abs(late[2])) & (t < drawn.unload_s + late[3])).astype(float)
-    columns["speed_fast_rpm"] = np.round(fast + 1.5 * noise[2], 1)
-    columns["speed_slow_rpm"] = np.round(slow + 0.5 * noise[3], 1)
-    columns["ambient_degC"] = true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4]
-    columns["oil_degC"] = oil + 0.1 * noise[5]
 
+    def rows(load: Array, friction: Array, on_s: float, off_s: float, ambient: Array) -> dict[str, Array]:
+        """Columns in the log's order; speeds and oil as they were."""
+        return {
+            "time_s": t,
+            "load_N": load,
+            "friction_N": friction,
+            "contact": ((t >= on_s) & (t < off_s)).astype(float),
+            "speed_fast_rpm": np.full(n, drawn.test.speed_fast_rpm),
+            "speed_slow_rpm": np.full(n, drawn.test.speed_slow_rpm),
+            "ambient_degC": ambient,
+            "oil_degC": oil,
+        }
 
-def _digitised(values: Array, full_scale: float, how: Imperfections) -> Array:
-    return quantised(values, -full_scale, full_scale) if how.quantise else values
+    def digitised(values: Array, full_scale: float) -> Array:
+        return quantised(values, -full_scale, full_scale) if how.quantise else values
+
+    ambient, load_N = drawn.ambient_at(t), drawn.test.load_N
+    true = rows(load_N * drawn.contact_share(t), drawn.friction_at(t), drawn.load_on_s, drawn.unload_s, ambient)
+    logged = rows(
+        digitised(load_N * drawn.contact_share(t - late[0]) + zero_load + 6.0 * noise[0], 5000.0),
+        digitised(rig.friction_scale * drawn.friction_at(t - late[1]) + zero_friction + 0.15 * noise[1], 100.0),
+        drawn.load_on_s + 0.5 * abs(late[2]),
+        drawn.unload_s + late[3],
+        ambient + rig.ambient_bias_K + 0.1 * noise[4],
+    )
+    for column, size, k in (("speed_fast_rpm", 1.5, 2), ("speed_slow_rpm", 0.5, 3)):
+        logged[column] = np.round(logged[column] + size * noise[k], 1)
+    logged["oil_degC"] = oil + 0.1 * noise[5]
+    return logged, true
 
 
 def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
     t = traces["time_s"].to_numpy()
     last = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
-    steady = {
-        c.removesuffix("_degC"): float(traces.loc[last, c].mean())
-        for c in traces.columns
-        if c.startswith(("fast_", "slow_"))
-    }
+    mean = {c.removesuffix("_degC"): float(traces.loc[last, c].mean()) for c in traces.columns}
     return {
-        "test": drawn.test,
+        "test": drawn.test.name,
         "beta": drawn.beta,
         "h_fast": drawn.h_fast_W_m2K,
         "h_slow": drawn.h_slow_W_m2K,
         "exponent": rig.speed_exponent,
         "half_width_m": drawn.half_width_m,
-        "load_N": drawn.load_N,
-        "friction_N": float(traces.loc[last, "friction_N"].mean()),
-        "friction_at_unloading_N": float(drawn.friction_at(np.array([drawn.breaks_s[2]]), rig.imperfections.drift)[0]),
-        "sliding_speed_m_s": drawn.sliding_speed_m_s,
-        "entraining_speed_m_s": drawn.entraining_speed_m_s,
+        "load_N": drawn.test.load_N,
+        "friction_N": mean["friction_N"],
+        "friction_at_unloading_N": float(drawn.friction_at(np.array([drawn.breaks_s[2]]))[0]),
+        "sliding_speed_m_s": drawn.test.sliding_speed_m_s,
+        "entraining_speed_m_s": drawn.test.entraining_speed_m_s,
         "load_on_s": drawn.load_on_s,
         "unload_s": drawn.unload_s,
         "parting_s": drawn.parting_s,
-        "ambient_degC": float(traces.loc[last, "ambient_degC"].mean()),
-        "steady_degC": steady,
-        "common_lag_s": {d: rig.disk(d).common_lag_s for d in ("fast", "slow")},
-        "lag_s": {d: rig.disk(d).lags_s for d in ("fast", "slow")},
+        "ambient_degC": mean["ambient"],
+        "steady_degC": {c: value for c, value in mean.items() if c.startswith(("fast_", "slow_"))},
+        "common_lag_s": {d: rig.disk(d).common_lag_s for d in DISKS},
+        "lag_s": {d: rig.disk(d).lags_s for d in DISKS},
     }

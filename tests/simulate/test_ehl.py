@@ -100,7 +100,7 @@ def test_steady_temperatures_look_like_table_7_2() -> None:
             ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K, condition.slow_a_degC),
         ):
             system = build_system(rig.disk(name), h, drawn.half_width_m, STUDY_MESH)
-            power = share * drawn.friction_N * drawn.sliding_speed_m_s
+            power = share * drawn.friction_N * condition.sliding_speed_m_s
             a = (system.sample @ steady_state(system, power, warm))[system.channels.index("a")]
             assert a == pytest.approx(measured, abs=10), f"{condition.name} {name}"
 
