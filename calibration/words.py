@@ -208,7 +208,6 @@ def _structure(
     second_s: Sequence[float] | None,
     candidates: int,
     contradicted: bool,
-    kept: bool,
     u_before_s: float,
     u_after_s: float,
     **_: Any,
@@ -226,8 +225,6 @@ def _structure(
             f"{lags[1]} instead of {lags[0]}"
         )
         remedy = f"; calibrate with --structure {structures[1]}"
-        if not kept:
-            remedy = "; a record holds two lags: take the common lag from an unloading"
     elif len(structures) == 1:
         text = f"of {candidates} chain structures the plunges speak for {named[0]} ({percent(probability[0])})"
     else:

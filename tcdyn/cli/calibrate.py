@@ -25,8 +25,8 @@ def calibrate(
     structure: Annotated[
         str,
         typer.Option(
-            help="P1 (one lag), P2 (two), P1D or P2D (and a dead time) or P2Z (and a zero: a slow tail); "
-            "the others, and three lags, are tried, too"
+            help="P1 (one lag), P2 (two), P3 (three), P1D or P2D (and a dead time) or P2Z (and a zero: a slow tail); "
+            "the others are tried, too"
         ),
     ] = "P2",
     correlation: Annotated[

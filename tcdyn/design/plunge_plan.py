@@ -14,7 +14,7 @@ from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design import PredictedTest, from_covariances
 from tcdyn.plunge.model import build_run_model
-from tcdyn.plunge.parameters import PlungeParameters, PlungePriors, Structure
+from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
 from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, inverse, normal_equations
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_averages
 
@@ -38,7 +38,7 @@ def predict_plunges(
     setup: DiskSetup,
     *,
     lag_s: float = 0.65,
-    structure: Structure = "P2",
+    structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
     priors: PlungePriors | None = None,
     channels: tuple[str, ...] = CHANNELS,

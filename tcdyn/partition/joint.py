@@ -120,7 +120,7 @@ def _disk_fit(name: str, p: Point, side: Side, post: Posterior, window_s: float)
     chain = p.chain(side.disk.mean_chain)
     jac = np.zeros((3, 4))
     jac[0, 0], jac[1, 1] = 1.0, p.h
-    jac[2, 2:] = chain.taus_s
+    jac[2, 2:] = chain.taus_s[:2]
     of = (*side.nuisance.of, Unmeasured("common lag", "chain"), Unmeasured("lag shape", "chain"))
     per_sd = (jac @ np.concatenate([post.nuisance, post.priors], axis=1)).T
     shift = FitShift(of, per_sd, jac @ post.noise @ jac.T)

@@ -59,8 +59,9 @@ class Point:
         return Point(self.share + float(step[0]), self.log_h + float(step[1]), tau)
 
     def chain(self, like: Chain) -> Chain:
-        """The chain with this point's lags, the rest as in ``like``."""
-        return replace(like, taus_s=(float(np.exp(self.log_tau[0])), float(np.exp(self.log_tau[1]))))
+        """The chain with this point's two lags for the largest of ``like``, the rest as there."""
+        others = sorted(like.taus_s, reverse=True)[2:]
+        return replace(like, taus_s=(float(np.exp(self.log_tau[0])), float(np.exp(self.log_tau[1])), *others))
 
 
 @dataclass(frozen=True)
@@ -290,7 +291,7 @@ def _priors(
     for i, (side, p) in enumerate(zip(sides, points)):
         chain = p.chain(side.disk.mean_chain)
         lag = np.zeros(width)
-        lag[4 * i + 2 : 4 * i + 4] = np.array(chain.taus_s) / side.prior_lag_u_s
+        lag[4 * i + 2 : 4 * i + 4] = np.array(chain.taus_s[:2]) / side.prior_lag_u_s
         rows.append(lag)
         wanted.append((side.prior_lag_s - chain.lag_s) / side.prior_lag_u_s)
         shape = np.zeros(width)

@@ -142,7 +142,7 @@ class JointSurface:
 def rest_of_lag_s(side: Side) -> float:
     """Lag of a disk's chain beyond its two lags tau1 + tau2: the conditioning filter and the like [s]."""
     chain = side.disk.mean_chain
-    return chain.lag_s - sum(chain.taus_s)
+    return chain.lag_s - sum(sorted(chain.taus_s, reverse=True)[:2])
 
 
 def joint_surface(sides: Sequence[Side], tables: Sequence[Table]) -> JointSurface:

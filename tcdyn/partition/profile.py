@@ -212,5 +212,5 @@ def theta_of(p: Point) -> Array:
 
 
 def _point(share: float, h_W_m2K: float, chain: Chain) -> Point:
-    first, second = np.log(chain.taus_s)
+    first, second = np.log(chain.taus_s[:2])
     return Point(share, float(np.log(h_W_m2K)), (float(first), float(second)))

@@ -105,7 +105,7 @@ def calibrate_disk(
         warnings += [f.sentence for f in log.findings if not (bounce_told and f.code == "switch.bounces")]
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
-    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)  # type: ignore[arg-type]
+    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
     _swapped(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)

@@ -16,9 +16,9 @@ from calibration.estimate import Estimate, rounded, with_u
 from calibration.finding import Finding, look, note, once, sentences, with_where
 from immersion.correlations import THESIS_THREE, Correlation, check_validity
 from immersion.correlations import correlation as find_correlation
-from tcdyn.chain import Chain
+from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.plunge.model import build_run_model, junction_degC
-from tcdyn.plunge.parameters import RUN_KINDS, STRUCTURES, PlungeParameters, PlungePriors, Structure, stages
+from tcdyn.plunge.parameters import RUN_KINDS, PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.posterior import PlungeOptimum, fit_map, full_prior, inverse
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_blocks
 from tcdyn.plunge.scan import LagScan, ModelForm, lag_covariance, model_form, settled_scan
@@ -85,7 +85,7 @@ class PlungeFit:
         return self.optimum.problem.layout
 
     @property
-    def structure(self) -> Structure:
+    def structure(self) -> str:
         """Name of the chains' structure."""
         return self.layout.structure
 
@@ -276,7 +276,7 @@ def identify_plunges(
     setup: DiskSetup,
     *,
     correlation: str | Correlation = "churchill-chu-laminar",
-    structure: Structure = "P2",
+    structure: str = "P2",
     priors: PlungePriors | None = None,
     alternatives: Sequence[str] = THESIS_THREE,
     face_W_m2K: float = 0.0,

@@ -15,7 +15,7 @@ from calibration.disk import Conditioning, DiskSetup
 from immersion.correlations import Bath, Correlation
 from immersion.cylinder import Cylinder, influence, lag_step
 from immersion.radial import plunge_grid, solve_surface
-from tcdyn.plunge.parameters import RUN_KINDS, PlungeParameters, Structure, stages
+from tcdyn.plunge.parameters import RUN_KINDS, PlungeParameters, stages
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
@@ -213,7 +213,7 @@ def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) 
 
 
 def chain_on_grid(
-    u: Array, dt_s: Array, lag_s: float, logit: float, structure: Structure
+    u: Array, dt_s: Array, lag_s: float, logit: float, structure: str
 ) -> tuple[Array, Array, Array, tuple[float, float, float]]:
     """Lags of a chain applied to all columns of ``u`` (n, M); derivatives of column 0 with lag and logit (n,).
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,20 +11,9 @@ from numpy.typing import NDArray
 from calibration.rig import UncertaintyTable
 
 Array = NDArray[np.float64]
-Structure = Literal["P1", "P2", "P1D", "P2D", "P2Z", "P3"]
-STRUCTURES: tuple[Structure, ...] = ("P1", "P2", "P1D", "P2D", "P2Z")  # P3 is for comparison: a record holds two lags
-COMPARED: tuple[Structure, ...] = (*STRUCTURES, "P3")
 RUN_KINDS = ("ln_h", "h_exponent", "ln_burst", "ln_burst_time", "ln_burst_shape", "entry", "initial", "bath")
 CHANNEL_KINDS = ("lag", "split", "depth", "offset", "gain")
 COMMON_KINDS = ("ln_conductivity", "common_split")
-MEANING: dict[str, str] = {
-    "P1": "one lag",
-    "P2": "two lags",
-    "P1D": "one lag and a dead time",
-    "P2D": "two lags and a dead time",
-    "P2Z": "two lags and a zero",
-    "P3": "three lags",
-}
 KNOWN = 1e-6  # prior sd of a parameter that a structure does without
 
 
@@ -104,7 +92,7 @@ class PlungeParameters:
 
     runs: int
     channels: tuple[str, ...]
-    structure: Structure
+    structure: str
 
     @property
     def size(self) -> int:
@@ -183,7 +171,7 @@ class PlungeParameters:
         return mean, sd
 
 
-def stages(structure: Structure, lag_s: float, logit: float) -> tuple[tuple[float, ...], float, float]:
+def stages(structure: str, lag_s: float, logit: float) -> tuple[tuple[float, ...], float, float]:
     """Lags (tau1, tau2 ..), dead time and zero [s] of a chain whose own lag is ``lag_s``, with s = sigmoid(``logit``).
 
     P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead time = 0.4 lag s,

@@ -13,7 +13,8 @@ from calibration.arrays import Array
 from calibration.estimate import Estimate, with_u
 from calibration.finding import Finding, look, note
 from calibration.words import percent
-from tcdyn.plunge.parameters import COMPARED, MEANING, STRUCTURES, PlungePriors, Structure
+from tcdyn.chain import STRUCTURES, Structure
+from tcdyn.plunge.parameters import PlungePriors
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, RunNoise, judged, minimise, precision
 from tcdyn.plunge.scan import LagScan, settled_scan
 
@@ -87,7 +88,7 @@ class StructureComparison:
         second = self.own.second_lag_s
         numbers: dict[str, Any] = {
             "structures": [r.structure for r in told],
-            "meanings": [MEANING[r.structure] for r in told],
+            "meanings": [Structure.of(r.structure).meaning for r in told],
             "probability": [r.probability for r in told],
             "chi_square": [r.chi_square for r in told],
             "lag_s": [r.common_lag_s.value for r in told],
@@ -95,7 +96,6 @@ class StructureComparison:
             "second_s": None if second is None else (second.value, second.u),
             "candidates": len(self.rows),
             "contradicted": self.contradicted,
-            "kept": self.best.structure in STRUCTURES,
             "u_before_s": self.u_before_s,
             "u_after_s": self.u_after_s,
         }
@@ -118,7 +118,7 @@ class StructureComparison:
         """One row a structure, for people."""
         rows = pd.DataFrame(
             {
-                "chain": f"{r.structure} ({MEANING[r.structure]})"
+                "chain": f"{r.structure} ({Structure.of(r.structure).meaning})"
                 + (", used here" if r.structure == self.chosen else ""),
                 "probability": percent(r.probability),
                 "chi-square above the best": f"{r.chi_square:.1f}",
@@ -170,7 +170,7 @@ def compare_structures(
     priors: PlungePriors,
     own_lag_s: float,
     extra_u_s: float = 0.0,
-    structures: Sequence[Structure] = COMPARED,
+    structures: Sequence[str] = STRUCTURES,
 ) -> StructureComparison:
     """Each of ``structures`` on the plunges of ``final``, all with the noise that the best of them leaves.
 
@@ -251,7 +251,7 @@ def _close(one: PlungeOptimum, other: PlungeOptimum) -> bool:
     return abs(float(one.lag_s.mean() - other.lag_s.mean())) < 0.15
 
 
-def _optima(near: PlungeOptimum, structure: Structure, priors: PlungePriors) -> list[PlungeOptimum]:
+def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[PlungeOptimum]:
     """The solutions of a structure, the more probable first: from ``near``, and where that is long, from a short lag.
 
     A long lag behind a fierce entry burst and a short one behind a mild burst can both be optima.
@@ -312,9 +312,7 @@ def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
     return minimise(part, at.theta[index], limit=12)
 
 
-def _refit(
-    near: PlungeOptimum, structure: Structure, priors: PlungePriors, noise: tuple[RunNoise, ...]
-) -> PlungeOptimum:
+def _refit(near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]) -> PlungeOptimum:
     """The optimum under another structure, started from ``near``, with another ``noise``."""
     layout = replace(near.problem.layout, structure=structure)
     mean, sd, theta = near.problem.mean.copy(), near.problem.sd.copy(), near.theta

@@ -32,6 +32,25 @@ def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
     assert both.estimates["beta"].u < fits["fast"].estimates["beta"].u
 
 
+def test_a_third_lag_of_the_record_stays_in_the_joint_fit() -> None:
+    """Of two lags the smaller is written as two: their sum, and the lag found, stays what it was."""
+    made = study_rig(5, "D4", uncertain=False)
+    least = 0.02
+    chains = {
+        name: tuple(replace(c, taus_s=(c.taus_s[0], c.taus_s[1] - least, least)) for c in disk.chains)
+        for name, disk in made.test.disks.items()
+    }
+    disks = {name: replace(disk, chains=chains[name]) for name, disk in made.test.disks.items()}
+    start = {"fast": (made.told["beta"], 700.0), "slow": (1 - made.told["beta"], 300.0)}
+    two, three = (joint_fits(test, start)[0] for test in (made.test, replace(made.test, disks=disks)))
+    for name, fit in three.items():
+        assert len(fit.chain.taus_s) == 3
+        assert fit.chain.taus_s[2] == pytest.approx(least)
+        lag = two[name].estimates["lag_s"]
+        # by less than its uncertainty: what is expected of the second lag's share follows the record's second lag
+        assert abs(fit.estimates["lag_s"].value - lag.value) < lag.u
+
+
 def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None:
     """A fifth of a second, where whole Gauss-Newton steps of the second lag go to and fro without end.
 

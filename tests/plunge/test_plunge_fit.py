@@ -16,10 +16,10 @@ from calibration.errors import InputError
 from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
-from tcdyn.chain import Chain
+from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.plunge.fit import PlungeFit, identify_plunges
 from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
-from tcdyn.plunge.parameters import COMPARED, PlungeParameters, PlungePriors, Structure, stages
+from tcdyn.plunge.parameters import PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.run import PlungeRun, make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -134,14 +134,14 @@ def test_reading_the_grid_gives_nothing_before_entry() -> None:
 
 @pytest.mark.parametrize("logit", [-3.0, 0.0, 3.0])
 def test_stages_keep_the_lag(logit: float) -> None:
-    for structure in COMPARED:
+    for structure in STRUCTURES:
         taus, delay, zero = stages(structure, 0.7, logit)
         assert sum(taus) + delay - zero == pytest.approx(0.7)
         assert min(*taus, delay, zero) >= 0
 
 
-@pytest.mark.parametrize("structure", COMPARED)
-def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: Structure) -> None:
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: str) -> None:
     """Against python-control on a fine even grid; derivatives against differences."""
     t = np.arange(0, 6, 0.005)
     u = np.clip(t - 1, 0, 2)

@@ -13,8 +13,8 @@ from plunge_study import OWN_LAG_S, make_runs
 from calibration.estimate import Z95, Estimate
 from calibration.rig import load_rig
 from calibration.words import percent
+from tcdyn.chain import STRUCTURES
 from tcdyn.plunge.fit import PlungeFit, identify_plunges, with_structure_doubt
-from tcdyn.plunge.parameters import COMPARED
 from tcdyn.plunge.scan import LagScan
 from tcdyn.plunge.structures import StructureComparison, StructureRow, held_out, laplace, log_evidence
 
@@ -98,10 +98,11 @@ def test_two_lags_behind_a_dead_time_are_covered_though_no_one_asked_for_them() 
     assert "--structure P2D" in after.structures.sentence
 
 
-def test_a_structure_that_no_record_holds_is_not_offered() -> None:
+def test_three_lags_are_offered_where_they_fit_best_for_a_record_holds_any_number() -> None:
     found = comparison("P2", row("P2", 1.3, 1e-6, 60.0), row("P3", 0.9, 0.999999))
-    assert "from an unloading" in found.sentence
-    assert "--structure" not in found.sentence
+    assert found.contradicted
+    assert found.verdict.numbers["structures"] == ("P2", "P3")
+    assert "calibrate with --structure P3" in found.sentence
 
 
 def test_evidence_integrated_over_the_lag_is_near_laplace_s_where_the_lag_is_nearly_normal() -> None:
@@ -153,7 +154,7 @@ def test_the_comparison_travels_as_json_and_as_a_table_of_sensible_digits() -> N
     assert found is not None
     data = found.to_dict()
     assert data["contradicted"] is True
-    assert len(data["candidates"]) == len(COMPARED)  # type: ignore[arg-type]
+    assert len(data["candidates"]) == len(STRUCTURES)  # type: ignore[arg-type]
     assert sum(c["probability"] for c in data["candidates"]) == pytest.approx(1.0)  # type: ignore[attr-defined]
     table = found.table()
     assert table["chain"].str.contains("used here").sum() == 1
