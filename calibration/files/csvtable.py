@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import IO, Any
@@ -47,6 +48,10 @@ class CsvTable:
                 body = path.read_bytes().decode(dialect.encoding).encode("utf-8")
             except UnicodeDecodeError as problem:
                 raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
+        if dialect.separator == " ":
+            dialect = replace(dialect, separator="\t")
+            body = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body or path.read_bytes())
+            body = re.sub(rb"[ \t]+", b"\t", body)
         return cls(path, where, dialect, _named(dialect, where), dialect.metadata, body)
 
     def stream(self) -> IO[bytes]:

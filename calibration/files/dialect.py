@@ -58,7 +58,9 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
         lines = lines[:-1]  # the last one may be cut
     metadata = _metadata(lines)
     best: tuple[float, Dialect] | None = None
-    for separator in ("\t", ";", ","):
+    for separator in ("\t", ";", ",", " "):
+        if separator == " " and best is not None:
+            break  # spaces part columns only where nothing else does
         for decimal in (".", ",") if separator != "," else (".",):
             found = _try(lines, separator, decimal, encoding, metadata, {k.lower() for k in known})
             if found is not None and (best is None or found[0] > best[0]):
@@ -68,7 +70,7 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
         raise InputError(
             f"no table found (the text begins {shown!r})",
             where=where,
-            expected="a header row, then rows of numbers separated by comma, semicolon or tab",
+            expected="a header row, then rows of numbers separated by comma, semicolon, tab or spaces",
         )
     dialect = best[1]
     if not dialect.names:
@@ -122,8 +124,9 @@ def _metadata(lines: list[str]) -> dict[str, str]:
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The fields of one line, outer quotes and spaces taken away."""
-    return [part.strip().strip('"').strip() for part in line.split(separator)]
+    """The fields of one line, outer quotes and spaces taken away; spaces part them in any number."""
+    parts = line.split() if separator == " " else line.split(separator)
+    return [part.strip().strip('"').strip() for part in parts]
 
 
 def _is_cell(text: str, decimal: str) -> bool:

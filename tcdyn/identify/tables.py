@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,10 +12,10 @@ import pandas as pd
 from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files import open_table, read_whole
+from calibration.files.csvtable import CsvTable
 from tcdyn.identify.data import Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
-OTHER_FORMS = (".tdms", ".lvm", ".parquet", ".pq")
 MOST_SAMPLES = 5e7  # of one run on an even grid
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
@@ -89,70 +89,32 @@ def from_frame(
     return parts[0].merge(*parts[1:])
 
 
-def from_csv(path: str | Path, **options: object) -> IOData:
-    """:func:`from_frame` on a text table; separators (spaces, too), decimal commas and German letters are recognised.
-
-    TDMS, LVM and Parquet are read as logs are. Lines above the header that begin with ``#`` are skipped.
-    """
+def from_csv(path: str | Path, **options: Any) -> IOData:
+    """:func:`from_frame` on a file: text of any dialect, spaces between columns too, TDMS, LVM or Parquet."""
     path = Path(path)
-    if not path.is_file():
-        raise InputError("no such file", where=str(path), expected="a CSV table")
-    if path.suffix.lower() in OTHER_FORMS:
-        table = open_table(path)
-        asked = {options.get(role) for role in ("input", "output", "time", "run")}
+    asked = {str(options[role]) for role in ("input", "output", "time", "run") if options.get(role) is not None}
+    table = open_table(path, asked)
+    if isinstance(table, CsvTable):
+        frame = _text_frame(table)
+    else:
         raw = read_whole(table, [n for n in table.names if n in asked or n in TIMES])
-        named = pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
-        return from_frame(named, **{"name": path.name, **options})  # type: ignore[arg-type]
-    text = text_of(path)
-    lines = text.split("\n")
-    above = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), 0)
-    header = lines[above].strip()
-    separator = max(";\t,", key=header.count)
-    if separator not in header and len(header.split()) > 1:
-        separator = r"\s+"
-    commas = separator == ";" or (separator != "," and "," in "".join(lines[above + 1 : above + 3]))
-    decimal = "," if commas else "."
+        frame = pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
+    return from_frame(frame, **{"name": path.name, **options})
+
+
+def _text_frame(table: CsvTable) -> pd.DataFrame:
+    """All columns as they stand: the names of runs may be words."""
+    d = table.dialect
+    encoding = "utf-8" if d.encoding.startswith("utf-16") else d.encoding  # such text was rewritten
     try:
-        frame = pd.read_csv(StringIO(text), sep=separator, decimal=decimal, skiprows=above)
-    except (pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        raise InputError(f"is not a table ({error})", where=path.name, expected="a CSV file with a header") from error
-    frame = frame.drop(columns=[c for c in frame if str(c).startswith("Unnamed:") and frame[c].isna().all()])
-    frame.columns = [str(c).strip() for c in frame.columns]
-    if all(is_number(c.replace(",", ".") if decimal == "," else c) for c in frame.columns):
-        raise InputError(
-            f"the first row holds numbers ({', '.join(frame.columns[:3])}), not the names of columns",
-            where=path.name,
-            expected="a CSV file with a header",
-            remedy="write the names of the columns into a first row, such as time_s,u,y",
-        )
-    return from_frame(frame, **{"name": path.name, **options})  # type: ignore[arg-type]
-
-
-def text_of(path: Path) -> str:
-    """The file's text, UTF-8 or, as German Excel saves it, Windows-1252; refuses what is no text."""
-    try:
-        raw = path.read_bytes()
-        if raw.count(0):
-            raise InputError("is no text: it holds zero bytes", where=path.name, expected="a CSV table")
-        try:
-            return raw.decode("utf-8-sig").replace("\r\n", "\n")
-        except UnicodeDecodeError:
-            return raw.decode("cp1252").replace("\r\n", "\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot be read as text ({error})", where=str(path), expected="a CSV table") from error
-
-
-def is_number(text: str) -> bool:
-    """Whether ``text`` reads as a number.
-
-    >>> is_number("1.01"), is_number("u1")
-    (True, False)
-    """
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        with table.stream() as stream:
+            frame = pd.read_csv(
+                stream, sep=d.separator, decimal=d.decimal, header=None, skiprows=d.skip, encoding=encoding
+            )
+    except (pd.errors.ParserError, UnicodeDecodeError) as error:
+        raise InputError(f"is not a table ({error})", where=table.where, expected="a table with a header") from error
+    frame.columns = list(table.names)
+    return frame
 
 
 def numbers(frame: pd.DataFrame, column: str, where: str) -> Array:

@@ -147,15 +147,20 @@ def test_a_lead_is_not_mistaken_for_an_output_that_moves_first():
 
 
 def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
-    (tmp_path / "bare.csv").write_text("0,0,299.53\n1,0,299.6\n")
-    with pytest.raises(InputError, match=r"first row holds numbers.*time_s,u,y"):
-        from_csv(tmp_path / "bare.csv", input="u", output="y")
-    (tmp_path / "bare.csv").write_text("0;299,53\n1;299,6\n")
-    with pytest.raises(InputError, match="first row holds numbers"):
-        from_csv(tmp_path / "bare.csv", input="u", output="y")
-    (tmp_path / "bare.csv").write_text("0\t299.53\t\n1\t299.6\t\n2\t299.7\t\n")  # a separator ends each line
-    with pytest.raises(InputError, match=r"first row holds numbers \(0, 299.53\)"):
-        from_csv(tmp_path / "bare.csv", input="u", output="y")
+    for text in (
+        "0,0,299.53\n1,0,299.6\n",
+        "0;299,53\n1;299,6\n",
+        "0\t299.53\t\n1\t299.6\t\n2\t299.7\t\n",  # a separator ends each line
+    ):
+        (tmp_path / "bare.csv").write_text(text)
+        with pytest.raises(InputError, match=r"row 1 is numbers.*names into the first row"):
+            from_csv(tmp_path / "bare.csv", input="u", output="y")
+
+
+def test_runs_may_be_named_by_words(tmp_path):
+    both = pd.concat([table().assign(run="warm"), table().assign(run="cold")])
+    both.to_csv(tmp_path / "two.csv", index=False)
+    assert [r.name for r in from_csv(tmp_path / "two.csv", input="u", output="y", run="run").runs] == ["warm", "cold"]
 
 
 def test_a_missing_time_column_names_the_options_of_both_ways_in():
