@@ -9,11 +9,10 @@ import numpy as np
 
 from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.files.binary import ParquetTable, TdmsTable
 from calibration.files.csvtable import CsvTable
 from calibration.files.lvm import read_lvm
-from calibration.files.parquet import ParquetTable
 from calibration.files.table import Columns, RowNumbers, Table, read_whole, shown
-from calibration.files.tdms import TdmsTable
 
 __all__ = ["Columns", "RowNumbers", "Table", "open_table", "read_numbers", "read_whole", "shown"]
 

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from pyarrow import csv as pacsv
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from calibration.files.dialect import ABSENT, CLOCK, FLAGS, HEAD_BYTES, Dialect, RowCheck, check_rows, is_number, sniff
+from calibration.files.dialect import ABSENT, HEAD_BYTES, Dialect, TextColumn, is_number, sniff
 from calibration.files.table import PIECE_ROWS, Columns, RowNumbers
-from calibration.finding import Finding, look, note
+from calibration.finding import Finding, look
 
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
@@ -156,79 +155,57 @@ def _named(dialect: Dialect, where: str) -> tuple[str, ...]:
     return tuple(names + [""] * (dialect.fields - len(names)))
 
 
-class TextColumn:
-    """A column of cells of text that comes in one piece or in many; what many give together is what one gives.
+@dataclass(frozen=True)
+class RowCheck:
+    """How many rows of data there are, which lines are blank, what was noticed."""
 
-    Whether it holds clock times is seen from the first piece with anything in it; ``clock`` says so beforehand.
-    Clock times, with or without a date, are seconds since the first one, and midnight may pass.
+    rows: int
+    blank: tuple[int, ...]
+    findings: tuple[Finding, ...]
 
-    >>> TextColumn("time", ".", "x.csv").numbers(["23:59:59.5", "00:00:00,25"], RowNumbers())
-    array([0.  , 0.75])
+
+def check_rows(stream: IO[bytes], dialect: Dialect, where: str) -> RowCheck:
+    """Count the fields of every row: a short or long row is refused by its number, a last short one as truncated.
+
+    A last row without line end may have lost digits: that is noted.
     """
+    separator = dialect.separator.encode()
+    want = dialect.fields - 1
+    blank: list[int] = []
+    rows, line = 0, b"\n"
+    short: tuple[int, int] | None = None
+    for number, line in enumerate(stream, 1):
+        if number <= dialect.skip:
+            continue
+        if short is not None and line.strip():
+            raise _row_error(short, dialect.fields, where)
+        count = line.count(separator)
+        if count == want:
+            rows += 1
+        elif not line.strip():
+            blank.append(number)
+        elif count < want:
+            short = (number, count + 1)
+        elif b'"' not in line:
+            raise _row_error((number, count + 1), dialect.fields, where)
+        if b"\x00" in line:
+            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+    if short is not None:
+        raise InputError(
+            f"row {short[0]}, the last, has {short[1]} of {dialect.fields} fields: the file is truncated",
+            where=where,
+            expected="a whole last row",
+            remedy="copy the file again, or delete the last row",
+        )
+    whole = line.endswith((b"\n", b"\r"))
+    last = dialect.skip + rows + len(blank)
+    return RowCheck(rows, tuple(blank), () if whole else (look("text.no_line_end", row=last),))
 
-    def __init__(self, name: str, decimal: str, where: str, clock: bool | None = None) -> None:
-        self.name, self.decimal, self.where, self.clock = name, decimal, where, clock
-        self.bad, self.first_bad = 0, dict[str, Any]()
-        self.first_s = self.last_s = np.nan
-        self.days = 0.0
 
-    def numbers(self, texts: list[str], rows: RowNumbers) -> Array:
-        """Numbers (N,) from the cells of one piece, whose rows of the file are ``rows``."""
-        full = [t for t in texts if t.lower() not in ABSENT]
-        if self.clock is None and full:
-            self.clock = sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full)
-        if self.clock:
-            return self._seconds(texts, rows)
-        out = np.full(len(texts), np.nan)
-        for i, text in enumerate(texts):
-            low = text.lower()
-            if is_number(text, self.decimal):
-                out[i] = float(text.replace(",", "."))
-            elif low in FLAGS:
-                out[i] = FLAGS[low]
-            elif low not in ABSENT:
-                self.first_bad = self.first_bad or {"row": rows.of(i), "text": text[:40]}
-                self.bad += 1
-            elif "inf" in low:
-                out[i] = np.inf
-        return out
-
-    def judge(self, cells: int) -> list[Finding]:
-        """What was noticed in all ``cells`` of the column.
-
-        Raises InputError when more than one in a hundred (and more than three) is no number.
-        """
-        if self.clock:
-            return [note("text.midnight", subject=self.name)] if self.days else []
-        if not self.bad:
-            return []
-        if self.bad > max(3, 0.01 * cells):
-            raise InputError(
-                f"column {self.name}, row {self.first_bad['row']}: {self.first_bad['text']!r} is no number "
-                f"({self.bad} of {cells} cells)",
-                where=self.where,
-                expected=f"numbers with decimal {'comma' if self.decimal == ',' else 'point'}",
-            )
-        return [look("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]
-
-    def _seconds(self, texts: list[str], rows: RowNumbers) -> Array:
-        series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
-        parts = series.str.extract(r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?")
-        hour = pd.to_numeric(parts["h"]).to_numpy(dtype=float)
-        afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
-        morning = (parts["half"] == "AM").to_numpy(dtype=bool)
-        hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
-        minute = pd.to_numeric(parts["m"]).to_numpy(dtype=float)
-        second = hour * 3600 + minute * 60 + pd.to_numeric(parts["s"]).to_numpy(dtype=float)
-        if not len(second):
-            return second
-        if np.isnan(self.first_s):
-            if not np.isfinite(second[0]):
-                raise InputError(
-                    f"column {self.name}, row {rows.of(0)}: {texts[0]!r} is no clock time", where=self.where
-                )
-            self.first_s = self.last_s = float(second[0])
-        steps = np.diff(second, prepend=self.last_s)
-        days = self.days + np.cumsum(np.where(steps < -43200.0, 1.0, 0.0))
-        self.last_s, self.days = float(second[-1]), float(days[-1])
-        return np.asarray(np.round(second + 86400.0 * days - self.first_s, 9))
+def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
+    return InputError(
+        f"row {row[0]} has {row[1]} fields",
+        where=where,
+        expected=f"{fields} as in the first row",
+        remedy="repair or delete that row",
+    )

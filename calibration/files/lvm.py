@@ -13,10 +13,9 @@ from pyarrow import csv as pacsv
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from calibration.files.align import Track, align
 from calibration.files.csvtable import CsvTable
 from calibration.files.dialect import ABSENT, LINE_END, is_number
-from calibration.files.table import PIECE_ROWS, Columns, RowNumbers, Table
+from calibration.files.table import PIECE_ROWS, Columns, RowNumbers, Table, Track, align
 from calibration.finding import Finding
 
 _END = "***End_of_Header***"

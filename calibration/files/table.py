@@ -1,8 +1,8 @@
-"""What every reader of a form of file gives: named columns of numbers, piece by piece."""
+"""What every reader of a form of file gives: named columns of numbers, piece by piece, on one time grid."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -10,9 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from calibration.arrays import Array
-from calibration.finding import Finding
+from calibration.errors import InputError
+from calibration.finding import Finding, look
 
 PIECE_ROWS = 50_000
+SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
 
 
 @dataclass(frozen=True)
@@ -85,3 +87,91 @@ def shown(path: Path) -> str:
     'a\\\\nb.csv'
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+
+
+@dataclass(frozen=True)
+class Track:
+    """One channel: values (N,), its start [s] and sample interval [s]; ``dt_s`` None where nobody wrote it."""
+
+    values: Array
+    start_s: float = 0.0
+    dt_s: float | None = None
+
+    @property
+    def same_as(self) -> tuple[int, float, float | None]:
+        """What two tracks must share to be stacked without interpolation (starts to the microsecond)."""
+        return len(self.values), round(self.start_s, 6), self.dt_s
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last sample [s]."""
+        return self.start_s + (len(self.values) - 1) * (self.dt_s or 0.0)
+
+
+def align(tracks: Mapping[str, Track], where: str) -> tuple[Array | None, dict[str, Array], list[Finding]]:
+    """Time [s] from the common start (None if no track has one), the channels on it, and what was done.
+
+    Tracks that agree are stacked as they are. Others are cut to the span that all share and put on the grid of the
+    fastest: straight lines between samples, two-level channels held. A channel without interval takes the track of
+    the others if it has as many samples as they.
+
+    Raises InputError for a channel whose time nobody can know, or when no time is shared.
+    """
+    found: list[Finding] = []
+    timed = {name: t for name, t in tracks.items() if t.dt_s}
+    if not timed:
+        lengths = {len(t.values) for t in tracks.values()}
+        if len(lengths) > 1:
+            raise InputError(
+                f"channels have {min(lengths)} to {max(lengths)} samples and no time track",
+                where=where,
+                expected="one length, or wf_increment on each channel",
+            )
+        return None, {name: t.values for name, t in tracks.items()}, found
+    full = dict(tracks)
+    for name, track in tracks.items():
+        if not track.dt_s:
+            twin = next((n for n, t in timed.items() if len(t.values) == len(track.values)), None)
+            if twin is None:
+                raise InputError(
+                    f"channel {name} has no time track (no wf_increment)",
+                    where=where,
+                    expected=f"as many samples as another channel; it has {len(track.values)}",
+                )
+            full[name] = Track(track.values, timed[twin].start_s, timed[twin].dt_s)
+            found.append(look("tracks.assumed", subject=name, of=twin))
+    if len({t.same_as for t in full.values()}) == 1:
+        track = next(iter(full.values()))
+        time = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0), dtype=np.float64)
+        return time, {name: t.values for name, t in full.items()}, found
+    time, data = _onto_grid(full, where)
+    late = max(full, key=lambda n: full[n].start_s)
+    spread = full[late].start_s - min(t.start_s for t in full.values())
+    rates = sorted({round(1 / t.dt_s, 6) for t in full.values() if t.dt_s})
+    found.append(look("tracks.aligned", subject=late, spread_s=spread, rates_Hz=rates))
+    return time, data, found
+
+
+def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
+    begin = max(t.start_s for t in tracks.values())
+    end = min(t.end_s for t in tracks.values())
+    grid = min(tracks.values(), key=lambda t: t.dt_s or np.inf)
+    step = float(grid.dt_s or 1.0)
+    first = int(np.ceil((begin - grid.start_s) / step - SAME))
+    last = int(np.floor((end - grid.start_s) / step + SAME))
+    if last <= first:
+        raise InputError("the channels share no time", where=where, expected="overlapping time tracks")
+    at = grid.start_s + np.arange(first, last + 1) * step
+    data: dict[str, Array] = {}
+    for name, track in tracks.items():
+        place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
+        whole = np.minimum((place + SAME).astype(int), len(track.values) - 1)
+        after = np.minimum(whole + 1, len(track.values) - 1)
+        part = np.clip(place - whole, 0.0, 1.0)
+        part[part < SAME] = 0.0
+        v = track.values
+        levels = np.unique(v[np.isfinite(v)][:100_000])
+        held = len(levels) <= 2
+        moved = np.where(part == 0.0, v[whole], (1 - part) * v[whole] + part * v[after])
+        data[name] = v[whole] if held else moved
+    return at - at[0], data

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from cal_cases import csv_text, ehl_frame, hole_frame, immersion_frame, lvm_text, oven_frame, write
 
-from calibration.files.logwrite import write_log
+from calibration.files.write import write_log
 from calibration.lines.typej import emf_mV
 
 REFUSED, FLAGGED = "refused", "flagged"
