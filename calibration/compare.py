@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.finding import doubts as above_note
-from calibration.finding import sentences
+from calibration.finding import Finding, doubts, look
 from calibration.lines.static import apply_static, outside_range, static_u
 from calibration.record import DiskRecord, moment, now_utc
 from calibration.result import Result, jsonable
@@ -134,32 +134,32 @@ def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
     return table
 
 
-def check_record(record: DiskRecord) -> list[str]:
-    """What a careful reader would ask about a sound record: one sentence each, empty when nothing.
+def check_record(record: DiskRecord) -> tuple[Finding, ...]:
+    """What a careful reader would ask about a sound record; empty when nothing.
 
-    Its warnings are among them; its notes, which tell of what was mended in full, are not.
+    What was noticed while it was made is among it; notes, which tell of what was mended in full, are not.
     """
-    doubts = list(sentences(above_note(record.findings)))
-    missing = [c for c in "abcdef" if c not in record.static]
+    found = list(doubts(record.findings))
+    missing = [c for c in CHANNELS if c not in record.static]
     if missing:
-        doubts.append(f"static: channels {', '.join(missing)} are missing")
+        found.append(look("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):
-        doubts.append(f"created: {record.created} lies in the future")
-    if record.chain is None:
-        doubts.append("chain: the record holds no chain; it can correct steady readings only")
+        found.append(look("record.future", created=record.created))
     for c, line in record.static.items():
         if abs(line.gain - 1) > 0.05:
-            doubts.append(f"static.{c}.gain: {line.gain:.4f} is more than 5 % from 1")
+            found.append(look("record.gain", subject=c, gain=line.gain))
         if outside_range(line, [20.0, 160.0], margin_K=10.0).any():
-            doubts.append(f"static.{c}.range_degC: {line.range_degC} leaves part of 20..160 degC to extrapolation")
+            found.append(look("record.range", subject=c, range_degC=line.range_degC))
         u = float(np.max(static_u(line, np.array(line.range_degC))))
         if u > 0.5:
-            doubts.append(f"static.{c}: the line is known to {u:.2g} degC only")
-    if record.chain is not None:
-        for c, chain in record.chain.channels.items():
-            if chain.lag_s.u > 0.5 * chain.lag_s.value:
-                doubts.append(f"chain.{c}: the lag {chain.lag_s} s is hardly known")
-            spread = record.chain.differential_lag_s[c]
-            if abs(spread.value) > 0.5 * record.chain.common_lag_s.value and abs(spread.value) > 2 * spread.u:
-                doubts.append(f"chain.{c}: its lag is {spread} s off the others'; badly cemented?")
-    return doubts
+            found.append(look("record.line_unsure", subject=c, u_K=u))
+    if record.chain is None:
+        return (*found, look("record.no_chain"))
+    common = record.chain.common_lag_s
+    for c, chain in record.chain.channels.items():
+        lag, apart = chain.lag_s, record.chain.differential_lag_s[c]
+        if lag.u > 0.5 * lag.value:
+            found.append(look("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
+        if abs(apart.value) > 0.5 * common.value and abs(apart.value) > 2 * apart.u:
+            found.append(look("record.lag_apart", subject=c, apart_s=apart.value, u_s=apart.u))
+    return tuple(found)

@@ -6,13 +6,19 @@ from __future__ import annotations
 class InputError(ValueError):
     """Input that cannot be used, said in one sentence that names the place and the remedy.
 
+    ``parameters``: what the sentence names as a caller in Python would write it ("window_s=4.2"); a command line
+    puts its own options there.
+
     >>> str(InputError("speed_fast_rpm is missing", where="D4.csv", expected="an EHL log",
     ...                remedy="map the column in rig.toml [columns]"))
     'D4.csv: speed_fast_rpm is missing; expected an EHL log; map the column in rig.toml [columns]'
     """
 
-    def __init__(self, what: str, *, where: str = "", expected: str = "", remedy: str = "") -> None:
+    def __init__(
+        self, what: str, *, where: str = "", expected: str = "", remedy: str = "", parameters: tuple[str, ...] = ()
+    ) -> None:
         self.what, self.where, self.expected, self.remedy = what, where, expected, remedy
+        self.parameters = parameters
         parts = [what]
         if expected:
             parts.append(f"expected {expected}")

@@ -62,6 +62,16 @@ class Finding:
         """The finding in words."""
         return self.text or told(self.code, self.where, self.subject, dict(self.numbers))
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels that it is about: in its subject (several stand with commas), its ``other``, its ``channels``.
+
+        >>> look("said", subject="fast_e_degC", text="").channels, look("said", subject="a, b", text="").channels
+        (('e',), ('a', 'b'))
+        """
+        names = (*self.subject.split(", "), self.numbers.get("other", ""), *self.numbers.get("channels", ()))
+        return tuple(dict.fromkeys(c for c in (channel_of(str(n)) for n in names) if c))
+
     def at(self, where: str) -> Finding:
         """The same, with ``where`` in front of where it was."""
         text = f"{where}: {self.text}" if self.text else ""

@@ -122,6 +122,18 @@ LINES: dict[str, Words] = {
     "{range_degC[0]:.0f} to {range_degC[1]:.0f} degC: static lines extrapolate there",
     "transducer.slopes_differ": "the sessions have different slopes (p = {p:.2g}); the cell itself has changed, not "
     "its zero",
+    "record.missing_channels": lambda channels, **_: f"static: channels {', '.join(channels)} are missing",
+    "record.future": "created: {created} lies in the future",
+    "record.no_chain": "chain: the record holds no chain; it can correct steady readings only",
+    "record.gain": "static.{subject}.gain: {gain:.4f} is more than 5 % from 1",
+    "record.range": "static.{subject}.range_degC: {range_degC} leaves part of 20..160 degC to extrapolation",
+    "record.line_unsure": "static.{subject}: the line is known to {u_K:.2g} degC only",
+    "record.lag_unsure": lambda subject, lag_s, u_s, **_: (
+        f"chain.{subject}: the lag {with_u(lag_s, u_s)} s is hardly known"
+    ),
+    "record.lag_apart": lambda subject, apart_s, u_s, **_: (
+        f"chain.{subject}: its lag is {with_u(apart_s, u_s)} s off the others'; badly cemented?"
+    ),
 }
 
 # immersion
@@ -384,6 +396,7 @@ COMPENSATE: dict[str, Words] = {}
 
 # tcdyn/traces
 TRACES: dict[str, Words] = {
+    "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in {subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
     "traces.coarse": lambda subject, step_K, channels, **_: (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
@@ -396,7 +409,16 @@ TRACES: dict[str, Words] = {
 PARTITION: dict[str, Words] = {}
 
 # tcdyn/pipeline
-PIPELINE: dict[str, Words] = {}
+PIPELINE: dict[str, Words] = {
+    "calibrate.other_disk": "{count} static lines do not fit the plunges: is the oven log of the disk that was plunged "
+    "({subject}), and the wiring the same?",
+    "bearing.extrapolated": "bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {file} covers "
+    "{loads_N[0]:.0f} to {loads_N[1]:.0f} N and {speeds_rpm[0]:.0f} to {speeds_rpm[1]:.0f} rpm",
+    "campaign.spikes": lambda tests, counts, **_: (
+        f"spikes were taken as missing: {', '.join(f'{n} in {t}' for t, n in zip(tests, counts))}"
+    ),
+    "verify.differs": "{source}: {subject}: {ours} for {published}",
+}
 
 WORDS: dict[str, Words] = {
     **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,

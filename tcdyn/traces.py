@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -13,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from calibration.disk import CHANNELS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
-from calibration.finding import Finding, look
+from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
 from calibration.noise import rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
@@ -25,7 +24,6 @@ Rows = slice | NDArray[np.bool_]
 SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
 SPIKE_SIGMA = 6.0
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
-SPIKES = re.compile(r"column (\w+), row .*?: (\d+) spike")
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
 
@@ -217,11 +215,16 @@ def hidden_rounding_K(raw: Array) -> float:
     return rounding if hidden else 0.0
 
 
-def gathered(warnings: Sequence[str]) -> list[str]:
-    """The reader's warnings, those about spikes in one sentence: every slip ring has some."""
-    spiky = [(int(found[2]), found[1]) for w in warnings if (found := SPIKES.search(w))]
-    rest = [w for w in warnings if not SPIKES.search(w)]
+def gathered(findings: Sequence[Finding]) -> list[Finding]:
+    """What the reader noticed, the spikes of all columns as one note: every slip ring has some.
+
+    >>> spiky = [note("spikes.removed", subject=f"fast_{c}_degC", count=n) for c, n in (("a", 3), ("c", 5))]
+    >>> [f.sentence for f in gathered(spiky)]
+    ['8 spikes in 2 channels were taken as missing, most in fast_c_degC (5)']
+    """
+    spiky = [f for f in findings if f.code == "spikes.removed"]
     if not spiky:
-        return rest
-    total, (most, column) = sum(n for n, _ in spiky), max(spiky)
-    return [f"{total} spikes in {len(spiky)} channels were taken as missing, most in {column} ({most})", *rest]
+        return list(findings)
+    most, counts = max(spiky, key=lambda f: f.numbers["count"]), [f.numbers["count"] for f in spiky]
+    told = note("spikes.gathered", subject=most.subject, count=sum(counts), columns=len(spiky), of_most=max(counts))
+    return [told, *(f for f in findings if f.code != "spikes.removed")]

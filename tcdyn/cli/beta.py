@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.files.write import write_text
+from calibration.grade import findings_of
 from calibration.rig import load_rig
 from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, Verbose, dump, say, spare_inputs, stages, warn
 
@@ -58,7 +59,7 @@ def beta(
     if json_:
         print(text, end="")
         return
-    warn(run.partition.warnings, quiet)
+    warn(findings_of(run.partition), quiet)
     say(run.summary(), quiet)
     for word, path in (("numbers", out), ("report", report)):
         if path is not None:

@@ -59,6 +59,6 @@ def calibrate(
     if json_:
         print(run.record.to_json(), end="")
         return
-    warn(run.warnings, quiet)
+    warn(run.findings, quiet)
     say(run.summary(), quiet)
     say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)

@@ -60,7 +60,7 @@ def campaign(
     if json_:
         print(dump(run.table), end="")
     else:
-        warn(run.warnings, quiet)
+        warn(run.findings, quiet)
         say(run.summary(), quiet)
         say(f"table: {out / TABLE_FILE}", quiet)
         say(f"report: {report}", quiet)

@@ -23,7 +23,7 @@ from rich.progress import (
 )
 
 from calibration.errors import InputError
-from calibration.grade import is_note
+from calibration.finding import Finding, Grade, once
 from calibration.result import jsonable
 
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
@@ -118,11 +118,10 @@ def say(text: str, quiet: bool = False) -> None:
         print(text)
 
 
-def warn(warnings: Any, quiet: bool = False) -> None:
-    """Print each warning on standard error; what was mended on the way is a note."""
-    if not quiet:
-        for said in warnings:
-            print(f"{'note' if is_note(said) else 'warning'}: {said}", file=sys.stderr)
+def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
+    """Print each finding on standard error; what was mended on the way is a note."""
+    for found in () if quiet else once(findings):
+        print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {found.sentence}", file=sys.stderr)
 
 
 def dump(data: Any) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
+from calibration.grade import findings_of
 from calibration.log import write_log
 from calibration.rig import load_rig
 from tcdyn.cli.common import (
@@ -145,7 +146,7 @@ def compensate(
     if json_:
         print(dump({**done.to_dict(), "out": written, "report": report}), end="")
         return
-    warn(done.warnings, quiet)
+    warn(findings_of(done), quiet)
     for disk in done.disks:
         say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
     say(f"compensated: {written}", quiet)
@@ -162,7 +163,7 @@ def _noise_only(log: Path, records: Any, out: Path, rig: Any, json_: bool, quiet
     if json_:
         print(dump({**done.to_dict(), "out": written}), end="")
         return
-    warn(done.warnings, quiet)
+    warn(findings_of(done), quiet)
     say("\n".join(line for line in done.summary().splitlines() if not line.startswith("warning: ")), quiet)
     say(f"without noise, lag left in: {written}", quiet)
 
@@ -191,19 +192,19 @@ def _follow(
         say("\n".join(f"  {line}" for line in before.summary().splitlines() if line not in before.warnings))
         if plan.rows_late:
             say(f"  rows appear {plan.rows_late * plan.dt_s:.3g} s late, each with the temperatures of its own time_s")
-        warn(before.warnings)
+        warn(findings_of(before))
         say(f"following {log}; Ctrl-C ends it")
 
     with asked_to_stop() as stop:
         done = follow(
             log, records, out, rig, settings, state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce
         )
-    warn(done.warnings, quiet)
+    warn(findings_of(done), quiet)
     say(f"{done.ended}: {done.rows_read} rows read, {done.rows_written} written to {out}", quiet)
     if report is not None and done.plan is not None:
         from tcdyn.report.compensate import write_follow_report
 
-        say(f"report: {write_follow_report(report, done.plan, log, out, done.warnings)}", quiet)
+        say(f"report: {write_follow_report(report, done.plan, log, out, findings_of(done))}", quiet)
 
 
 @contextmanager

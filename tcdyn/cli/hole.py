@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from calibration.files.write import write_text
+from calibration.finding import once, sentences
+from calibration.grade import findings_of
 from calibration.log import read_log
 from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, dump, say, spare_inputs, warn, within
@@ -37,6 +39,7 @@ def hole(
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
+    from tcdyn.pipeline.calibrate import untold
     from tcdyn.plunge.hole import compare_holes
     from tcdyn.plunge.run import bath_filled
 
@@ -52,10 +55,10 @@ def hole(
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
-    told = any("bounced" in w for w in found.warnings)  # with what was done about it
-    warnings = [*(w for w in table.warnings if not (told and "the switch bounces" in w)), *found.warnings]
+    noticed = once((*untold(table, found.entry), *findings_of(found)))
+    content = {**found.to_dict(), "warnings": list(sentences(noticed))}
     if out is not None:
-        write_text(out, dump({**found.to_dict(), "warnings": warnings}))
+        write_text(out, dump(content))
     if report is not None:
         from tcdyn.plots.plunge import draw_holes
         from tcdyn.plots.style import figure
@@ -64,11 +67,11 @@ def hole(
         picture, (ax,) = figure(height_in=4.5)
         draw_holes(found, ax)
         sections = [Section("Extra lag of each hole", table=found.table()), Section("The record", figure=picture)]
-        write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), warnings=warnings)
+        write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), findings=noticed)
     if json_:
-        print(dump({**found.to_dict(), "warnings": warnings}), end="")
+        print(dump(content), end="")
         return
-    warn(warnings, quiet)
+    warn(noticed, quiet)
     say(found.summary(), quiet)
     if out is not None:
         say(f"numbers: {out}", quiet)

@@ -12,6 +12,7 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.files.write import write_text
+from calibration.grade import as_findings, findings_of
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
@@ -191,15 +192,15 @@ def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Co
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
-    alarms = list(model.warnings)
+    alarms = list(findings_of(model))
     if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
-        alarms.insert(0, model.sentence)
+        alarms = [*as_findings([model.sentence]), *alarms]
     write_page(
         path,
         f"{model.input_name} to {model.output_name}: {model.model.name}",
         sections,
         verdict=comparison.advice,
-        warnings=alarms,
+        findings=alarms,
         assumptions=[
             f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
             "is known without error, and the system is linear and does not change in time",

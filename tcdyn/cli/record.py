@@ -11,6 +11,7 @@ from rich.table import Table
 
 from calibration.compare import RecordDiff, check_record, diff_records
 from calibration.estimate import Estimate, with_u
+from calibration.finding import Grade, once, sentences
 from calibration.lines.static import static_u
 from calibration.record import DiskRecord, read_record
 from tcdyn.cli.common import Json, Quiet, dump, say
@@ -42,8 +43,9 @@ def show(record: RecordPath, json_: Json = False) -> None:
         console.print(chain_table(found))
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
-    for warning in found.warnings:
-        console.print(f"warning: {warning}", markup=False, highlight=False)
+    for noticed in once(found.findings):
+        word = "note" if noticed.grade is Grade.NOTE else "warning"
+        console.print(f"{word}: {noticed.sentence}", markup=False, highlight=False)
 
 
 @app.command()
@@ -76,7 +78,7 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
 
     Example: tcdyn record check fast.disk.json
     """
-    doubts = check_record(read_record(record))
+    doubts = sentences(check_record(read_record(record)))
     if json_:
         print(dump({"sound": not doubts, "doubts": doubts}), end="")
     else:

@@ -11,6 +11,7 @@ import pandas as pd
 import typer
 from rich.console import Console
 
+from calibration.finding import look
 from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
 from tcdyn.verify import VerifyRow, verify_rows
 
@@ -91,5 +92,9 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
     head = "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can."
     sections = [Section("Published and ours", text=head, table=_frame(rows))]
     sections += [Section(caption[0].upper() + caption[1:], figure=f) for caption, f in verify_figures().items()]
-    differing = [f"{row.source}: {row.quantity}: {row.ours} for {row.published}" for row in rows if row.failed]
-    write_page(path, "Published numbers and ours", sections, verdict=sentence(rows), warnings=differing)
+    differing = [
+        look("verify.differs", subject=row.quantity, source=row.source, ours=row.ours, published=row.published)
+        for row in rows
+        if row.failed
+    ]
+    write_page(path, "Published numbers and ours", sections, verdict=sentence(rows), findings=differing)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.grade import as_findings
+from calibration.grade import findings_of
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
@@ -237,7 +237,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         },
         "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
         "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
-        "findings": [found.to_dict() for found in as_findings(p.warnings)],
+        "findings": [found.to_dict() for found in findings_of(p)],
         "warnings": list(p.warnings),
     }
 

@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from calibration.finding import Finding
 from calibration.noise import MAD_TO_SD, white_noise_sd
 from tcdyn.partition.events import SETTLE_S, Events
 
@@ -24,7 +25,7 @@ class FrictionAdded:
 
     value_N: float
     u_N: float
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 NOTHING_ADDED = FrictionAdded(0.0, 0.0)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from calibration.compare import changed_keys
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.finding import sentences
 from calibration.log import COMPENSATED, Log
 from calibration.record import DiskRecord
 from calibration.rig import Rig
@@ -97,7 +98,7 @@ def prepare(
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
-    warnings = [*gathered(log.warnings), *events.warnings]
+    warnings = [*sentences(gathered(log.findings)), *events.warnings]
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
     rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
@@ -128,7 +129,7 @@ def prepare(
         )
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
     friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N
-    warnings += added.warnings
+    warnings += sentences(added.findings)
     if not 0.002 < friction_N / load_N < 0.2:
         warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]

@@ -8,6 +8,7 @@ from pathlib import Path
 from calibration.errors import InputError
 from calibration.files import read_numbers
 from calibration.files.write import sha256
+from calibration.finding import look
 from calibration.lines.forces import BearingFriction, fit_bearing_friction
 from tcdyn.partition.friction import FrictionAdded
 
@@ -28,17 +29,14 @@ class BearingFile:
         Says so when load or speed lies outside what was measured.
         """
         value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
-        return FrictionAdded(value, u, self._extrapolated(load_N, speed_rpm))
-
-    def _extrapolated(self, load_N: float, speed_rpm: float) -> tuple[str, ...]:
         if not bool(self.friction.outside(load_N, speed_rpm)):
-            return ()
-        low, high = self.friction.load_range_N
-        slow, fast = min(self.friction.speeds_rpm), max(self.friction.speeds_rpm)
-        return (
-            f"bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {self.file} covers "
-            f"{low:.0f} to {high:.0f} N and {slow:.0f} to {fast:.0f} rpm",
-        )
+            return FrictionAdded(value, u)
+        speeds = self.friction.speeds_rpm
+        said = look(
+            "bearing.extrapolated", file=self.file, load_N=load_N, speed_rpm=speed_rpm,
+            loads_N=self.friction.load_range_N, speeds_rpm=(min(speeds), max(speeds)),
+        )  # fmt: skip
+        return FrictionAdded(value, u, (said,))
 
 
 def read_bearing(path: str | Path) -> BearingFile:

@@ -13,13 +13,13 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.finding import once
-from calibration.grade import as_findings
+from calibration.finding import Finding, look, once
 from calibration.lines.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
 from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
 from calibration.result import Result
 from calibration.rig import Rig
+from immersion.events import EntryEvent
 from immersion.fluids import fluid
 from tcdyn.plunge.fit import COLOURED, PlungeFit, identify_plunges, with_structure_doubt
 from tcdyn.plunge.parameters import PlungePriors
@@ -41,8 +41,13 @@ class CalibrationRun(Result):
         return f"<CalibrationRun of the {self.record.disk} disk; summary() says it in words>"
 
     @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed in logs and fits."""
+        return tuple(self.record.findings)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
-        """All warnings of logs and fits."""
+        """The findings in words."""
         return tuple(self.record.warnings)
 
     def summary(self) -> str:
@@ -86,7 +91,7 @@ def calibrate_disk(
     progress("static lines from the oven log")
     oven_log = read_log(oven, "oven", rig, disk)
     static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC)
-    warnings = [*oven_log.warnings, *static.warnings]
+    findings = [*oven_log.findings, *static.findings]
     inputs = [InputFile(file=oven_log.path.name, sha256=oven_log.sha256)]
     runs: list[PlungeRun] = []
     logs: list[Log] = []
@@ -99,10 +104,8 @@ def calibrate_disk(
         run = run_from_log(bath_filled(log), substance, static.lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        outside = extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
-        warnings += [f.sentence for f in outside]
-        bounce_told = any("bounced" in w for w in run.entry.warnings)  # the fit says it, with what was done about it
-        warnings += [f.sentence for f in log.findings if not (bounce_told and f.code == "switch.bounces")]
+        findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
+        findings += untold(log, run.entry)
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
@@ -112,10 +115,8 @@ def calibrate_disk(
     pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
     strained = {f.subject for f in pulled}
     if len(strained) > len(CHANNELS) // 2:
-        warnings.append(
-            f"{len(strained)} static lines do not fit the plunges: is the oven log of the disk that was plunged "
-            f"({disk}), and the wiring the same?"
-        )
+        findings.append(look("calibrate.other_disk", subject=disk, count=len(strained)))
+    findings += fit.findings
     record = DiskRecord(
         disk=disk,
         created=now_utc(),
@@ -126,9 +127,15 @@ def calibrate_disk(
         conditioning=tables.conditioning,
         setup=tables,
         fit=fit_summary(fit, correlation),
-        findings=list(once((*as_findings(warnings), *fit.findings))),
+        findings=list(once(findings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def untold(log: Log, entry: EntryEvent) -> list[Finding]:
+    """What the reader of a plunge noticed, but for a bouncing switch where the entry says what was done about it."""
+    told = any(f.code == "entry.bounced" for f in entry.findings)
+    return [f for f in log.findings if not (told and f.code == "switch.bounces")]
 
 
 def _once(log: Log, earlier: Sequence[Log]) -> None:
@@ -150,10 +157,10 @@ def _once(log: Log, earlier: Sequence[Log]) -> None:
 def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
     """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
     for log, factor in zip(logs, fit.optimum.problem.noise):
-        said = [f.sentence for f in log.findings if f.code == "junctions.swapped"]
-        if said and factor.differential > COLOURED:
+        found = [f for f in log.findings if f.code == "junctions.swapped"]
+        if found and factor.differential > COLOURED:
             raise InputError(
-                said[0],
+                found[0].sentence,
                 expected="each column from the junction that rig.toml says",
                 remedy="map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
             )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ import pandas as pd
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.files.write import sha256, write_text
+from calibration.finding import Finding, sentences
+from calibration.grade import findings_of
 from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig
@@ -82,9 +84,13 @@ class CampaignRun(Result):
         return sum(o.kept for o in self.outcomes)
 
     @property
-    def warnings(self) -> list[str]:
-        """Warnings of all tests, each with its log's name."""
-        return [f"{o.log.stem}: {w}" for o in self.outcomes if o.data is not None for w in o.data["warnings"]]
+    def findings(self) -> list[Finding]:
+        """What was noticed in all tests, each with its log's name."""
+        return [
+            Finding.from_dict(found).at(o.log.stem)
+            for o in self.outcomes
+            for found in (o.data["findings"] if o.data else [])
+        ]
 
     def summary(self) -> str:
         """How many logs did what, and the range of beta."""
@@ -167,7 +173,8 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
     )  # fmt: skip
     test = run.partition.test
     data = run.to_dict()
-    data["warnings"] = [w.replace(str(path), path.name) for w in data["warnings"]]
+    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in findings_of(run.partition)]
+    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found))
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),

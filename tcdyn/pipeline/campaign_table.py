@@ -66,7 +66,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         if estimate:
             row[f"u_{name}"] = found["u"]
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
-    row["warnings"] = len(data["warnings"])
+    row["warnings"] = len(data["findings"])
     return row
 
 

@@ -15,7 +15,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import open_table, shown
-from calibration.finding import look
+from calibration.finding import look, sentences
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
@@ -98,7 +98,7 @@ def compensate_log(
     frame = table.frame.copy()
     time = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(time)))
-    warnings = gathered(table.warnings)
+    warnings = list(sentences(gathered(table.findings)))
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     known: dict[float, float] = {}
     if kind == "ehl":

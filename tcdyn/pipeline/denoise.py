@@ -12,6 +12,7 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.finding import sentences
 from calibration.lines.static import apply_static, extrapolated
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
@@ -82,7 +83,7 @@ def denoise_log(
         events = (find_entry(time, switch, probe, fluid, table.path.name).time_s,)
     names = [(f"{d}_{c}" if kind == "ehl" else c, records[d].static[c]) for d in records for c in CHANNELS]
     done: dict[str, Denoised] = {}
-    said = gathered(table.warnings)
+    said = list(sentences(gathered(table.findings)))
     for k, (name, line) in enumerate(names):
         logged = frame[f"{name}_degC"].to_numpy(dtype=float)
         clean, missing = despiked(np.asarray(apply_static(logged, line)))

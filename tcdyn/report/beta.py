@@ -7,6 +7,8 @@ from pathlib import Path
 
 from calibration.disk import DISKS
 from calibration.estimate import rounded
+from calibration.finding import Finding, with_where
+from calibration.grade import findings_of
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.profile_interval import interval_table
 from tcdyn.partition.tables import (
@@ -199,11 +201,11 @@ def write_beta_report(
 ) -> Path:
     """One page for one test or several."""
     sections: list[Section] = []
-    warnings: list[str] = []
+    found: list[Finding] = []
     for name, p in tests.items():
         sections += beta_sections(p, name, (truths or {}).get(name))
-        warnings += [w if len(tests) == 1 else f"{name}: {w}" for w in p.warnings]
+        found += findings_of(p) if len(tests) == 1 else with_where(findings_of(p), name)
     said = "\n\n".join(verdict(p) if len(tests) == 1 else f"{name}: {verdict(p)}" for name, p in tests.items())
     title = "Heat partition: " + ", ".join(tests)
     told = list(dict.fromkeys(line for p in tests.values() for line in assumed(p)))
-    return write_page(path, title, [*extra, *sections], verdict=said, warnings=warnings, assumptions=told)
+    return write_page(path, title, [*extra, *sections], verdict=said, findings=found, assumptions=told)

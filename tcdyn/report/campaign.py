@@ -53,7 +53,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
         sections.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
     return write_page(
         path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}", sections,
-        verdict=words.campaign_verdict(run), warnings=words.gathered_notes(run.warnings), assumptions=ASSUMED,
+        verdict=words.campaign_verdict(run), findings=words.gathered(run.findings), assumptions=ASSUMED,
     )  # fmt: skip
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Sequence
 
 import pandas as pd
 
 from calibration.estimate import rounded, with_u
+from calibration.finding import Finding, note
 from tcdyn.pipeline.campaign import CampaignRun
 from tcdyn.pipeline.campaign_table import trend_table
 from tcdyn.report.tables import pm
 
-SPIKES = re.compile(r"^(.*?): (\d+) spikes in \d+ channels were taken as missing")
+SPIKES = "spikes.gathered"
 WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
     "fast_surface_max_degC": "hottest surface, fast disk [°C]",
@@ -39,17 +40,14 @@ def campaign_verdict(run: CampaignRun) -> str:
     )
 
 
-def gathered_notes(warnings: list[str]) -> list[str]:
-    """The sentences about spikes of all tests as one; everything else as it is.
-
-    >>> gathered_notes([f"EHL_{t}: 9 spikes in 2 channels were taken as missing, most in x (5)" for t in ("A1", "A3")])
-    ['spikes were taken as missing: 9 in A1, 9 in A3']
-    """
-    found = [(m[1].removeprefix("EHL_"), m[2]) for w in warnings if (m := SPIKES.search(w))]
-    if len(found) < 2:
-        return warnings
-    each = ", ".join(f"{count} in {test}" for test, count in found)
-    return [f"spikes were taken as missing: {each}", *(w for w in warnings if not SPIKES.search(w))]
+def gathered(findings: Sequence[Finding]) -> list[Finding]:
+    """The notes of spikes of all tests as one; everything else as it is."""
+    spiky = [f for f in findings if f.code == SPIKES]
+    if len(spiky) < 2:
+        return list(findings)
+    tests = [f.where.partition(":")[0].removeprefix("EHL_") for f in spiky]
+    told = note("campaign.spikes", tests=tests, counts=[f.numbers["count"] for f in spiky])
+    return [told, *(f for f in findings if f.code != SPIKES)]
 
 
 def beta_trend_words(table: pd.DataFrame) -> str:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from calibration.compare import check_record
 from calibration.estimate import with_u
+from calibration.finding import sentences
 from calibration.lines.static import OvenFit, static_u
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
@@ -31,7 +32,7 @@ def write_certificate(path: str | Path, run: CalibrationRun) -> Path:
         f"Calibration of the {record.disk} disk",
         certificate_sections(record, run.oven, fit_sections(run.fit)),
         verdict=certificate_verdict(record),
-        warnings=record.warnings,
+        findings=record.findings,
         assumptions=certificate_assumptions(record),
         footer=made(record),
     )
@@ -47,8 +48,7 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     doubts = check_record(record)
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
-        said = [d for d in doubts if f"channel {name}:" in d or f"static.{name}" in d or f"chain.{name}" in d]
-        verdicts[name] = "; ".join(said) if said else FIT
+        verdicts[name] = "; ".join(sentences(f for f in doubts if name in f.channels)) or FIT
     return verdicts
 
 
@@ -78,8 +78,10 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
 
 def certificate_verdict(record: DiskRecord) -> str:
     """The whole disk in one sentence."""
-    good = sum(v == FIT for v in channel_verdicts(record).values())
-    text = f"Disk {record.disk}: {good} of {len(record.static)} thermocouples fit to use"
+    doubtful = [name for name, said in channel_verdicts(record).items() if said != FIT]
+    count = len(record.static)
+    text = f"Disk {record.disk}: {count - len(doubtful)} of {count} thermocouples fit to use"
+    text += f", not {', '.join(doubtful)}" if doubtful else ""
     if record.chain is not None:
         common = record.chain.common_lag_s
         apart = max(d.u for d in record.chain.differential_lag_s.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,8 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Z95
+from calibration.finding import Finding
+from calibration.grade import findings_of
 from calibration.record import DiskRecord
 from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
 from tcdyn.compensate.inverse import proper_inverse
@@ -37,7 +39,7 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
         f"Compensated traces: {done.raw.path.name}",
         sections,
         verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
-        warnings=done.warnings,
+        findings=findings_of(done),
         assumptions=assumed(records),
     )
 
@@ -66,7 +68,7 @@ def _verdict(done: CompensatedLog, disk: str, result: Compensated) -> str:
     )
 
 
-def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, warnings: tuple[str, ...] = ()) -> Path:
+def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, findings: Sequence[Finding] = ()) -> Path:
     """The page of a followed log: the report before use, and one channel of a disk before and after."""
     report = plan.before_use()
     picture, (ax,) = figure(height_in=3.6)
@@ -74,7 +76,7 @@ def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, wa
     sections = [Section("Before use, noisiest channel", _sentences(report), figure=picture), _followed(plan, log, out)]
     notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
     sections.append(Section("How it was followed", table=notes))
-    return write_page(path, f"Followed: {log.name}", sections, warnings=(*report.warnings, *warnings))
+    return write_page(path, f"Followed: {log.name}", sections, findings=(*findings_of(report), *findings))
 
 
 def _sentences(report: BeforeUse) -> str:

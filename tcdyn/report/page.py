@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from calibration.files.write import write_text
-from calibration.grade import graded
+from calibration.finding import Finding, doubts, notes, sentences
 from tcdyn.report.tables import table_html, typeset
 
 if TYPE_CHECKING:
@@ -62,23 +62,22 @@ def render_page(
     sections: Sequence[Section],
     *,
     verdict: str = "",
-    warnings: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
     assumptions: Sequence[str] = (),
     footer: str = "",
 ) -> str:
-    """The page as HTML text; of ``warnings`` those that tell of something mended stand apart, as notes."""
+    """The page as HTML text; of ``findings`` the notes stand apart."""
     import jinja2
 
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["typeset"] = typeset
-    alarms, notes = graded(warnings)
     return environment.from_string(source).render(
         title=title,
         sections=sections,
         verdict=[part.strip() for part in verdict.split("\n\n") if part.strip()],
-        warnings=alarms,
-        notes=notes,
+        warnings=sentences(doubts(findings)),
+        notes=sentences(notes(findings)),
         assumptions=list(assumptions),
         footer=footer,
         plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
@@ -91,10 +90,10 @@ def write_page(
     sections: Sequence[Section],
     *,
     verdict: str = "",
-    warnings: Sequence[str] = (),
+    findings: Sequence[Finding] = (),
     assumptions: Sequence[str] = (),
     footer: str = "",
 ) -> Path:
     """Write the page beside and rename it into place; returns its path."""
-    page = render_page(title, sections, verdict=verdict, warnings=warnings, assumptions=assumptions, footer=footer)
+    page = render_page(title, sections, verdict=verdict, findings=findings, assumptions=assumptions, footer=footer)
     return write_text(path, page)

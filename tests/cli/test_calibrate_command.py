@@ -10,11 +10,14 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from calibration.errors import InputError
+from calibration.record import read_record
 from tcdyn.pipeline import calibrate_disk
+from tcdyn.report.certificate import FIT, certificate_verdict, channel_verdicts
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 from tests.report.test_browser import BROWSER
@@ -202,3 +205,25 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
     pd.read_csv(f.plunges["fast"][0], comment="#").rename(columns=names).to_csv(tmp_path / "P1.csv", index=False)
     with pytest.raises(InputError, match=r"a_degC and b_degC.*swapped"):
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], [tmp_path / "P1.csv"], ["mobil-jet-ii"])
+
+
+def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: Path) -> None:
+    """The log's finding spoke of column e_degC; whoever looked for "channel e:" called all six fit to use."""
+    f = campaign.files
+    rng = np.random.default_rng(4)
+    plunges = [tmp_path / "noisy_1.csv", tmp_path / "noisy_2.csv"]
+    for path, own in zip(plunges, f.plunges["fast"]):
+        plunge = pd.read_csv(own, comment="#")
+        plunge["e_degC"] += 2.0 * rng.standard_normal(len(plunge))
+        plunge.to_csv(path, index=False)
+    out, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"
+    given = [a for p in plunges for a in ("--immersion", p)]
+    code = tcdyn("calibrate", "--rig", f.rig, "--disk", "fast", "--oven", f.ovens["fast"], *given, "--structure", "P1",
+                 "--out", out, "--report", page, "--quiet")  # fmt: skip
+    assert code == 0
+    record = read_record(out)
+    noisy = [found for found in record.findings if found.code == "noise.high"]
+    assert {found.channels for found in noisy} == {("e",)}
+    assert certificate_verdict(record).startswith("Disk fast: 5 of 6 thermocouples fit to use, not e;")
+    assert {c for c, said in channel_verdicts(record).items() if said != FIT} == {"e"}
+    assert "5 of 6 thermocouples fit to use, not e;" in page.read_text(encoding="utf-8")

@@ -187,8 +187,8 @@ def test_half_of_the_bearings_friction_is_added(campaign: Campaign, tmp_path: Pa
 
 def test_bearing_friction_outside_its_test_is_flagged(tmp_path: Path) -> None:
     bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
-    assert not bearing.added(1500.0, 1005.0).warnings
-    assert "extrapolated" in bearing.added(5000.0, 1005.0).warnings[0]
+    assert not bearing.added(1500.0, 1005.0).findings
+    assert [f.code for f in bearing.added(5000.0, 1005.0).findings] == ["bearing.extrapolated"]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from calibration.estimate import Estimate
+from calibration.finding import look, note
 from tcdyn.report.page import Section, render_page
 from tcdyn.report.tables import pm, table_html
 
@@ -37,12 +38,13 @@ def test_a_value_is_rounded_to_its_uncertainty() -> None:
 def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     mended = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
     alarm = "fast disk: c read 22 to 140 degC, calibrated from 20 to 130 degC: static lines extrapolate there"
-    page = render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], warnings=[mended, alarm], assumptions=["n = 2/3"])
+    said = [note("said", text=mended), look("said", text=alarm)]
+    page = render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"])
     warned, noted = (page.split(f'<div class="{kind}">')[1].split("</div>")[0] for kind in ("warnings", "notes"))
     assert mended in noted
     assert mended not in warned
     assert "22 to 140 °C" in warned
     assert "0.66 ± 0.01 W/m²K" in page
     assert page.index("n = 2/3") < page.index("<h2>")  # assumptions stand on top
-    only_mended = render_page("B3", [], warnings=[mended])
+    only_mended = render_page("B3", [], findings=said[:1])
     assert '<div class="warnings">' not in only_mended
