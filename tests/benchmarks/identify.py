@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "identify"))
 from identify_cases import CASE_A, case_a
 
-from tcdyn.identify import IOData, fit, oe, process, simulate
+from tcdyn.identify import IOData, fit, process, simulate
 from tcdyn.identify.narx import narx
 
 START = np.array([1.0, 1.0, 1.0, 0.1])  # what the tools without a start of their own are given
@@ -93,18 +93,10 @@ def era(data: IOData) -> Answer:
     return {}, {}, percent(y, np.asarray(simulated).ravel())
 
 
-def discrete(data: IOData) -> Answer:
-    """Our discrete output error with the whole-sample dead time given."""
-    m = oe(data, 3, 2, 7)
-    tau = np.sort(m.time_constants_s)[::-1]
-    return {"Tp1": float(tau[0]), "Tp2": float(tau[1])}, {}, m.fit_percent
-
-
 TOOLS: dict[str, Callable[[IOData], Answer]] = {
     "tcdyn fit P2D": ours,
     "plain least_squares": plain,
     "lmfit": with_lmfit,
-    "tcdyn discrete OE(3,2,7)": discrete,
     "sysidentpy FROLS": frols,
     "control markov + ERA": era,
 }
