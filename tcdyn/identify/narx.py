@@ -3,12 +3,14 @@ temperature?"""
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import newton
 
 from calibration.arrays import Array
 from calibration.errors import InputError
@@ -30,14 +32,19 @@ class Narx:
     y_scale: tuple[float, float]
     dt_s: float
     degree: int
-    one_step_percent: float
-    simulated_percent: float
-    held_out_percent: float
+    one_step_percent: float = float("nan")
+    simulated_percent: float = float("nan")
+    held_out_percent: float = float("nan")
 
     @property
     def order(self) -> int:
         """Largest lag of any term, in samples."""
         return max((lag for term in self.terms for _, lag in term), default=1)
+
+    def value(self, of: Callable[[str, int], Any]) -> Any:
+        """sum_i theta_i prod(terms_i) where a signal at a lag is ``of(signal, lag)``."""
+        products = (math.prod((of(name, lag) for name, lag in term), start=1.0) for term in self.terms)
+        return sum(weight * product for weight, product in zip(self.theta, products))
 
     def simulate(self, u: Array, y0: Array) -> Array:
         """Free simulation: only the first ``order`` outputs ``y0`` are measured. NaN once it diverges."""
@@ -46,50 +53,42 @@ class Narx:
         ys[:k] = (np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1]
         signals = {"u": us, "y": ys}
         for t in range(k, len(u)):
-            value = 0.0
-            for weight, term in zip(self.theta, self.terms):
-                product = weight
-                for name, lag in term:
-                    product *= signals[name][t - lag]
-                value += product
+            value = self.value(lambda name, lag: signals[name][t - lag])  # noqa: B023
             if not abs(value) < 1e3:
                 break
             ys[t] = value
         return np.asarray(ys * self.y_scale[1] + self.y_scale[0])
 
+    def one_step(self, u: Array, y: Array) -> Array:
+        """One-step predictions of scaled signals, NaN for the first samples."""
+        signals, k = {"u": u, "y": y}, self.order
+        predicted = self.value(lambda name, lag: signals[name][k - lag : len(y) - lag])
+        return np.concatenate([np.full(k, np.nan), np.broadcast_to(predicted, len(y) - k)])
+
     def local_lag_s(self, level: float) -> float:
         """First moment [s] of the model linearised about the steady state at output ``level``; NaN if not
         stable."""
         y0 = (level - self.y_scale[0]) / self.y_scale[1]
-        u0 = self.steady_input(y0)
-        if not np.isfinite(u0):
+
+        def excess(u: float) -> float:
+            return float(self.value(lambda name, lag: u if name == "u" else y0)) - y0
+
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+            u0, state = newton(excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True)
+        if not (state.converged and abs(u0) < 1e3):
             return float("nan")
-        k = self.order
-        a, b = np.zeros(k + 1), np.zeros(k + 1)
-        a[0] = 1.0
-        point = {"u": u0, "y": y0}
-        for weight, term in zip(self.theta, self.terms):
-            for i, (name, lag) in enumerate(term):
-                slope = weight * np.prod([point[n] for j, (n, _) in enumerate(term) if j != i])
-                if name == "y":
-                    a[lag] -= slope
-                else:
-                    b[lag] += slope
+        point, k, step = {"u": u0, "y": y0}, self.order, 1e-30
+
+        def slope(signal: str, lag: int) -> float:
+            moved = self.value(lambda *at: point[at[0]] + 1j * step * (at == (signal, lag)))
+            return float(np.imag(moved)) / step
+
+        b, past = (np.array([slope(signal, lag) for lag in range(k + 1)]) for signal in ("u", "y"))
+        a = np.eye(k + 1)[0] - past
         if np.max(np.abs(np.roots(a)), initial=0.0) >= 1 or b.sum() == 0:
             return float("nan")
         n = np.arange(k + 1)
         return float(self.dt_s * ((n @ b) / b.sum() - (n @ a) / a.sum()))
-
-    def steady_input(self, y0: float) -> float:
-        """Scaled input that keeps the scaled output at ``y0``; NaN if none is found near the straight line."""
-
-        def excess(u: float) -> float:
-            total = -y0
-            for weight, term in zip(self.theta, self.terms):
-                total += weight * float(np.prod([u if name == "u" else y0 for name, _ in term]))
-            return total
-
-        return root(excess, y0)
 
 
 @dataclass(frozen=True)
@@ -120,22 +119,6 @@ class TemperatureDependence:
             "held_out_percent_linear": self.linear.held_out_percent,
             "held_out_percent_quadratic": self.nonlinear.held_out_percent,
         }
-
-
-def root(f: Callable[[float], float], near: float) -> float:
-    """A zero of ``f`` close to ``near`` by secant steps."""
-    a, b = near - 0.1, near + 0.1
-    fa, fb = f(a), f(b)
-    for _ in range(50):
-        if fb == fa:
-            return float("nan")
-        c = b - fb * (b - a) / (fb - fa)
-        if not abs(c) < 1e3:
-            return float("nan")
-        a, fa, b, fb = b, fb, c, f(c)
-        if abs(fb) < 1e-10:
-            return b
-    return float("nan")
 
 
 def narx(
@@ -185,39 +168,19 @@ def narx(
         model.fit(X=x[:edge], y=z[:edge])
     terms = tuple(tuple(signal_of(int(code)) for code in row if code) for row in np.atleast_2d(model.final_model))
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
-    found = Narx(terms, theta, us, ys, data.dt_s, degree, 0.0, 0.0, 0.0)
+    found = Narx(terms, theta, us, ys, data.dt_s, degree)
     simulated = found.simulate(u, y)
-    return Narx(
-        terms,
-        theta,
-        us,
-        ys,
-        data.dt_s,
-        degree,
-        percent(y[:edge], one_step(found, x[:edge, 0], z[:edge, 0]) * ys[1] + ys[0]),
-        percent(y[:edge], simulated[:edge]),
-        percent(y[edge:], simulated[edge:]),
+    return replace(
+        found,
+        one_step_percent=percent(y[:edge], found.one_step(x[:edge, 0], z[:edge, 0]) * ys[1] + ys[0]),
+        simulated_percent=percent(y[:edge], simulated[:edge]),
+        held_out_percent=percent(y[edge:], simulated[edge:]),
     )
 
 
 def signal_of(code: int) -> tuple[str, int]:
     """FROLS writes 1003 for y(k-3) and 2003 for the input's."""
     return ("y" if code < 2000 else "u", code % 1000)
-
-
-def one_step(model: Narx, u: Array, y: Array) -> Array:
-    """One-step predictions of scaled signals, NaN for the first samples."""
-    k = model.order
-    out = np.full(len(y), np.nan)
-    signals = {"u": u, "y": y}
-    total = np.zeros(len(y) - k)
-    for weight, term in zip(model.theta, model.terms):
-        product = np.full(len(y) - k, weight)
-        for name, lag in term:
-            product = product * signals[name][k - lag : len(y) - lag]
-        total += product
-    out[k:] = total
-    return out
 
 
 def percent(y: Array, model: Array) -> float:
