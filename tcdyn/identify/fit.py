@@ -15,12 +15,11 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
-from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Initial, Posed, pose
-from tcdyn.identify.search import Fit, ordered, search, with_noise
+from tcdyn.identify.search import Fit, check_causality, ordered, search, with_noise
 from tcdyn.identify.start import polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
