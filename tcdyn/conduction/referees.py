@@ -38,34 +38,22 @@ def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
     return np.asarray(2 * ERF_ONE * np.sqrt(alpha_m2_s * np.asarray(time_s, dtype=float)))
 
 
-def surface_steady_degC(
-    inner_m: float,
-    outer_m: float,
-    conductivity: float,
-    h: float,
-    flux: float,
-    inner_degC: float,
-    ambient_degC: float,
-) -> float:
-    """Running surface of the steady ring, T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r)) (3.37)."""
-    c = conductivity / np.log(outer_m / inner_m)
-    return float((outer_m * h * ambient_degC + c * inner_degC + outer_m * flux) / (h * outer_m + c))
+def surface_steady_degC(rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float) -> float:
+    """Running surface of the steady ring, T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r)) (3.37).
+
+    Here and below ``h`` is in W/m2K and ``flux`` in W/m2.
+    """
+    r, c = rim.outer_radius_m, rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m)
+    return float((r * h * ambient_degC + c * inner_degC + r * flux) / (h * r + c))
 
 
 def ring_steady_degC(
-    radius_m: ArrayLike,
-    inner_m: float,
-    outer_m: float,
-    conductivity: float,
-    h: float,
-    flux: float,
-    inner_degC: float,
-    ambient_degC: float,
+    rim: Rim, radius_m: ArrayLike, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> Array:
-    """Steady ring, T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K: (3.36), T_in not divided by K."""
-    out = surface_steady_degC(inner_m, outer_m, conductivity, h, flux, inner_degC, ambient_degC)
-    net = flux - h * (out - ambient_degC)
-    return np.asarray(inner_degC + net * outer_m / conductivity * np.log(np.asarray(radius_m) / inner_m))
+    """Steady ring, T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K: (3.36), T_in not divided by K; h in W/m2K."""
+    net = flux - h * (surface_steady_degC(rim, h, flux, inner_degC, ambient_degC) - ambient_degC)
+    shape = np.log(np.asarray(radius_m) / rim.inner_radius_m)
+    return np.asarray(inner_degC + net * rim.outer_radius_m / rim.conductivity_W_mK * shape)
 
 
 def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
@@ -74,24 +62,19 @@ def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
     return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
 
 
-def _ring_mode_slope(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
-    """dPhi/dr."""
-    mu, r = np.asarray(mu), np.asarray(r)
-    return np.asarray(-mu * (j1(mu * r) * y0(mu * inner_m) - y1(mu * r) * j0(mu * inner_m)))
-
-
 def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
     """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, with ``biot_per_m`` = h/K [1/m]; ascending.
 
     The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), moved a little by the curvature.
     """
 
-    def robin(mu: float) -> float:
-        return float(_ring_mode_slope(mu, outer_m, inner_m) + biot_per_m * _ring_mode(mu, outer_m, inner_m))
+    def robin(mu: Array) -> Array:
+        slope = -mu * (j1(mu * outer_m) * y0(mu * inner_m) - y1(mu * outer_m) * j0(mu * inner_m))
+        return np.asarray(slope + biot_per_m * _ring_mode(mu, outer_m, inner_m))
 
     step = np.pi / (outer_m - inner_m)
     grid = np.linspace(1e-6 * step, (count + 1.5) * step, 40 * (count + 2))
-    values = np.array([robin(g) for g in grid])
+    values = robin(grid)
     at = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
     if len(at) < count:
         raise InputError(f"ring_roots: found {len(at)} of {count} roots")
@@ -99,12 +82,9 @@ def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) ->
 
 
 def ring_transient_degC(
+    rim: Rim,
     radius_m: ArrayLike,
     time_s: ArrayLike,
-    inner_m: float,
-    outer_m: float,
-    conductivity: float,
-    alpha_m2_s: float,
     h: float,
     flux: float,
     inner_degC: float,
@@ -117,18 +97,16 @@ def ring_transient_degC(
     T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), c_n by projection with weight r; Phi_n and mu_n of
     ``ring_roots``; Carslaw and Jaeger, chapters 7 and 13. The integrals are taken by Gauss-Legendre quadrature.
     """
-    r = np.atleast_1d(np.asarray(radius_m, dtype=float))
-    t = np.atleast_1d(np.asarray(time_s, dtype=float))
-    mu = ring_roots(inner_m, outer_m, h / conductivity, modes)
+    inner_m = rim.inner_radius_m
+    mu = ring_roots(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
     x, w = np.polynomial.legendre.leggauss(8 * modes)
-    at = inner_m + (outer_m - inner_m) * (x + 1) / 2
+    at = inner_m + rim.thickness_m * (x + 1) / 2
     phi = _ring_mode(mu[:, None], at, inner_m)
-    steady = (inner_m, outer_m, conductivity, h, flux, inner_degC, ambient_degC)
-    gap = start_degC - ring_steady_degC(at, *steady)
-    weight = w * at
-    c = (phi * gap) @ weight / ((phi * phi) @ weight)
-    decay = np.exp(-alpha_m2_s * np.outer(t, mu**2))
-    return np.asarray(ring_steady_degC(r, *steady) + (decay * c) @ _ring_mode(mu[:, None], r, inner_m))
+    gap = start_degC - ring_steady_degC(rim, at, h, flux, inner_degC, ambient_degC)
+    c = (phi * gap) @ (w * at) / ((phi * phi) @ (w * at))
+    decay = np.exp(-rim.diffusivity_m2_s * np.outer(np.asarray(time_s, dtype=float), mu**2))
+    steady = ring_steady_degC(rim, radius_m, h, flux, inner_degC, ambient_degC)
+    return np.asarray(steady + (decay * c) @ _ring_mode(mu[:, None], radius_m, inner_m))
 
 
 def slab_root(biot: float) -> float:
@@ -138,28 +116,17 @@ def slab_root(biot: float) -> float:
     return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
 
 
-def product_decay_K(
-    radius_m: ArrayLike,
-    z_m: ArrayLike,
-    time_s: float,
-    inner_m: float,
-    outer_m: float,
-    width_m: float,
-    conductivity: float,
-    alpha_m2_s: float,
-    h: float,
-    washer: float,
-) -> Array:
+def product_decay_K(rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float, h: float) -> Array:
     """A field that varies in z and is exact: Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t).
 
-    (radii, z) [K] above an ambient at zero, with R_i held at zero, film h at R_o and washers at both faces; scaled
-    so that Phi_1(R_o) = 1. It is the case that section 3.6.3 says it could not test.
+    (radii, z) [K] above an ambient at zero, with R_i held at zero, film ``h`` [W/m2K] at R_o and the rim's washers at
+    both faces; scaled so that Phi_1(R_o) = 1. It is the case that section 3.6.3 says it could not test.
     """
-    mu = ring_roots(inner_m, outer_m, h / conductivity, 1)[0]
-    nu = slab_root(washer * width_m / (2 * conductivity))
-    phi = _ring_mode(mu, radius_m, inner_m) / _ring_mode(mu, outer_m, inner_m)
-    shape = np.cos(2 * nu * (np.asarray(z_m) / width_m - 0.5))
-    return np.asarray(np.outer(phi, shape) * np.exp(-alpha_m2_s * (mu**2 + (2 * nu / width_m) ** 2) * time_s))
+    inner, outer, w, k = rim.inner_radius_m, rim.outer_radius_m, rim.width_m, rim.conductivity_W_mK
+    mu, nu = ring_roots(inner, outer, h / k, 1)[0], slab_root(rim.washer_W_m2K * w / (2 * k))
+    phi = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
+    shape = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
+    return np.asarray(np.outer(phi, shape) * np.exp(-rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2) * time_s))
 
 
 @dataclass(frozen=True)
@@ -183,36 +150,27 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
     """The semi-discrete rim; ``h_W_m2K`` is one number, or one for each z node (nz,)."""
     m, n = mesh.nr - 1, mesh.nz
     dr, dz = rim.thickness_m / m, rim.width_m / (n - 1)
-    alpha, k = rim.diffusivity_m2_s, rim.conductivity_W_mK
-    s, gamma = rim.inner_radius_m / dr, (dr / dz) ** 2
+    s, gamma, k = rim.inner_radius_m / dr, (dr / dz) ** 2, rim.conductivity_W_mK
+    scale = rim.diffusivity_m2_s / dr**2
     j = np.arange(1, m + 1)
     up, down = (s + j + 0.5) / (s + j), (s + j - 0.5) / (s + j)  # (3.30): A and B times 2 (phi + gamma + 1)
-    down_in = down.copy()
-    down[-1] = up[-1] + down[-1]  # (3.31): the node outside the surface is eliminated
-    rim_h = np.broadcast_to(np.asarray(h_W_m2K, dtype=float), (n,))
-    film = up[-1] * 2 * dr / k * rim_h  # what the film adds to the diagonal
-    face = gamma * 2 * dz * rim.washer_W_m2K / k
-    side = np.full(n - 1, gamma)
-    left, right = side.copy(), side.copy()
-    right[0] = left[-1] = 2 * gamma  # washers: the nodes outside the faces are eliminated
-    in_r = sp.diags([-down[1:], np.full(m, 2.0), -up[:-1]], [-1, 0, 1])
-    in_z = sp.diags([-left, np.full(n, 2 * gamma), -right], [-1, 0, 1]).tolil()
-    in_z[0, 0] += face
-    in_z[n - 1, n - 1] += face
-    last = sp.csr_matrix(([1.0], ([m - 1], [m - 1])), shape=(m, m))
-    a = sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z) + sp.kron(last, sp.diags(film))
-    scale = alpha / dr**2
-    first_r, last_r, ones_r = np.zeros(m), np.zeros(m), np.ones(m)
-    first_r[0], last_r[-1] = down_in[0], up[-1] * 2 * dr / k
-    e_d, e_f = np.eye(n)[0] * face, np.eye(n)[-1] * face
+    first, last = np.eye(m)[0] * down[0] * scale, np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
+    down[-1] += up[-1]  # (3.31): the node outside the surface is eliminated
+    in_r = 2 * np.eye(m) - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
+    in_z = gamma * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    in_z[0, 1] = in_z[-1, -2] = -2 * gamma  # washers: the nodes outside the faces are eliminated
+    face = gamma * 2 * dz * rim.washer_W_m2K / k * scale
+    face_d, face_f = np.tile(np.eye(n)[0] * face, m), np.tile(np.eye(n)[-1] * face, m)
+    film = np.kron(last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n))  # what the film adds to the diagonal
+    inside = (sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z)) * scale
     return Scheme(
         mesh=mesh,
-        matrix=sp.csc_matrix(a * scale),
-        inner=sp.csr_matrix(sp.kron(first_r[:, None], sp.eye(n)) * scale),
-        outer=sp.csr_matrix(sp.kron(last_r[:, None], sp.eye(n)) * scale),
-        film=np.asarray(np.kron(np.eye(m)[-1], film) * scale),
-        face_d=np.kron(ones_r, e_d) * scale,
-        face_f=np.kron(ones_r, e_f) * scale,
+        matrix=sp.csc_matrix(inside + sp.diags(film + face_d + face_f)),
+        inner=sp.csr_matrix(sp.kron(first[:, None], sp.eye(n))),
+        outer=sp.csr_matrix(sp.kron(last[:, None], sp.eye(n))),
+        film=np.asarray(film),
+        face_d=face_d,
+        face_f=face_f,
     )
 
 

@@ -14,7 +14,11 @@ from tcdyn.conduction.referees import (
     surface_steady_degC,
 )
 
-RING = (0.0321, 0.0381, 41.0)
+
+@pytest.fixture
+def ring(rim):
+    assert (rim.inner_radius_m, rim.outer_radius_m, rim.conductivity_W_mK) == (0.0321, 0.0381, 41.0)
+    return rim
 
 
 def test_half_space_starts_at_its_start_and_ends_at_its_surface():
@@ -35,17 +39,16 @@ def test_roots_of_a_thin_ring_are_those_of_a_slab():
     np.testing.assert_allclose(thin, [2.0288, 4.9132, 7.9787], rtol=2e-3)  # curvature leaves 0.006/1
 
 
-def test_series_starts_at_the_start_and_settles_on_the_logarithm():
+def test_series_starts_at_the_start_and_settles_on_the_logarithm(ring):
     r = np.linspace(0.0325, 0.0375, 6)
-    args = (*RING[:2], 41.0, 1.1e-5, 700.0, 1e5, 20.0, 10.0, 20.0)
     # what 60 modes cannot carry after 1 ms is exp(-alpha mu_60^2 t)
-    early, late = ring_transient_degC(r, [1e-3, 60.0], *args)
+    early, late = ring_transient_degC(ring, r, [1e-3, 60.0], 700.0, 1e5, 20.0, 10.0, 20.0)
     np.testing.assert_allclose(early[:4], 20.0, atol=1e-3)
-    np.testing.assert_allclose(late, ring_steady_degC(r, *RING, 700.0, 1e5, 20.0, 10.0), atol=1e-6)
+    np.testing.assert_allclose(late, ring_steady_degC(ring, r, 700.0, 1e5, 20.0, 10.0), atol=1e-6)
 
 
-def test_steady_surface_balances_its_heat():
-    out = surface_steady_degC(*RING, 700.0, 1e5, 20.0, 10.0)
+def test_steady_surface_balances_its_heat(ring):
+    out = surface_steady_degC(ring, 700.0, 1e5, 20.0, 10.0)
     through = 41.0 * (out - 20.0) / (0.0381 * np.log(0.0381 / 0.0321))
     assert through == pytest.approx(1e5 - 700.0 * (out - 10.0))  # energy at the surface, per area
 
