@@ -392,7 +392,21 @@ IDENTIFY: dict[str, Words] = {
 }
 
 # tcdyn/compensate
-COMPENSATE: dict[str, Words] = {}
+COMPENSATE: dict[str, Words] = {
+    "trace.stuck": "{subject}: stuck or saturated in {percent:.2g} % of the record, first at sample {first_sample}; "
+    "those samples are treated as missing",
+    "trace.bad": "{subject}: {percent:.2g} % of the samples are missing or spikes and carry no weight",
+    "inverse.noisy": lambda bandwidth_Hz, noise_K, limit_K, best_Hz, **_: (
+        f"a bandwidth of {bandwidth_Hz:.3g} Hz makes {noise_K:.3g} K of noise, more than the {limit_K:.3g} K allowed: "
+        + (f"at most {best_Hz:.3g} Hz can be had" if best_Hz > 0 else "no bandwidth gives that")
+        + " at this noise"
+    ),
+    "inverse.near_nyquist": "a bandwidth of {bandwidth_Hz:.3g} Hz is near half of the {rate_Hz:.3g} Hz sampling: "
+    "between samples the answer is not what the formula says",
+    "inverse.dead_time": "dead time and right-half-plane zeros cannot be inverted: they remain as a shift",
+    "live.noisy": "the answer has {gain:.3g} times the trace's noise: a lower intensity or some lag behind makes it "
+    "quieter",
+}
 
 # tcdyn/traces
 TRACES: dict[str, Words] = {
@@ -418,6 +432,13 @@ PIPELINE: dict[str, Words] = {
         f"spikes were taken as missing: {', '.join(f'{n} in {t}' for t, n in zip(tests, counts))}"
     ),
     "verify.differs": "{source}: {subject}: {ours} for {published}",
+    "compensate.one_disk": "no record of the {subject} disk was given: its columns are as logged, and the lag common "
+    "to the {other} disk is the record's, which an unloading would tell better; add --record {subject}.disk.json",
+    "compensate.unrefined": "the common lags are the records': the unloading could not be used ({problem})",
+    "follow.dead": "column {subject} shows nothing: it is left empty",
+    "follow.spikes": "{count} spikes were taken as missing",
+    "follow.backward": "{count} rows whose time does not rise were left out",
+    "follow.torn": "{count} lines without the right number of fields were left out",
 }
 
 WORDS: dict[str, Words] = {

@@ -93,10 +93,10 @@ class DiskTraces(DiskChannels):
             delay_s=float(np.mean([c.delay_s for c in self.chains])),
         )
 
-    def outside_lines(self, where: str, rows: Rows = slice(None)) -> list[str]:
-        """What to say of channels that left the range of their static lines by far, in ``rows``; ``where`` in front."""
+    def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
+        """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
         named = dict(zip(CHANNELS, self.measured_degC[rows].T))
-        return [f.sentence for f in extrapolated(where, named, dict(zip(CHANNELS, self.lines)))]
+        return tuple(extrapolated(where, named, dict(zip(CHANNELS, self.lines))))
 
 
 def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "") -> DiskChannels:

@@ -24,13 +24,13 @@ matplotlib.use("Agg")
 
 import tcdyn.plots
 
-WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff", "Denoised"}
+WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff"}
 
 
 @pytest.fixture(scope="module")
 def results(campaign: Campaign) -> dict[str, Any]:
     """What the names of ``import tcdyn`` return on a small campaign, by class name."""
-    from tcdyn.compensate import before_use, proper_inverse, remove_noise
+    from tcdyn.compensate import before_use, proper_inverse
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plunge_plan import PlungePlan
     from tcdyn.plunge.hole import compare_holes
@@ -47,7 +47,6 @@ def results(campaign: Campaign) -> dict[str, Any]:
     beta = tcdyn.estimate_beta(log, rig, records)
     calibrations: dict[str, CalibrationRun] = campaign.calibrations
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
-    t = np.arange(0.0, 20.0, 0.05)
     steady = steady_degC(beta.partition.test)
     more = {"friction_coefficient": 0.03, "bulk_degC": {d: s["d"] for d, s in steady.items()}, "steady_degC": steady}
     made = [
@@ -64,7 +63,6 @@ def results(campaign: Campaign) -> dict[str, Any]:
         chain,
         tcdyn.smooth(y, 0.1, chain, lag_covariance=np.array([[0.01]])),
         before_use(proper_inverse(chain, 0.1, 1.0), 0.1),
-        remove_noise(t, np.exp(-t / 5) + rng.normal(0, 0.01, len(t)), methods=["rational"]),
         data,
         fitted,
         fitted.identified,

@@ -31,6 +31,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
     "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),
     "compensate": ("tcdyn.cli.compensate", "compensate", "Undo static errors and lag of every logged thermocouple."),
+    "follow": ("tcdyn.cli.follow", "follow", "Compensate a log while it grows, row by row."),
     "beta": ("tcdyn.cli.beta", "beta", "Heat partition of one EHL log by every way, cross-checked."),
     "campaign": ("tcdyn.cli.campaign", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
     "design": ("tcdyn.cli.design", "design", "What a planned test can tell of the lags, before it is run."),

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from calibration.finding import Finding, look, sentences
 from calibration.result import Result
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import corner_rad_s
 from tcdyn.compensate.inverse import InverseFilter, proper_inverse
+from tcdyn.compensate.live import LiveSmoother
 
 Array = NDArray[np.float64]
+MOST_GAIN = 10.0  # noise out over noise in, beyond which the answer of a live smoother is of little use
 
 
 @dataclass(frozen=True)
@@ -38,21 +42,27 @@ class BeforeUse(Result):
     step_time_s: Array
     step: Array
     raw_step: Array
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know first, in words."""
+        return sentences(self.findings)
 
     def summary(self) -> str:
         """The report in words."""
-        return "\n".join(
-            [
-                f"noise gain {self.noise_gain:.3g}: the answer has a noise of {self.noise_out_K:.3g} K",
-                f"bandwidth {self.bandwidth_Hz:.3g} Hz (uncompensated {self.raw_bandwidth_Hz:.3g} Hz)",
-                f"step response, 10 to 90 %: {self.rise_s:.3g} s (uncompensated {self.raw_rise_s:.3g} s), "
-                f"overshoot {100 * self.overshoot:.2g} %",
-                f"remaining shift {self.remaining_shift_s:.3g} s: on a ramp of 1 K/s the answer is "
-                f"{self.bias_K_per_K_s if abs(self.bias_K_per_K_s) > 1e-6 else 0.0:.3g} K behind",
-                *self.warnings,
-            ]
-        )
+        return "\n".join([*self.lines(), *self.warnings])
+
+    def lines(self) -> list[str]:
+        """The report in words without its warnings."""
+        return [
+            f"noise gain {self.noise_gain:.3g}: the answer has a noise of {self.noise_out_K:.3g} K",
+            f"bandwidth {self.bandwidth_Hz:.3g} Hz (uncompensated {self.raw_bandwidth_Hz:.3g} Hz)",
+            f"step response, 10 to 90 %: {self.rise_s:.3g} s (uncompensated {self.raw_rise_s:.3g} s), "
+            f"overshoot {100 * self.overshoot:.2g} %",
+            f"remaining shift {self.remaining_shift_s:.3g} s: on a ramp of 1 K/s the answer is "
+            f"{self.bias_K_per_K_s if abs(self.bias_K_per_K_s) > 1e-6 else 0.0:.3g} K behind",
+        ]
 
 
 def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None) -> BeforeUse:
@@ -61,35 +71,72 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     A warning comes when the answer would be noisier than ``wanted_K`` [K] (left out: than a hundred times the trace),
     with the bandwidth that can be had; and when the sampling is too slow for the bandwidth.
     """
-    dt, chain = f.dt_s, f.chain
-    span = 12 * (chain.lag_s + f.remaining_shift_s) + 20 * dt
-    n = int(min(max(span / dt, 64), 400_000))
-    fine = max(int(np.ceil(400 / n)), 1)
-    u = np.zeros(n * fine)
-    u[fine:] = 1.0
-    raw = chain.response(u, dt / fine, hold="zoh")[::fine]
-    step = signal.lfilter(f.b, f.a, raw)
-    t = np.asarray((np.arange(n) - 1.0) * dt, dtype=np.float64)
-    gain = f.noise_gain
+    dt, chain, noise_out = f.dt_s, f.chain, f.noise_gain * noise_sd
     limit = 100.0 * noise_sd if wanted_K is None else wanted_K
-    said = []
-    if gain * noise_sd > limit:
+    found = []
+    if noise_out > limit:
         best = widest_bandwidth_Hz(chain, dt, noise_sd, limit)
-        had = f"at most {best:.3g} Hz can be had" if best > 0 else "no bandwidth gives that"
-        said.append(
-            f"a bandwidth of {f.bandwidth_Hz:.3g} Hz makes {gain * noise_sd:.3g} K of noise, more than the "
-            f"{limit:.3g} K allowed: {had} at this noise"
-        )
+        found.append(look("inverse.noisy", bandwidth_Hz=f.bandwidth_Hz, noise_K=noise_out, limit_K=limit, best_Hz=best))
     if f.bandwidth_Hz > 0.2 / dt:
-        said.append(
-            f"a bandwidth of {f.bandwidth_Hz:.3g} Hz is near half of the {1 / dt:.3g} Hz sampling: between samples the "
-            "answer is not what the formula says"
-        )
-    if chain.delay_s > 0 or chain.zero_s < 0:
-        said.append("dead time and right-half-plane zeros cannot be inverted: they remain as a shift")
+        found.append(look("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt))
+    span = 12 * (chain.lag_s + f.remaining_shift_s) + 20 * dt
+    rows = int(min(max(span / dt, 64), 400_000))
+    raw = _step(chain, dt, rows, max(int(np.ceil(400 / rows)), 1))
+    freq = np.geomspace(1e-4, 0.499, 3000) / dt
+    through = np.abs(f.frequency_response(freq) * chain.frequency_response(freq))
+    return _report(
+        chain, dt, raw, np.asarray(signal.lfilter(f.b, f.a, raw)), (f.noise_gain, noise_out),
+        _first_below(freq, through), f.remaining_shift_s, f.remaining_shift_s, found,
+    )  # fmt: skip
+
+
+def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
+    """The report on the channel of a live smoother whose answer is noisiest.
+
+    At rest the smoother is a linear filter; its impulse response h is had by giving it one sample of one standard
+    deviation, too little to be taken for an event: noise gain sqrt(sum h^2), bandwidth of |H G|, step of h * chain.
+    """
+    dt, span = engine.dt_s, max(s.lag_s for s in engine.sensors)
+    rows = int(min(8 * span / dt + 4 * engine.lag_samples + 200, 4000))
+    y = np.zeros((2 * rows, len(chains)))
+    y[rows] = engine.noise_sd
+    _, x, _, _ = engine.run(engine.start(np.zeros(len(chains))), y)
+    pulses = x[rows:] / engine.noise_sd
+    gains = np.sqrt(np.sum(pulses**2, axis=0))
+    worst = int(np.argmax(gains * engine.noise_sd))
+    h, chain, gain = pulses[:, worst], chains[worst], float(gains[worst])
+    found = [look("live.noisy", gain=gain)] if gain > MOST_GAIN else []
+    raw = _step(chain, dt, rows, 1)
+    freq = np.geomspace(1e-3 / span, 0.499 / dt, 1500)
+    own = np.exp(-2j * np.pi * freq[:, None] * dt * np.arange(rows)) @ h
+    through = np.abs(own * chain.frequency_response(freq))
+    ramp = float(np.sum(np.arange(rows) * h) * dt + chain.lag_s)
+    step = np.asarray(np.convolve(raw, h)[:rows], dtype=np.float64)
+    return _report(
+        chain, dt, raw, step, (gain, gain * float(engine.noise_sd[worst])),
+        _first_below(freq, through), chain.delay_s + engine.lag_samples * dt, ramp, found,
+    )  # fmt: skip
+
+
+def _step(chain: Chain, dt_s: float, rows: int, fine: int) -> Array:
+    """What the chain makes of a step at the second of ``rows`` samples, simulated ``fine`` times as finely."""
+    u = np.zeros(rows * fine)
+    u[fine:] = 1.0
+    return np.asarray(chain.response(u, dt_s / fine, hold="zoh")[::fine], dtype=np.float64)
+
+
+def _report(
+    chain: Chain, dt_s: float, raw: Array, step: Array, noise: tuple[float, float], bandwidth_Hz: float,
+    shift_s: float, ramp_s: float, found: Sequence[Finding],
+) -> BeforeUse:  # fmt: skip
+    """The figures that every compensator has; ``noise``: gain, and what comes out [K]."""
+    t = np.asarray((np.arange(len(raw)) - 1.0) * dt_s, dtype=np.float64)
+    freq = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
+    alone = _first_below(freq, np.abs(chain.frequency_response(freq)))
+    late = [look("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
     return BeforeUse(
-        gain, gain * noise_sd, _bandwidth(f), _bandwidth_of_chain(chain), rise(t, step), rise(t, raw),
-        float(max(step.max() - 1.0, 0.0)), f.remaining_shift_s, f.remaining_shift_s, t, step, raw, tuple(said),
+        *noise, bandwidth_Hz, alone, _rise(t, step), _rise(t, raw), float(max(step.max() - 1.0, 0.0)), shift_s, ramp_s,
+        t, step, raw, (*found, *late),
     )  # fmt: skip
 
 
@@ -105,27 +152,16 @@ def smoother_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, intensity:
     return float(corner_rad_s(chain, np.array(intensity / (noise_sd**2 * dt_s)))) / (2 * np.pi)
 
 
-def _bandwidth(f: InverseFilter) -> float:
-    freq = np.geomspace(1e-4, 0.499, 3000) / f.dt_s
-    return first_below(freq, np.abs(f.frequency_response(freq) * f.chain.frequency_response(freq)))
-
-
-def _bandwidth_of_chain(chain: Chain) -> float:
-    freq = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
-    return first_below(freq, np.abs(chain.frequency_response(freq)))
-
-
-def first_below(freq: Array, gain: Array) -> float:
+def _first_below(freq: Array, gain: Array) -> float:
     """The first of the frequencies (N,) [Hz] at which a gain (N,) is below 1/sqrt 2; the last where none is."""
     below = np.flatnonzero(gain < np.sqrt(0.5))
     return float(freq[below[0]]) if len(below) else float(freq[-1])
 
 
-def rise(t: Array, step: Array) -> float:
+def _rise(t: Array, step: Array) -> float:
     """Time from 10 to 90 % of a step response (N,) at times (N,) [s], first crossings."""
-    first = int(np.argmax(step >= 0.1)), int(np.argmax(step >= 0.9))
-    times = [
+    start, end = (
         float(np.interp(level, step[max(k - 1, 0) : k + 1], t[max(k - 1, 0) : k + 1]))
-        for level, k in zip((0.1, 0.9), first)
-    ]
-    return times[1] - times[0]
+        for level, k in ((level, int(np.argmax(step >= level))) for level in (0.1, 0.9))
+    )
+    return end - start

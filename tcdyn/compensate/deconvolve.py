@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from calibration.arrays import Array
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import Grid, read_variance, readings
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
@@ -18,8 +19,8 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth, stretch_of
 from tcdyn.compensate.sweep import backward, forward
 
-Array = NDArray[np.float64]
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
+CRITERIA = get_args(Criterion)
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ def deconvolve(
     noise_sd: ArrayLike | None = None,
     lag_covariance: ArrayLike | None = None,
     static_u: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
     trials: int = 25,
 ) -> tuple[Compensated, Tradeoff]:
     """Minimise sum (y - G x)^2 + weight integral x''^2 dt, a filter without phase, edges exact.
@@ -60,14 +62,14 @@ def deconvolve(
         dt_s: sampling interval [s].
         chains: one for all channels or one per channel.
         noise_sd: per channel [K]; estimated when left out.
-        lag_covariance, static_u: as in ``smooth``.
+        lag_covariance, static_u, names: as in ``smooth``.
         trials: number of weights tried, evenly in their logarithm.
     """
     data = np.asarray(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
     sd = channel_noise_sd(data, noise_sd)
-    stretch, _, _ = stretch_of(data, dt_s, chains, (), sd)
+    stretch, _, _ = stretch_of(data, dt_s, chains, (), sd, names)
     levels = np.geomspace(1e-4, 1e7, trials)
     rows = [_trial(stretch, sd**2, level * sd**2) for level in levels]
     misfit, roughness, freedom = (np.array([row[k] for row in rows]) for k in range(3))
@@ -83,6 +85,7 @@ def deconvolve(
         intensity=list(chosen * sd**2),
         lag_covariance=lag_covariance,
         static_u=static_u,
+        names=names,
     )
     named = replace(result, method=f"regularised deconvolution, weight by {criterion}")
     return named, Tradeoff(levels[:, None] * sd**2, misfit, roughness, freedom, chosen * sd**2, criterion)

@@ -1,17 +1,21 @@
-"""The proper inverse: one over the chain, times a roll-off of stated bandwidth; causal, stable, fast."""
+"""The proper inverse: one over the chain, times a roll-off of stated bandwidth; causal, stable, fast; its band."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
+from scipy.ndimage import uniform_filter1d
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain, discretised
-
-Array = NDArray[np.float64]
+from tcdyn.compensate.noise import channel_noise_sd
+from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.smoother import stretch_of
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,41 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
     b, a = _sampled(den, bottom, dt_s)
     shift = chain.delay_s + (2 * abs(zero) if zero < 0 else 0.0)
     return InverseFilter(b, a, dt_s, bandwidth_Hz, m, shift + m / w, m / w, chain)
+
+
+def invert(
+    y: ArrayLike,
+    dt_s: float,
+    chains: Chain | Sequence[Chain],
+    bandwidth_Hz: float,
+    *,
+    noise_sd: ArrayLike | None = None,
+    lag_covariance: ArrayLike | None = None,
+    static_u: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+) -> Compensated:
+    """Causal compensation of a whole record with a stated bandwidth; arguments and result as for ``smooth``.
+
+    ``sd_noise`` is hypot(noise gain times noise, remaining shift times |slope|): the answer is late by the remaining
+    shift and says so in its band instead of being moved. Bad samples are bridged by straight lines before filtering.
+    """
+    data = np.asarray(y, dtype=float)
+    data = data[:, None] if data.ndim == 1 else data
+    sd = channel_noise_sd(data, noise_sd)
+    stretch, flags, findings = stretch_of(data, dt_s, chains, (), sd, names)
+    x, lag, slope, own = (np.empty(data.shape) for _ in range(4))
+    for c, chain in enumerate(stretch.chains):
+        f = proper_inverse(chain, dt_s, bandwidth_Hz)
+        x[:, c] = f(stretch.y[:, c])
+        lag[:, c] = lag_sensitivity(f, stretch.y[:, c])
+        slope[:, c] = np.gradient(x[:, c], dt_s)
+        width = max(int(f.remaining_shift_s / dt_s), 1)
+        calm = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
+        own[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * calm)
+    return Compensated.of(
+        x, own, slope, lag, lag_covariance, static_u, dt_s, noise_sd=sd, intensity=np.full(len(sd), np.nan),
+        flags=flags, method=f"proper inverse, {bandwidth_Hz:g} Hz", findings=findings,
+    )  # fmt: skip
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,12 +19,16 @@ from tcdyn.compensate.result import MISSING, SPIKE
 Array = NDArray[np.float64]
 SPIKE_SD = 6.0
 FORGET, ALARM = 0.6, 2.1  # running mean of normalised surprises (sd 0.5) and the level that means an event
-HELD = 2  # samples in a row that may be taken for a spike
+HELD = 2  # samples in a row that may be taken for a spike; the third is believed
+CONTEXT = 5  # samples before the present one whose median a coarse spike is measured against
 
 
 @dataclass(frozen=True)
 class LiveState:
-    """All that is needed to go on: states, covariances, the lagged estimates, how surprised each channel is."""
+    """All that is needed to go on: states, covariances, the lagged estimates, how surprised each channel is.
+
+    ``recent`` (CONTEXT, M): the last samples; ``high`` and ``held`` (M,): spikes in a row by either rule.
+    """
 
     mean: Array
     cov: Array
@@ -33,6 +38,8 @@ class LiveState:
     surprise: Array
     restless: Array
     held: Array
+    recent: Array
+    high: Array
     done: int = 0
 
     def to_json(self) -> dict[str, Any]:
@@ -51,8 +58,10 @@ class LiveSmoother:
     """A Kalman filter on the chain with slope noise, and the last ``lag_samples`` estimates kept up to date.
 
     A jump of slope is noticed by the run of surprises it makes and followed with a burst of intensity; a lone sample
-    beyond six standard deviations is flagged and skipped; a missing one is skipped. The answer at sample k is for
-    time k dt - delay - lag_samples dt.
+    beyond six standard deviations of its prediction is flagged and skipped, and so is one further than ``spike_K`` from
+    the median of the five before it, which would pass for a jump (nobody knows yet what comes after it, so the rule for
+    whole logs does not serve); a missing one is skipped. The answer at sample k is for time
+    k dt - delay - lag_samples dt.
     """
 
     sensors: tuple[Sensor, ...]
@@ -60,6 +69,7 @@ class LiveSmoother:
     noise_sd: Array
     intensity: Array
     lag_samples: int
+    spike_K: Array
 
     @classmethod
     def of(
@@ -69,14 +79,16 @@ class LiveSmoother:
         noise_sd: ArrayLike,
         intensity: ArrayLike,
         lag_samples: int = 0,
+        spike_K: ArrayLike = np.inf,
     ) -> LiveSmoother:
-        """For ``chains`` (M), noise (M,) [K] and quiet slope intensity (M,) [K2/s3], one number for all allowed."""
+        """For ``chains``, noise [K], quiet slope intensity [K2/s3], coarse spikes [K]: (M,) or one number for all."""
         m = len(chains)
-        noise = np.broadcast_to(np.asarray(noise_sd, dtype=float), (m,)).copy()
-        level = np.broadcast_to(np.asarray(intensity, dtype=float), (m,)).copy()
+        noise, level, far = (
+            np.broadcast_to(np.asarray(v, dtype=float), (m,)).copy() for v in (noise_sd, intensity, spike_K)
+        )
         if lag_samples < 0 or np.any(noise <= 0) or np.any(level <= 0):
             raise InputError("live smoother: lag_samples must not be negative, noise and intensity must be positive")
-        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples)
+        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples, far)
 
     def start(self, first: ArrayLike) -> LiveState:
         """State that knows only the first sample ``first (M,)`` [degC], the chain's past taken as a ramp."""
@@ -98,29 +110,47 @@ class LiveSmoother:
         )
         return LiveState(
             mean, cov, np.tile(mean[:, 0], (keep, 1)), np.tile(cov[:, 0, 0], (keep, 1)), np.zeros((keep, m, n)),
-            np.zeros(m), np.zeros(m), np.zeros(m),
+            np.zeros(m), np.zeros(m), np.zeros(m), np.tile(first, (CONTEXT, 1)), np.zeros(m),
         )  # fmt: skip
 
     def run(self, state: LiveState, chunk: ArrayLike) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
         """Temperature [degC] and sd [K] (n, M), lagged, and the flags of the samples of ``chunk (n, M)`` [degC]."""
         y = np.asarray(chunk, dtype=float)
-        steps = np.stack([expm(s.drift * self.dt_s) for s in self.sensors])
-        rows = np.stack([s.output for s in self.sensors])
-        lags = np.array([s.lag_s for s in self.sensors]) + self.dt_s
-        calm = np.exp(-self.dt_s / lags)
-        ago = np.maximum(4 * self.dt_s, 0.15 * lags)
-        kick = np.stack([expm(s.drift * d)[:, 1] for s, d in zip(self.sensors, ago)])
         x, sd, flags = np.empty(y.shape), np.empty(y.shape), np.zeros(y.shape, dtype=np.uint8)
-        back = steps.transpose(0, 2, 1)
         now = state
         for k in range(len(y)):
-            now, flags[k] = self._one(now, y[k], steps, back, rows, lags, calm, kick)
+            now, flags[k] = self._one(now, y[k])
             x[k], sd[k] = now.lagged[-1], np.sqrt(now.lagged_var[-1])
         return replace(now, done=state.done + len(y)), x, sd, flags
 
-    def _one(
-        self, now: LiveState, y: Array, steps: Array, back: Array, rows: Array, lags: Array, calm: Array, kick: Array
-    ) -> tuple[LiveState, NDArray[np.uint8]]:
+    @cached_property
+    def _steps(self) -> Array:
+        """How the states move in one sample (M, n, n)."""
+        return np.stack([expm(s.drift * self.dt_s) for s in self.sensors])
+
+    @cached_property
+    def _lags(self) -> Array:
+        return np.array([s.lag_s for s in self.sensors]) + self.dt_s
+
+    @cached_property
+    def _kick(self) -> Array:
+        """What a unit jump of slope some samples ago has done to the states by now (M, n)."""
+        ago = np.maximum(4 * self.dt_s, 0.15 * self._lags)
+        return np.stack([expm(s.drift * d)[:, 1] for s, d in zip(self.sensors, ago)])
+
+    @cached_property
+    def _rows(self) -> Array:
+        return np.stack([s.output for s in self.sensors])
+
+    def _one(self, now: LiveState, y: Array) -> tuple[LiveState, NDArray[np.uint8]]:
+        """The state after one more sample (M,), and its flags."""
+        steps, rows, kick, lags = self._steps, self._rows, self._kick, self._lags
+        back = steps.transpose(0, 2, 1)
+        absent = ~np.isfinite(y)
+        middle = np.sort(now.recent, axis=0)[CONTEXT // 2]
+        far = ~absent & (np.abs(y - middle) > self.spike_K) & (now.high < HELD)
+        high = np.where(far, now.high + 1, np.where(absent, now.high, 0.0))
+        recent = np.concatenate([now.recent[1:], np.where(absent, middle, y)[None]])
         if now.done == 0 and not now.lagged_cov.any():
             mean, cov, lagged_cov = now.mean, now.cov, now.lagged_cov
         else:
@@ -129,7 +159,7 @@ class LiveSmoother:
             lagged_cov = np.einsum("kmi,mij->kmj", now.lagged_cov, back)
         cov = cov.copy()
         cov[:, 1, 1] += (self.intensity + now.restless) * self.dt_s
-        missing = ~np.isfinite(y)
+        missing = absent | far
         nu = np.where(missing, 0.0, y - (rows * mean).sum(axis=1))
         across = (cov @ rows[..., None])[..., 0]
         spread = (rows * across).sum(axis=1) + self.noise_sd**2
@@ -153,10 +183,11 @@ class LiveSmoother:
         lagged = np.concatenate([mean[None, :, 0], (now.lagged + share * nu)[:-1]])
         lagged_var = np.concatenate([cov[None, :, 0, 0], (now.lagged_var - share * pulls)[:-1]])
         lagged_cov = np.concatenate([cov[None, :, 0], (lagged_cov - pulls[..., None] * gain)[:-1]])
-        restless = np.where(event, 0.3 * jump**2 / lags, now.restless) * calm
-        flags = np.where(missing, MISSING, 0) | np.where(spike, SPIKE, 0)
+        restless = np.where(event, 0.3 * jump**2 / lags, now.restless) * np.exp(-self.dt_s / lags)
+        flags = np.where(absent, MISSING, 0) | np.where(spike | far, SPIKE, 0)
         held = np.where(spike, now.held + 1, np.where(missing, now.held, 0))
         state = LiveState(
-            mean, cov, lagged, np.maximum(lagged_var, 0.0), lagged_cov, surprise, restless, held, now.done + 1
-        )
+            mean, cov, lagged, np.maximum(lagged_var, 0.0), lagged_cov, surprise, restless, held, recent, high,
+            now.done + 1,
+        )  # fmt: skip
         return state, flags.astype(np.uint8)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.finding import Finding, look
 from tcdyn.compensate.result import MISSING, SATURATED, SPIKE, STUCK
 
-Array = NDArray[np.float64]
 SPIKE_SD = 6.0  # one sample in 5e8 of normal noise
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 NEIGHBOURS = 9  # a spike of up to four samples stands out of the median of nine
@@ -75,27 +76,23 @@ def spoken(names: Sequence[str] | None, channels: int) -> list[str]:
     return list(names)
 
 
-def refuse_or_warn(flags: NDArray[np.uint8], names: Sequence[str] | None = None) -> tuple[str, ...]:
-    """Sentences about channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring.
+def judged(flags: NDArray[np.uint8], names: Sequence[str] | None = None) -> tuple[Finding, ...]:
+    """Channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring.
 
     ``names`` (M,): what the sentences call the channels; ``channel 1`` and so on when left out.
     """
-    said = []
+    found = []
     for c, name in enumerate(spoken(names, flags.shape[1])):
-        stuck = float(np.mean(flags[:, c] & (STUCK | SATURATED) != 0))
-        bad = float(np.mean(flags[:, c] != 0))
-        if stuck > 0.5:
+        still = flags[:, c] & (STUCK | SATURATED) != 0
+        stuck, bad = 100 * float(np.mean(still)), 100 * float(np.mean(flags[:, c] != 0))
+        if stuck > 50:
             raise InputError(
-                f"{name}: {100 * stuck:.0f} % of the samples repeat one value",
+                f"{name}: {stuck:.0f} % of the samples repeat one value",
                 expected="a trace with noise on it",
                 remedy="check the wiring and the range of this channel, or leave it out",
             )
         if stuck > 0:
-            first = int(np.flatnonzero(flags[:, c] & (STUCK | SATURATED))[0])
-            said.append(
-                f"{name}: stuck or saturated in {100 * stuck:.2g} % of the record, first at sample {first}; "
-                "those samples are treated as missing"
-            )
-        elif bad > 0.01:
-            said.append(f"{name}: {100 * bad:.2g} % of the samples are missing or spikes and carry no weight")
-    return tuple(said)
+            found.append(look("trace.stuck", subject=name, percent=stuck, first_sample=int(np.argmax(still))))
+        elif bad > 1:
+            found.append(look("trace.bad", subject=name, percent=bad))
+    return tuple(found)

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from calibration.arrays import Array
 from calibration.estimate import with_u
+from calibration.finding import Finding, sentences
 from calibration.result import Result, jsonable
 from tcdyn.compensate.profile import Intensity
 
-Array = NDArray[np.float64]
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
 
 
@@ -41,9 +42,38 @@ class Compensated(Result):
     flags: NDArray[np.uint8]
     time_s: Array
     method: str
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     events_s: tuple[tuple[float, float], ...] = ()
     intensities: tuple[Intensity, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        temperature: Array,
+        sd_noise: Array,
+        slope: Array,
+        lag_sensitivity: Array,
+        lag_covariance: ArrayLike | None,
+        static_u: ArrayLike | None,
+        dt_s: float,
+        **rest: Any,
+    ) -> Compensated:
+        """With the whole standard deviation, sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + static_u^2.
+
+        ``lag_covariance`` (M, M) and ``static_u`` (a number, (M,) or (N, M)) are zero when left out; ``rest``: the
+        fields that are left.
+        """
+        n, m = temperature.shape
+        lags: Array = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=np.float64)
+        line = np.broadcast_to(np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m))
+        total = np.asarray(np.sqrt(sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + line**2), dtype=np.float64)
+        time = np.asarray(np.arange(n) * dt_s, dtype=np.float64)
+        return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, time_s=time, **rest)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was noticed, in words."""
+        return sentences(self.findings)
 
     def common_sd(self) -> Array:
         """Part of ``sd`` (N, M) that comes from the lag common to all channels, hence moves them together [K]."""

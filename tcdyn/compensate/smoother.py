@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from calibration.arrays import Array
 from calibration.errors import InputError
+from calibration.finding import Finding
 from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
 from tcdyn.compensate.grid import Grid, readings
@@ -16,11 +18,10 @@ from tcdyn.compensate.intensity import choose
 from tcdyn.compensate.model import Stretch, grid_for, problem_for
 from tcdyn.compensate.noise import channel_noise_sd
 from tcdyn.compensate.profile import Intensity
-from tcdyn.compensate.quality import SPIKE_SD, flags_of, refuse_or_warn, spoken
+from tcdyn.compensate.quality import SPIKE_SD, flags_of, judged, spoken
 from tcdyn.compensate.result import SPIKE, Compensated
 from tcdyn.compensate.sweep import Smoothed, backward, forward
 
-Array = NDArray[np.float64]
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 
 
@@ -69,7 +70,7 @@ def smooth(
     data = data[:, None] if data.ndim == 1 else data
     m = data.shape[1]
     start = channel_noise_sd(data, noise_sd)
-    stretch, flags, warnings = stretch_of(data, dt_s, chains, events_s, start, names)
+    stretch, flags, findings = stretch_of(data, dt_s, chains, events_s, start, names)
     u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
     if intensity is None:
         chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
@@ -101,30 +102,18 @@ def smooth(
     for event, u in u_of.items():
         if u > 0:
             sd = np.hypot(sd, _event_sd(stretch, event, u, noise_var, chosen))
-    lag_cov: Array = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=np.float64)
-    line_u: Array = (
-        np.zeros_like(x) if static_u is None else np.broadcast_to(np.asarray(static_u, dtype=float), x.shape)
-    )
-    total = np.sqrt(sd**2 + lag**2 * np.diag(lag_cov) + line_u**2)
     time = np.arange(len(x)) * dt_s
     level = np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen])
-    return Compensated(
-        temperature=x,
-        sd=np.asarray(total, dtype=np.float64),
-        sd_noise=sd,
-        slope=slope,
-        lag_sensitivity=lag,
-        static_u=line_u,
-        lag_covariance=lag_cov,
+    return Compensated.of(
+        x, sd, slope, lag, lag_covariance, static_u, dt_s,
         noise_sd=np.sqrt(noise_var),
         intensity=level,
         flags=flags,
-        time_s=np.asarray(time, dtype=np.float64),
         method="fixed-interval smoother",
-        warnings=warnings,
+        findings=findings,
         events_s=tuple(u_of.items()),
         intensities=tuple(chosen),
-    )
+    )  # fmt: skip
 
 
 def stretch_of(
@@ -134,8 +123,8 @@ def stretch_of(
     events_s: Sequence[float],
     noise_sd: Array,
     names: Sequence[str] | None = None,
-) -> tuple[Stretch, NDArray[np.uint8], tuple[str, ...]]:
-    """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and warnings."""
+) -> tuple[Stretch, NDArray[np.uint8], tuple[Finding, ...]]:
+    """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and findings."""
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
@@ -143,7 +132,7 @@ def stretch_of(
     if n < 8 or not dt_s > 0:
         raise InputError(f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval")
     flags = flags_of(data, noise_sd)
-    warnings = refuse_or_warn(flags, names)
+    findings = judged(flags, names)
     if np.any((flags == 0).sum(axis=0) < 8):
         c = int(np.argmin((flags == 0).sum(axis=0)))
         raise InputError(
@@ -152,7 +141,7 @@ def stretch_of(
     y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
     weight = np.where(flags == 0, 1.0, 0.0)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(y, weight, dt_s, tuple(listed), tuple(sensors(listed)), events), flags, warnings
+    return Stretch(y, weight, dt_s, tuple(listed), tuple(sensors(listed)), events), flags, findings
 
 
 def _bridged(y: Array, good: NDArray[np.bool_]) -> Array:

@@ -139,7 +139,7 @@ def prepare(
     for d in DISKS:
         warnings += _other_disk(rig, d, records[d])
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where)
-        warnings += [f.sentence for f in traces.findings] + traces.outside_lines(f"{d} disk", steady)
+        warnings += sentences((*traces.findings, *traces.outside_lines(f"{d} disk", steady)))
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
         disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
     return EhlTest(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import pandas as pd
@@ -15,11 +15,16 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import open_table, shown
-from calibration.finding import look, sentences
+from calibration.finding import Finding, look, sentences, with_where
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.compensate.before_use import BeforeUse, before_use
+from tcdyn.compensate.covariance import window_covariance
+from tcdyn.compensate.deconvolve import Criterion, deconvolve
+from tcdyn.compensate.inverse import invert, proper_inverse
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.partition.effects import with_common_u
@@ -31,26 +36,64 @@ from tcdyn.pipeline.records import rig_of
 from tcdyn.traces import DiskTraces, disk_traces, gathered, white_noise
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
+LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel
+NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
+NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
+Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a log is compensated.
+
+    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or "noise-only", the
+    smoother with an empty chain, which leaves the lag in.
+    """
+
+    method: Method = "smoother"
+    criterion: Criterion = "gcv"
+    bandwidth_Hz: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
+
+    @property
+    def removes_lag(self) -> bool:
+        """Whether the answer is the temperature at the junction."""
+        return self.method != "noise-only"
 
 
 @dataclass(frozen=True)
 class CompensatedLog(Result):
-    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes."""
+    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes.
+
+    ``traces``: what went into the compensator, chains as they were used. Where only noise was removed there is no
+    column ``_u_K``.
+    """
 
     frame: pd.DataFrame
     metadata: dict[str, str]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     disks: Mapping[str, Compensated]
+    traces: Mapping[str, DiskTraces]
     raw: Log
+    way: Way
 
     def __repr__(self) -> str:
         return f"<CompensatedLog of {self.raw.path.name}, {len(self.frame)} rows; summary() says it in words>"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was noticed, in words."""
+        return sentences(self.findings)
 
     def summary(self) -> str:
         """The lag removed and what is left uncertain, a few lines a disk."""
         lines = []
         for disk, done in self.disks.items():
-            lines.append(f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}")
+            lines += [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"] if self.way.removes_lag else []
             lines += done.summary(CHANNELS).splitlines()
         return "\n".join(dict.fromkeys([*lines, *(f"warning: {w}" for w in self.warnings)]))
 
@@ -66,12 +109,61 @@ class CompensatedLog(Result):
             self.raw,
             frame=frame,
             metadata=dict(self.metadata),
-            findings=tuple(look("said", text=w) for w in self.warnings),
+            findings=self.findings,
         )
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""
         return pd.concat([d.card().assign(disk=disk) for disk, d in self.disks.items()], ignore_index=True)
+
+    def channels(self, disk: str) -> list[str]:
+        """What the channels of ``disk`` are called in the log, without their unit."""
+        return [name.removesuffix("_degC") for name in self.traces[disk].columns]
+
+    def before_use(self, disk: str) -> BeforeUse:
+        """The report on the proper inverse of this log's bandwidth, for the noisiest channel of ``disk``."""
+        noise, dt = self.disks[disk].noise_sd, self._dt_s
+        inverses = [proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains]
+        worst = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
+        return before_use(inverses[worst], float(noise[worst]))
+
+    def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
+        """Covariance between the samples of each channel over ``length_s`` [s] from ``start_s`` on, as plain lists.
+
+        ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
+        channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it, the static line's
+        uncertainty, one error for all samples, is not.
+        Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
+        """
+        events = next(iter(self.disks.values())).events_s
+        if start_s is None and not events:
+            raise InputError(
+                "the covariance begins at the last event, and there is none",
+                where=self.raw.path.name,
+                remedy="say from when on: --covariance-from-s or start_s",
+            )
+        time = self.frame["time_s"].to_numpy(dtype=float)
+        begin = events[-1][0] if start_s is None else start_s - time[0]
+        first = max(int(np.ceil(begin / self._dt_s - 1e-6)), 0)
+        last = min(first + round(length_s / self._dt_s), len(time))
+        if not 1 < last - first <= LONGEST_COVARIANCE:
+            raise InputError(
+                f"a covariance over {last - first} samples",
+                expected=f"2 to {LONGEST_COVARIANCE}, {LONGEST_COVARIANCE * self._dt_s:.3g} s",
+                remedy="ask for another length",
+            )
+        found = {
+            name.removesuffix("_degC"): window_covariance(
+                traces.measured_degC[:, i], self._dt_s, traces.chains[i], self.disks[disk], i, first, last
+            ).tolist()
+            for disk, traces in self.traces.items()
+            for i, name in enumerate(traces.columns)
+        }
+        return {"log": self.raw.path.name, "time_s": time[first:last].tolist(), "covariance_K2": found}
+
+    @property
+    def _dt_s(self) -> float:
+        return float(np.median(np.diff(self.frame["time_s"].to_numpy(dtype=float))))
 
 
 def compensate_log(
@@ -80,6 +172,7 @@ def compensate_log(
     rig: Rig | None = None,
     *,
     refine: bool = True,
+    way: Way | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
     """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
@@ -87,55 +180,47 @@ def compensate_log(
     The log's own metadata is carried over.
     ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
     a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
+    ``way``: the compensator, the smoother unless told.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
         raise InputError("no record was given", remedy="add --record DISK.disk.json")
-    rig = rig or rig_of(records)
+    rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)
     table = read_log(log, kind, rig, own)
-    frame = table.frame.copy()
-    time = frame["time_s"].to_numpy(dtype=float)
-    dt = float(np.median(np.diff(time)))
-    warnings = list(sentences(gathered(table.findings)))
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
+    notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
+    findings = [*gathered(table.findings)]
     known: dict[float, float] = {}
     if kind == "ehl":
-        events = find_events(frame, table.path.name)
+        events = find_events(table.frame, table.path.name)
         known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
-        for disk in (d for d in DISKS if d not in records):
-            other = next(iter(records))
-            warnings.append(
-                f"no record of the {disk} disk was given: its columns are as logged, and the lag common to the {other} "
-                f"disk is the record's, which an unloading would tell better; add --record {disk}.disk.json"
-            )
-    traces: Mapping[str, DiskTraces] = {}
+        other = next(iter(records))
+        findings += [look("compensate.one_disk", subject=d, other=other) for d in DISKS if d not in records]
+    traces: dict[str, DiskTraces] = {}
     fits: Mapping[str, DiskFit] = {}
-    if refine and kind == "ehl" and {"fast", "slow"} <= set(records):
+    if refine and way.removes_lag and kind == "ehl" and {"fast", "slow"} <= set(records):
         progress("common lags from the unloading")
         traces, fits, said = _refined(table, rig, records)
-        warnings += said
-    done = {}
-    prefixes = {disk: f"{disk}_" if kind == "ehl" else "" for disk in records}
+        findings += said
+    frame, done = table.frame.copy(), {}
     for disk, record in records.items():
         progress(f"{disk} disk")
-        one = traces.get(disk) or disk_traces(frame, disk, rig, record, prefix=prefixes[disk], where=table.path.name)
-        if disk in fits:
-            lag = fits[disk].estimates["lag_s"]
-            chains = refined_chains(one.chains, fits[disk].chain)
-            one = replace(one, chains=chains, lag_covariance_s2=with_common_u(one.lag_covariance_s2, lag.u))
-            notes[f"{disk}_common_lag_s"] = f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
+        prefix = f"{disk}_" if kind == "ehl" else ""
+        one = traces.get(disk) or disk_traces(frame, disk, rig, record, prefix=prefix, where=table.path.name)
+        if not way.removes_lag:
+            one = replace(one, chains=(NO_CHAIN,) * len(one.chains), lag_covariance_s2=0.0 * one.lag_covariance_s2)
         else:
-            assert record.chain is not None
-            common = record.chain.common_lag_s
-            notes[f"{disk}_common_lag_s"] = f"{with_u(common.value, common.u)} s, from the record"
-        done[disk] = _one_disk(one, dt, known, float(time[0]))
+            one, notes[f"{disk}_common_lag_s"] = _with_lag(one, record, fits.get(disk))
+        traces[disk], done[disk] = one, _one_disk(one, table, known, way)
         for i, column in enumerate(one.columns):
             frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
-            frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
-        warnings += done[disk].warnings
-    return CompensatedLog(frame, notes, tuple(warnings), done, table)
+            if way.removes_lag:
+                frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
+        findings += with_where((*done[disk].findings, *one.outside_lines("the log")), disk)
+        findings += one.findings
+    return CompensatedLog(frame, notes, tuple(findings), done, traces, table, way)
 
 
 def log_kind(
@@ -166,32 +251,44 @@ def kind_of_columns(
     return "immersion", disk
 
 
-def _one_disk(traces: DiskTraces, dt: float, events: Mapping[float, float], start_s: float) -> Compensated:
-    """One disk's traces; ``events``: time [s] of each and its uncertainty [s]."""
-    y = traces.measured_degC
-    done = smooth(
-        y,
-        dt,
-        traces.chains,
-        noise_sd=white_noise(y),
-        events_s=tuple(float(e - start_s) for e in events),
-        event_u_s=tuple(events.values()),
-        lag_covariance=traces.lag_covariance_s2,
-        static_u=np.hypot(traces.static_u(traces.readings_degC), traces.rounding_K),
-        names=[c.removesuffix("_degC") for c in traces.columns],
-    )
-    said = [f"{traces.name}: {w}" for w in (*done.warnings, *traces.outside_lines("the log"))]
-    return replace(done, warnings=(*said, *(f.sentence for f in traces.findings)))
-
-
 def _refined(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord]
-) -> tuple[Mapping[str, DiskTraces], Mapping[str, DiskFit], list[str]]:
+) -> tuple[dict[str, DiskTraces], Mapping[str, DiskFit], list[Finding]]:
     """Traces of both disks and joint fits for their lags; what could not be had is empty, and why is said."""
-    traces: Mapping[str, DiskTraces] = {}
+    traces: dict[str, DiskTraces] = {}
     try:
         test = prepare(table, rig, records)
-        traces = test.disks
+        traces = dict(test.disks)
         return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:
-        return traces, {}, [f"the common lags are the records': the unloading could not be used ({problem})"]
+        return traces, {}, [look("compensate.unrefined", problem=str(problem))]
+
+
+def _with_lag(traces: DiskTraces, record: DiskRecord, fit: DiskFit | None) -> tuple[DiskTraces, str]:
+    """The traces with the common lag of the fit, if there is one, and what to note of it."""
+    if fit is not None:
+        lag = fit.estimates["lag_s"]
+        chains = refined_chains(traces.chains, fit.chain)
+        traces = replace(traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u))
+        return traces, f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
+    assert record.chain is not None
+    common = record.chain.common_lag_s
+    return traces, f"{with_u(common.value, common.u)} s, from the record"
+
+
+def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way: Way) -> Compensated:
+    """One disk's traces; ``events``: time [s] of each and its uncertainty [s]."""
+    time = table.frame["time_s"].to_numpy(dtype=float)
+    y, dt = traces.measured_degC, float(np.median(np.diff(time)))
+    given: dict[str, Any] = {
+        "noise_sd": white_noise(y),
+        "lag_covariance": traces.lag_covariance_s2,
+        "static_u": np.hypot(traces.static_u(traces.readings_degC), traces.rounding_K),
+        "names": [c.removesuffix("_degC") for c in traces.columns],
+    }
+    if way.method == "deconvolve":
+        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **given)[0]
+    if way.method == "inverse":
+        return invert(y, dt, traces.chains, way.bandwidth_Hz, **given)
+    known = tuple(float(e - time[0]) for e in events)
+    return smooth(y, dt, traces.chains, events_s=known, event_u_s=tuple(events.values()), **given)

@@ -11,7 +11,6 @@ import pandas as pd
 from calibration.disk import CHANNELS
 from calibration.estimate import Z95
 from calibration.finding import Finding
-from calibration.grade import findings_of
 from calibration.record import DiskRecord
 from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
 from tcdyn.compensate.inverse import proper_inverse
@@ -39,7 +38,7 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
         f"Compensated traces: {done.raw.path.name}",
         sections,
         verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
-        findings=findings_of(done),
+        findings=done.findings,
         assumptions=assumed(records),
     )
 
@@ -76,7 +75,7 @@ def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, fi
     sections = [Section("Before use, noisiest channel", _sentences(report), figure=picture), _followed(plan, log, out)]
     notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
     sections.append(Section("How it was followed", table=notes))
-    return write_page(path, f"Followed: {log.name}", sections, findings=(*findings_of(report), *findings))
+    return write_page(path, f"Followed: {log.name}", sections, findings=(*report.findings, *findings))
 
 
 def _sentences(report: BeforeUse) -> str:

@@ -1,4 +1,4 @@
-"""The command compensate: every format in and out, plunges, the page, and following a log that grows."""
+"""The commands compensate and follow: every format in and out, plunges, the page, other ways, a log that grows."""
 
 from __future__ import annotations
 
@@ -118,12 +118,12 @@ def test_follow_prints_the_report_before_use_and_ends_by_itself(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log, out, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "live.csv", tmp_path / "page.html"
-    words = ["compensate", log, *fast(campaign), "--out", out, "--follow", "--idle-s", "0.1"]
-    assert tcdyn(*words, "--method", "inverse", "--bandwidth-Hz", "3", "--report", page) == 0
+    words = ["follow", log, *fast(campaign), "--out", out, "--idle-s", "0.1"]
+    assert tcdyn(*words, "--intensity", "1e9", "--report", page) == 0
     said = capsys.readouterr()
     for part in ("noise gain", "bandwidth", "remaining shift", "no growth for 0.1 s"):
         assert part in said.out
-    assert "can be had" in said.err  # 3 Hz is too much to ask at this noise, and which is not is said
+    assert "times the trace's noise" in said.err  # too much is asked at this noise, and what would help is said
     assert "data:image/png;base64," in page.read_text(encoding="utf-8")
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out, comment="#"))]  # fmt: skip  # noqa: E501
     state = tmp_path / "state.json"
@@ -132,24 +132,67 @@ def test_follow_prints_the_report_before_use_and_ends_by_itself(
     capsys.readouterr()
 
 
-def test_options_of_follow_need_follow_and_a_text_output(
+def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log = write_log(stretch, tmp_path / "plunge.csv")
-    assert tcdyn("compensate", log, *fast(campaign), "--behind-s", "1") == 2
-    assert "--behind-s without --follow" in capsys.readouterr().err
-    for words in (
+    log, out = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "live.csv"
+    assert tcdyn("compensate", log, *fast(campaign), "--follow") == 2
+    assert "tcdyn follow" in capsys.readouterr().err
+    for given in (
         ["--out", tmp_path / "out.parquet"],
         ["--out", log],
-        ["--method", "magic"],
-        ["--method", "inverse", "--behind-s", "1"],
-        ["--intensity", "-1"],
+        ["--out", out, "--intensity", "-1"],
+        ["--out", out, "--behind-s", "61"],
     ):
-        assert tcdyn("compensate", log, *fast(campaign), "--follow", "--idle-s", "0.1", *words, "-q") == 2
+        assert tcdyn("follow", log, *fast(campaign), "--idle-s", "0.1", *given, "-q") == 2
         assert capsys.readouterr().err.startswith("tcdyn: ")
     tdms = write_log(stretch, tmp_path / "plunge.tdms")
-    assert tcdyn("compensate", tdms, *fast(campaign), "--follow", "--idle-s", "0.1", "-q") == 2
+    assert tcdyn("follow", tdms, *fast(campaign), "--idle-s", "0.1", "--out", out, "-q") == 2
     assert "does not grow line by line" in capsys.readouterr().err
+
+
+def test_other_compensators_give_a_second_opinion(
+    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, reference: pd.DataFrame,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Away from the entry all three agree within what they say of themselves; before use the inverse says its price."""
+    log, out = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv"
+    late = reference["time_s"] > reference["time_s"].iloc[-1] - 4
+    for words in (["--method", "deconvolve", "--criterion", "discrepancy"], ["--method", "inverse"]):
+        assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 0
+        done = pd.read_csv(out, comment="#")
+        z = (done["e_degC"] - reference["e_degC"]) / np.hypot(done["e_u_K"], reference["e_u_K"])
+        assert np.mean(np.abs(z[late]) < 1.96) > 0.9
+    said = capsys.readouterr().out
+    assert "noise gain" in said
+    assert "remaining shift" in said
+    for words in (
+        ["--method", "magic"],
+        ["--criterion", "gcv"],
+        ["--bandwidth-Hz", "2"],
+        ["--method", "deconvolve", "--criterion", "magic"],
+        ["--method", "inverse", "--noise-only"],
+    ):
+        assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 2
+
+
+def test_the_covariance_over_a_stretch_is_that_of_the_samples(
+    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its diagonal is the file's standard deviation without the static line's part; neighbours move together."""
+    log, out, cov = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv", tmp_path / "cov.json"
+    words = ["compensate", log, *fast(campaign), "--out", out, "--covariance"]
+    assert tcdyn(*words, cov, "--covariance-from-s", "22", "--covariance-s", "0.5", "-q") == 0
+    found, done = json.loads(cov.read_text(encoding="utf-8")), pd.read_csv(out, comment="#").set_index("time_s")
+    time, c = found["time_s"], np.array(found["covariance_K2"]["e"])
+    assert c.shape == (len(time), len(time)) == (38, 38)  # half a second at 75 Hz
+    assert np.all(np.sqrt(np.diag(c)) < done.loc[time, "e_u_K"] * 1.03)  # 3 %: the window's own grid of knots
+    assert np.all(np.diag(c, 1) > 0.5 * np.diag(c)[1:])
+    assert tcdyn(*words, out, "-q") == 2  # would write over the other output
+    assert tcdyn(*words, cov, "-q") == 2
+    assert "--covariance-from-s" in capsys.readouterr().err  # a plunge has no kink to begin at
+    assert tcdyn(*words, cov, "--covariance-from-s", "22", "--method", "inverse", "-q") == 2
+    assert "smoothed record" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
@@ -160,7 +203,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     write_log(stretch.iloc[:1000], log)
     with log.open("a", encoding="utf-8") as half:
         half.write("13.3,0,29.")
-    words = [sys.executable, "-m", "tcdyn.cli.app", "compensate", log, *fast(campaign), "--out", out, "--follow",
+    words = [sys.executable, "-m", "tcdyn.cli.app", "follow", log, *fast(campaign), "--out", out,
              "--state", state, "--idle-s", "100"]  # fmt: skip
     process = subprocess.Popen([str(w) for w in words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -176,6 +219,5 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     assert "stopped: 1000 rows read, 1000 written" in said
     assert out.read_text(encoding="utf-8").endswith("\n")
     write_log(stretch, log)
-    assert tcdyn("compensate", log, *fast(campaign), "--out", out, "--follow", "--state", state, "--idle-s", "0.1",
-                 "-q") == 0  # fmt: skip
+    assert tcdyn("follow", log, *fast(campaign), "--out", out, "--state", state, "--idle-s", "0.1", "-q") == 0
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()

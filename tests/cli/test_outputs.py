@@ -28,7 +28,8 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     [
         ("compensate {log} {records} --out EHL_B3.csv", "log"),
         ("compensate {log} {records} --out EHL_B3.csv --noise-only", "log"),
-        ("compensate {log} {records} --out EHL_B3.csv --follow", "log"),
+        ("compensate {log} {records} --covariance EHL_B3.csv", "log"),
+        ("follow {log} {records} --out EHL_B3.csv", "log"),
         ("compensate {log} {records} --report EHL_B3.csv", "log"),
         ("compensate {log} {records} --rig {rig} --report rig.toml", "rig"),
         ("calibrate --disk fast --oven {oven} --immersion {plunge} --out oven_fast.csv", "oven"),

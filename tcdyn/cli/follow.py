@@ -1,0 +1,104 @@
+"""``tcdyn follow``: a log compensated row by row while it grows."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from calibration.rig import load_rig
+from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, dump, say, spare_inputs, warn, within
+
+if TYPE_CHECKING:
+    from tcdyn.pipeline.causal import Causal
+
+
+def follow(
+    log: Annotated[Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")],
+    record: RecordFiles,
+    out: Annotated[Path, typer.Option(help="output that is appended to: .csv")],
+    rig: OwnRigFile = None,
+    behind_s: Annotated[
+        float,
+        typer.Option("--behind-s", help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0"),
+    ] = 0.0,
+    noise_k: Annotated[
+        float | None,
+        typer.Option("--noise-K", help="noise of a sample [K]; default: measured in the first seconds"),
+    ] = None,
+    intensity: Annotated[
+        float | None,
+        typer.Option(
+            help="how suddenly slopes may change [K²/s³]; default 30 on the rig, 3000 for a plunge; lower is quieter, "
+            "higher is quicker"
+        ),
+    ] = None,
+    learn_s: Annotated[float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")] = 5.0,
+    idle_s: Annotated[
+        float,
+        typer.Option("--idle-s", help="end after so many seconds without growth", callback=within(0, 1e6)),
+    ] = 30.0,
+    state: Annotated[
+        Path | None, typer.Option(help="JSON file to go on from if it exists, and to leave the state in")
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compensate a log while it grows, row by row, in bounded memory; Ctrl-C ends it, --state goes on later.
+
+    Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv --behind-s 0.5
+    """
+    from tcdyn.pipeline.causal import Settings
+    from tcdyn.pipeline.follow import follow as run
+    from tcdyn.pipeline.records import records_by_disk
+
+    silent = quiet or json_
+    records = records_by_disk(record)
+    settings = Settings(behind_s, noise_k, intensity, learn_s)
+    rig_table = load_rig(rig) if rig else None
+    spare_inputs([log, rig, *record], out=out, report=report, state=state)
+
+    def announce(plan: Causal) -> None:
+        before = plan.before_use()
+        say(f"before use, noisiest channel, {plan.notes()['method']}:", silent)
+        say("\n".join(f"  {line}" for line in before.lines()), silent)
+        if plan.rows_late:
+            late = f"{plan.rows_late * plan.dt_s:.3g} s late"
+            say(f"  rows appear {late}, each with the temperatures of its own time_s", silent)
+        warn(before.findings, silent)
+        say(f"following {log}; Ctrl-C ends it", silent)
+
+    with asked_to_stop() as stop:
+        done = run(
+            log, records, out, rig_table, settings, state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce
+        )
+    warn(done.findings, silent)
+    say(f"{done.ended}: {done.rows_read} rows read, {done.rows_written} written to {out}", silent)
+    if json_:
+        counts = {"rows_read": done.rows_read, "rows_written": done.rows_written, "bad_lines": done.bad_lines}
+        print(dump({**counts, "ended": done.ended, "warnings": list(done.warnings), "out": out}), end="")
+    if report is not None and done.plan is not None:
+        from tcdyn.report.compensate import write_follow_report
+
+        say(f"report: {write_follow_report(report, done.plan, log, out, done.findings)}", silent)
+
+
+@contextmanager
+def asked_to_stop() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C (or SIGTERM) has come: it is noted, not obeyed at once, so that no line is cut in two."""
+    asked = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield asked.is_set
+        return
+    before = {s: signal.signal(s, lambda *_: asked.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked.is_set
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
