@@ -2,47 +2,43 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
-from pyarrow import csv as pacsv
 
-from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.files.csvtable import CsvTable
-from calibration.files.dialect import ABSENT, LINE_END, is_number
-from calibration.files.table import PIECE_ROWS, Columns, RowNumbers, Table, Track, align
-from calibration.finding import Finding
+from calibration.files.dialect import LINE_END, Dialect
+from calibration.files.table import PIECE_ROWS, Columns, Table, Track, align, read_whole
 
 _END = "***End_of_Header***"
 _MARKS = {"tab": "\t", "comma": ",", "semicolon": ";"}
 
 
-@dataclass
+@dataclass(frozen=True)
 class LvmTable:
     """The numbers of a .lvm file, read at once."""
 
-    names: tuple[str, ...]
     metadata: dict[str, str]
-    data: dict[str, Array]
-    findings: tuple[Finding, ...] = ()
-    rows: RowNumbers = field(default_factory=RowNumbers)
+    columns: Columns
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The channels, the time first where the file has none of its own."""
+        return tuple(self.columns.data)
 
     def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        """The wanted columns piece by piece (the file itself was read at once)."""
-        return Columns({name: self.data[name] for name in wanted}, self.findings, self.rows).in_pieces(rows)
+        """The wanted columns piece by piece."""
+        return replace(self.columns, data={name: self.columns.data[name] for name in wanted}).in_pieces(rows)
 
 
 @dataclass(frozen=True)
 class _Segment:
     head: dict[str, list[str]]
     names: list[str]
-    values: Array
-    first_row: int
+    columns: Columns
 
 
 def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
@@ -63,8 +59,9 @@ def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
     if end is None:
         raise InputError("the header never ends", where=where, expected=f"a line {_END}")
     head = _file_head(lines[1:end])
-    separator = _MARKS.get(head.get("Separator", "Tab").lower(), head.get("Separator", "\t") or "\t")
-    decimal = head.get("Decimal_Separator", ".") or "."
+    mark = head.get("Separator", "Tab")
+    separator = _MARKS.get(mark.lower(), mark[:1] or "\t")
+    decimal = "," if head.get("Decimal_Separator") == "," else "."
     segments, at = [], end + 1
     while (found := _segment(lines, at, separator, decimal, where)) is not None:
         segment, at = found
@@ -74,7 +71,7 @@ def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
     if any(s.names != segments[0].names for s in segments):
         raise InputError("its segments hold different channels", where=where, remedy="save one segment a file")
     metadata = {k: v for k, v in head.items() if k not in ("Separator", "Decimal_Separator")}
-    return _with_time(segments, head, metadata, where)
+    return LvmTable(metadata, _timed(segments, where))
 
 
 def _file_head(lines: list[str]) -> dict[str, str]:
@@ -110,79 +107,48 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     for at in range(first - 1, len(lines) + 1):
         if at == len(lines) or not lines[at].replace(separator, "").strip() or lines[at].startswith("Channels"):
             break
-        parts = lines[at].split(separator)
-        if len(parts) < width:
-            last = at == len(lines) - 1
-            raise InputError(
-                f"row {at + 1} has {len(parts)} of {width} fields" + (": the file is truncated" if last else ""),
-                where=where,
-            )
-        body.append(separator.join(parts[:width]))
+        body.append(separator.join(lines[at].split(separator)[:width]))
     if not body:
         return None
-    return _Segment(head, names, _numbers(body, separator, decimal, names, where, first), first), at
+    return _Segment(head, names, _numbers(body, separator, decimal, names, where, first)), at
 
 
-def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> Array:
-    keys = [f"c{i}" for i in range(len(names))]
-    try:
-        table = pacsv.read_csv(
-            io.BytesIO(("\n".join(body) + "\n").encode()),
-            read_options=pacsv.ReadOptions(column_names=keys),
-            parse_options=pacsv.ParseOptions(delimiter=separator, ignore_empty_lines=False),
-            convert_options=pacsv.ConvertOptions(column_types={k: pa.float64() for k in keys}, decimal_point=decimal),
-        )
-    except (pa.ArrowInvalid, ValueError) as problem:
-        for i, line in enumerate(body):
-            for name, cell in zip(names, line.split(separator)):
-                if not is_number(cell, decimal) and cell.strip().lower() not in ABSENT:
-                    raise InputError(
-                        f"column {name}, row {first + i}: {cell[:40]!r} is no number",
-                        where=where,
-                        expected=f"numbers with decimal {decimal!r} as the header says",
-                    ) from None
-        raise InputError(f"not readable ({str(problem)[:120]})", where=where) from None
-    return np.column_stack([np.asarray(table.column(k).to_numpy(), dtype=np.float64) for k in keys])
+def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> Columns:
+    """The rows as a text table whose first line is number ``first``; a name that comes again gets its place added."""
+    keys = tuple(n if names.index(n) == i else f"{n} {i + 1}" for i, n in enumerate(names))
+    dialect = Dialect("utf-8", separator, decimal, keys, first - 1, len(keys), tuple(body[0].split(separator)))
+    text = "\n" * (first - 1) + "\n".join(body) + "\n"
+    return read_whole(CsvTable(Path(), where, dialect, keys, {}, text.encode()), keys)
 
 
-def _with_time(segments: list[_Segment], head: dict[str, str], metadata: dict[str, str], where: str) -> LvmTable:
-    names = segments[0].names
-    values = np.concatenate([s.values for s in segments])
-    rows = RowNumbers(segments[0].first_row)
+def _timed(segments: list[_Segment], where: str) -> Columns:
+    """The channels of all segments, one after another, with their time [s]."""
+    first, names = segments[0], segments[0].names
+    values = np.concatenate([np.column_stack([*s.columns.data.values()]) for s in segments])
+    found = tuple(f for s in segments for f in s.columns.findings)
     x_at = [i for i, n in enumerate(names) if n == "X_Value"]
-    channels = [i for i, n in enumerate(names) if n != "X_Value" and n]
-    own = {names[i]: np.ascontiguousarray(values[:, i]) for i in channels}
-    labels = tuple(names[i] for i in channels)
+    own = {n: np.ascontiguousarray(values[:, i]) for i, n in enumerate(names) if n not in ("", "X_Value")}
     if "time_s" in own or "time" in own:
-        return LvmTable(labels, metadata, own, (), rows)
-    if len(x_at) > 1:
-        tracks = {}
-        for i in channels:
-            x = values[:, max(k for k in x_at if k < i)]
-            good = np.isfinite(x) & np.isfinite(values[:, i])
-            if good.sum() < 2:
-                raise InputError(f"channel {names[i]} has no X values", where=where)
-            step = float((x[good][-1] - x[good][0]) / (good.sum() - 1))
-            tracks[names[i]] = Track(np.ascontiguousarray(values[good, i]), float(x[good][0]), step)
-        return _aligned(labels, tracks, metadata, where, rows)
-    if x_at and np.isfinite(values[:, x_at[0]]).any():
-        return LvmTable(("time_s", *labels), metadata, {"time_s": values[:, x_at[0]].copy(), **own}, (), rows)
-    if len(segments) > 1:
+        return Columns(own, found, first.columns.rows)
+    if len(x_at) == 1 and np.isfinite(values[:, x_at[0]]).any():
+        return Columns({"time_s": values[:, x_at[0]].copy(), **own}, found, first.columns.rows)
+    if len(x_at) <= 1 and len(segments) > 1:
         raise InputError("has several segments and no X column", where=where, remedy="write X values in LabVIEW")
-    starts, steps = (segments[0].head.get(key, []) for key in ("X0", "Delta_X"))
     tracks = {}
-    for k, i in enumerate(channels):
-        tracks[names[i]] = Track(own[names[i]], _float(starts, k) or 0.0, _float(steps, k))
-    return _aligned(labels, tracks, metadata, where, rows)
-
-
-def _aligned(
-    labels: tuple[str, ...], tracks: dict[str, Track], metadata: dict[str, str], where: str, rows: RowNumbers
-) -> LvmTable:
-    time, data, found = align(tracks, where)
+    for k, (name, y) in enumerate(own.items()):
+        if len(x_at) <= 1:
+            start, step = (_float(first.head.get(key, []), k) for key in ("X0", "Delta_X"))
+            tracks[name] = Track(y, start or 0.0, step)
+            continue
+        x = values[:, max(i for i in x_at if i < names.index(name))]
+        good = np.isfinite(x) & np.isfinite(y)
+        if good.sum() < 2:
+            raise InputError(f"channel {name} has no X values", where=where)
+        tracks[name] = Track(y[good], float(x[good][0]), float((x[good][-1] - x[good][0]) / (good.sum() - 1)))
+    time, data, said = align(tracks, where)
     if time is None:
         raise InputError("no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header")
-    return LvmTable(("time_s", *labels), metadata, {"time_s": time, **data}, tuple(found), rows)
+    return Columns({"time_s": time, **data}, (*found, *said), first.columns.rows)
 
 
 def _float(cells: list[str], index: int) -> float | None:
