@@ -5,45 +5,44 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
+from scipy.signal import buttap
 
 from calibration.arrays import Array
 from calibration.disk import Conditioning
-from tcdyn.simulate.truth import DiskTruth, Imperfections, butterworth_poles
+from tcdyn.simulate.truth import DiskTruth, Imperfections
 
 
 def chain_matrices(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> tuple[Array, Array, Array]:
-    """State space (A, B, C) of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter, unit static gain."""
+    """State space (A, B, C) of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter, unit static gain.
+
+    A chain of first-order pieces keeps the states in kelvin and the matrix well conditioned; complex pairs are taken
+    as one second-order piece each.
+    """
     poles: list[complex] = [complex(-1 / tau) for tau in (tau1_s, tau2_s) if tau > 0]
-    if conditioning.poles and conditioning.shape == "butterworth":
-        poles += butterworth_poles(conditioning)
-    elif conditioning.poles:
-        poles += [complex(-2 * np.pi * conditioning.cutoff_Hz)] * conditioning.poles
-    # A chain of first-order pieces keeps the states in kelvin and the matrix well conditioned; complex pairs are
-    # taken as one second-order piece.
+    cut = 2 * np.pi * conditioning.cutoff_Hz
+    if conditioning.shape == "butterworth":
+        poles += list(cut * buttap(conditioning.poles)[1])
+    else:
+        poles += [complex(-cut)] * conditioning.poles
+    if not poles:
+        return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
     blocks: list[Array] = []
     for pole in poles:
         if abs(pole.imag) < 1e-12 * abs(pole):
             blocks.append(np.array([[pole.real]]))
         elif pole.imag > 0:
-            w2, damping = abs(pole) ** 2, -2 * pole.real
-            w = np.sqrt(w2)
-            blocks.append(np.array([[0.0, w], [-w, -damping]]))
-    n = sum(len(block) for block in blocks)
-    a, b, start, drive = np.zeros((n, n)), np.zeros(n), 0, -1
-    for block in blocks:
-        m = len(block)
-        a[start : start + m, start : start + m] = block
-        gain = -block[0, 0] if m == 1 else block[0, 1]
-        row = start + m - 1
-        if drive < 0:
-            b[row] = gain
+            w = abs(pole)
+            blocks.append(np.array([[0.0, w], [-w, 2 * pole.real]]))
+    a, starts = block_diag(*blocks), np.cumsum([0, *map(len, blocks)])
+    b, c = np.zeros(len(a)), np.zeros(len(a))
+    c[starts[-2]] = 1.0
+    for k, block in enumerate(blocks):  # each is driven by the one before, the first by the input
+        row, gain = starts[k + 1] - 1, abs(block[0, -1])
+        if k:
+            a[row, starts[k - 1]] = gain
         else:
-            a[row, drive] = gain
-        drive = start
-        start += m
-    c = np.zeros(n)
-    c[drive] = 1.0
+            b[row] = gain
     return a, b, c
 
 

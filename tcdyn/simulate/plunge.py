@@ -190,8 +190,7 @@ def simulate_hole(
         (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning) for b, c in zip(base, cement.values())
     ]
     columns = bath_columns(drawn, how, rng)
-    steps = (len(columns["time_s"]) - 1) * OVERSAMPLING + 1
-    fine_t = np.arange(steps) / (RATE_Hz * OVERSAMPLING)
+    fine_t = np.arange((len(columns["time_s"]) - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
     fine = np.repeat(heating.at(fine_t - drawn.entry_s), 5, axis=1)
     read = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
     if how.static:
@@ -200,9 +199,7 @@ def simulate_hole(
         read = read + 0.13 * rng.standard_normal(read.shape)
     if how.quantise:
         read = quantised(read)
-    for k, name in enumerate(HOLE_COLUMNS):
-        columns[name] = read[:, k]
-    filter_lag = setup.conditioning.lag_s
-    lags = {name: tau1 + tau2 + filter_lag for name, (tau1, tau2, _) in zip(cement, chains)}
+    columns |= dict(zip(HOLE_COLUMNS, read.T))
+    lags = {name: tau1 + tau2 + setup.conditioning.lag_s for name, (tau1, tau2, _) in zip(cement, chains)}
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
     return pd.DataFrame(columns), {**vars(drawn), "lag_s": lags, "depth_m": 3e-3, "traces": traces}

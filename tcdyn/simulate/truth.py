@@ -189,12 +189,6 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
     )
 
 
-def butterworth_poles(conditioning: Conditioning) -> list[complex]:
-    """Left-half-plane poles p_k = wc exp(i pi (2k + n + 1) / 2n) [rad/s]."""
-    n, wc = conditioning.poles, 2 * np.pi * conditioning.cutoff_Hz
-    return [complex(wc * np.exp(1j * np.pi * (2 * k + n + 1) / (2 * n))) for k in range(n)]
-
-
 def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
     """The rig as plain numbers, with the derived lags beside them: what ``truth/truth.json`` holds."""
     out: dict[str, Any] = jsonable(truth)
