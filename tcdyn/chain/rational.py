@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from calibration.arrays import Array
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complex128]
 Hold = Literal["foh", "zoh"]
 Start = Literal["equilibrium", "zero"]
-TAYLOR = 1.0 / np.cumprod(np.concatenate([[1.0], np.arange(1.0, 16.0)]))
 
 
 def product(factors: Iterable[ArrayLike]) -> Array:
@@ -138,14 +138,9 @@ def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
     for k in range(m - 1, -1, -1):
         if rest.shape[1] == 0:
             break
-        p = poles[k]
-        quotient = np.empty((rows, max(rest.shape[1] - 1, 0)), dtype=c.dtype)
-        carry = rest[:, -1]
-        for i in range(rest.shape[1] - 2, -1, -1):
-            quotient[:, i] = carry
-            carry = rest[:, i] + p * carry
-        c[:, k] = carry
-        rest = quotient if p == 0 else -p * quotient
+        horner = lfilter([1.0], [1.0, -poles[k]], rest[:, ::-1])  # division by s - p: quotient, then remainder
+        c[:, k] = horner[:, -1]
+        rest = horner[:, -2::-1] * (1.0 if poles[k] == 0 else -poles[k])
     direct = np.zeros((rows, 2), dtype=c.dtype)
     direct[:, : rest.shape[1]] = rest[:, :2]
     return c, direct
@@ -153,77 +148,43 @@ def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
 
 def realise(model: Rational, sensitivities: bool = True) -> Realisation:
     """The triangular state space of ``model``; with ``sensitivities`` also the side branches and their rows."""
-    factors = model.factors
-    poles = np.concatenate([np.zeros(model.integrators), *(f.poles for f in factors)]) + 0j
+    poles = np.concatenate([np.zeros(model.integrators), *(f.poles for f in model.factors)]) + 0j
     if np.all(poles.imag == 0):
         poles = poles.real
+    free = [f for f in model.factors if f.free and sensitivities]
     m, q = len(poles), len(model.num)
-    free = [f for f in factors if f.free] if sensitivities else []
     size = m + sum(len(f.poles) for f in free)
-    kind = poles.dtype
-    A, B = np.zeros((size, size), dtype=kind), np.zeros(size, dtype=kind)
+    A, B = np.zeros((size, size), dtype=poles.dtype), np.zeros(size, dtype=poles.dtype)
     weights = np.where(poles == 0, 1.0, -poles)
-    A[np.arange(m), np.arange(m)] = poles
-    A[np.arange(1, m), np.arange(m - 1)] = weights[1:]
-    if m:
-        B[0] = weights[0]
+    A[range(m), range(m)] = poles
+    A[range(1, m), range(m - 1)] = weights[1:]
+    B[:1] = weights[:1]
 
-    polys = np.zeros((q + 2 if sensitivities else 1, q + 1))
+    polys = np.zeros((q + 2 if sensitivities else 1, q + 1))  # N, its powers of s one by one, -s N
     polys[0, :q] = model.num
     if sensitivities:
-        polys[1 : q + 1, :q] = np.eye(q)
-        polys[q + 1, 1:] = -model.num
+        polys[1:-1, :q] = np.eye(q)
+        polys[-1, 1:] = -model.num
     c, direct = newton(polys, poles)
-    rows = 1 + q + sum(len(f.poles) for f in free) + 1 if sensitivities else 1
-    C = np.zeros((rows, size), dtype=kind)
-    D, E = np.zeros(rows, dtype=kind), np.zeros(rows, dtype=kind)
-    head = q + 1 if sensitivities else 1
-    C[:head, :m], D[:head], E[:head] = c[:head], direct[:head, 0], direct[:head, 1]
-    if not sensitivities:
-        return Realisation(A, B, C, D, E, model.integrators)
-    C[-1, :m], D[-1], E[-1] = c[-1], direct[-1, 0], direct[-1, 1]
-
-    state, row = m, head
+    C, (D, E) = np.pad(c, ((0, 0), (0, size - m))), direct.T
+    branches, through = [C[:0]], [D[:0]]
     for f in free:
-        d = len(f.poles)
-        p = f.poles if kind.kind == "c" else f.poles.real
-        span = np.arange(state, state + d)
+        d, p = len(f.poles), f.poles if np.iscomplexobj(A) else f.poles.real
+        span = np.arange(m, m + d)
         A[span, span] = p
         A[span[1:], span[:-1]] = -p[1:]
-        A[state] += -p[0] * C[0]
-        B[state] = -p[0] * D[0]
-        monomials = np.eye(d + 1)[1:]
-        cb, db = newton(monomials, p)
-        C[row : row + d] = -db[:, :1] * C[0]
-        C[row : row + d, state : state + d] = -cb
-        D[row : row + d] = -db[:, 0] * D[0]
-        state, row = state + d, row + d
+        A[m] += -p[0] * C[0]
+        B[m] = -p[0] * D[0]
+        own, past = newton(np.eye(d + 1)[1:], p)
+        branch = -past[:, :1] * C[0]
+        branch[:, span] = -own
+        branches.append(branch)
+        through.append(-past[:, 0] * D[0])
+        m += d
+    C = np.vstack([C[:-1], *branches, C[-1:]])
+    inner = np.concatenate(through)
+    D, E = np.concatenate([D[:-1], inner, D[-1:]]), np.concatenate([E[:-1], 0 * inner, E[-1:]])
     return Realisation(A, B, C, D, E, model.integrators)
-
-
-TAYLOR = 1.0 / np.cumprod(np.concatenate([[1.0], np.arange(1.0, 16.0)]))
-
-
-def expm(a: NDArray) -> NDArray:
-    """exp(a) of a small matrix: Taylor's series to a^15 after scaling below 1/2 (error below rounding), then
-    squaring.
-
-    For the matrices here (at most some twenty rows) this takes a tenth of the general routine's time, and it never
-    wakes a linear-algebra thread pool.
-    """
-    norm = float(np.max(np.sum(np.abs(a), axis=0), initial=0.0))
-    squarings = max(0, int(np.ceil(np.log2(norm / 0.5)))) if norm > 0.5 else 0
-    x = a / 2.0**squarings
-    one = np.eye(len(a))
-    x2 = x @ x
-    x3 = x2 @ x
-    x4 = x2 @ x2
-    c = TAYLOR
-    rows = [c[k] * one + c[k + 1] * x + c[k + 2] * x2 + c[k + 3] * x3 for k in (0, 4, 8, 12)]
-    e = rows[0] + x4 @ (rows[1] + x4 @ (rows[2] + x4 @ rows[3]))
-    for _ in range(squarings):
-        e = e @ e
-    return np.asarray(e)
 
 
 def step_matrices(system: Realisation, dt_s: float) -> tuple[NDArray, NDArray, NDArray]:
@@ -275,34 +236,20 @@ def simulate_rows(system: Realisation, u: Array, dt_s: float, delay_s: float, ho
 
     Before the record the input was ``u[0]`` for ever (``equilibrium``) or nothing at all (``zero``).
     """
-    n_samples = len(u)
-    u0 = float(u[0]) if start == "equilibrium" else 0.0
-    rise = np.diff(u) if hold == "foh" else np.zeros(n_samples - 1)
+    n, u0 = len(u), float(u[0]) if start == "equilibrium" else 0.0
+    late = int(np.ceil(delay_s / dt_s - 1e-9))  # whole samples, and from there ahead again
+    ahead_s = max(late * dt_s - delay_s, 0.0)
+    v = np.concatenate([np.full(late, u0), u])
+    slope = np.append(np.diff(v) / dt_s, 0.0)[:n] if hold == "foh" else np.zeros(n)
+    slope[:late] = 0.0  # what begins with the record is a step
+    v = v[:n]
     phi, gu, gv = step_matrices(system, dt_s)
     xa, xb = stationary(system, u0)
-    x = states(phi, np.outer(gu, u[:-1]) + np.outer(gv, rise / dt_s), xa)
-    whole = int(np.floor(delay_s / dt_s))
-    part = delay_s / dt_s - whole
-    if part < 1e-9:
-        behind, ahead_s = whole, 0.0
-    else:
-        behind, ahead_s = whole + 1, (1.0 - part) * dt_s
-    behind = min(behind, n_samples)
-    slope = np.append(rise / dt_s, 0.0)
-    if behind:
-        past = np.arange(-behind, 0) * dt_s
-        keep = n_samples - behind
-        x = np.hstack([xa[:, None] + xb[:, None] * past, x[:, :keep]])
-        v = np.concatenate([np.full(behind, u0), u[:keep]])
-        slope = np.concatenate([np.zeros(behind), slope[:keep]])
-    else:
-        v = u
+    x = states(phi, np.outer(gu, v[:-1]) + np.outer(gv, slope[:-1]), xa - xb * late * dt_s)
     c, cu, cv = system.C, system.D, system.E
-    if ahead_s > 0:
-        phi_a, gu_a, gv_a = step_matrices(system, ahead_s)
-        cu = c @ gu_a + system.D
-        cv = c @ gv_a + system.D * ahead_s + system.E
-        c = c @ phi_a
+    if ahead_s > 1e-9 * dt_s:
+        phi, gu, gv = step_matrices(system, ahead_s)
+        cu, cv, c = c @ gu + cu, c @ gv + cu * ahead_s + cv, c @ phi
     out = c @ x + np.outer(cu, v)
     if hold == "foh":
         out += np.outer(cv, slope)
