@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -104,33 +104,21 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
     [('[disk] width_mm', 9.53, 10.0)]
     """
-    one, other = ({f"[{t}] {k}": v for t, keys in d.items() for k, v in _flat(keys)} for d in (before, after))
-    return [(key, value, other.get(key)) for key, value in one.items() if value != other.get(key)]
-
-
-def _flat(keys: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    for key, value in keys.items():
-        if isinstance(value, Mapping):
-            yield from ((f"{key}.{inner}", x) for inner, x in _flat(value))
-        else:
-            yield key, value
+    one, other = (pd.json_normalize(dict(d)).to_dict("records")[0] for d in (before, after))
+    names = {key: "[{}] {}".format(*str(key).split(".", 1)) for key in one}
+    return [(names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)]
 
 
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["quantity", "old", "new", "u"])
     table.insert(3, "change", table["new"] - table["old"])
-    size = table["u"].to_numpy()
-    change = table["change"].to_numpy()
+    size, change = table["u"].to_numpy(), table["change"].to_numpy()
     certain = np.where(change == 0.0, 0.0, np.copysign(np.inf, change))
-    z = np.divide(change, size, out=certain, where=size > 0)
-    table["z"] = z
-    table["p"] = 2 * stats.norm.sf(np.abs(z))
-    p = table["p"].to_numpy()
-    order = np.argsort(p, kind="stable")
-    adjusted = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1))
-    flags = np.zeros(len(order), dtype=bool)
-    flags[order] = adjusted < SIGNIFICANT
-    table["significant"] = flags
+    table["z"] = np.divide(change, size, out=certain, where=size > 0)
+    table["p"] = 2 * stats.norm.sf(np.abs(table["z"]))
+    ranked = table["p"].sort_values(kind="stable")
+    adjusted = (ranked * np.arange(len(ranked), 0, -1)).cummax()
+    table["significant"] = adjusted < SIGNIFICANT  # by index, so back in the table's order
     return table
 
 

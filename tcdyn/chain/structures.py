@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import compress
 
 from calibration.errors import InputError
 
@@ -53,8 +54,8 @@ class Structure:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of its parameters, the gain left out, lags first."""
-        asked = (("Tw", self.pair), ("Zeta", self.pair), ("Tz", self.zero), ("Tc", self.cement), ("Td", self.delay))
-        return (*self.lags, *(name for name, there in asked if there))
+        asked = (self.pair, self.pair, self.zero, self.cement, self.delay)
+        return (*self.lags, *compress(("Tw", "Zeta", "Tz", "Tc", "Td"), asked))
 
     @property
     def meaning(self) -> str:
@@ -63,11 +64,6 @@ class Structure:
         >>> Structure.of("P2D").meaning
         'two lags and a dead time'
         """
-        asked = (
-            ("a complex pair", self.pair),
-            ("cement", self.cement),
-            ("a zero", self.zero),
-            ("a dead time", self.delay),
-            ("an integrator", self.integrator),
-        )
-        return " and ".join([COUNTED[len(self.lags)], *(words for words, there in asked if there)])
+        words = ("a complex pair", "cement", "a zero", "a dead time", "an integrator")
+        asked = (self.pair, self.cement, self.zero, self.delay, self.integrator)
+        return " and ".join([COUNTED[len(self.lags)], *compress(words, asked)])

@@ -10,11 +10,10 @@
 """
 
 from tcdyn.chain.rational import simulate
-from tcdyn.identify.bands import bode_band, percent_times, step_band
 from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.fit import fit, profile
-from tcdyn.identify.identified import Identified, read_identified
+from tcdyn.identify.identified import Identified, bode_band, percent_times, read_identified, step_band
 from tcdyn.identify.models import Known, Model, chain_model, process, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import from_csv, from_frame

@@ -17,9 +17,9 @@ from calibration.finding import Finding
 from calibration.result import Result, jsonable
 from tcdyn.chain.rational import realise
 from tcdyn.identify.advice import COLUMNS, follows_input, order_table, verdict
-from tcdyn.identify.bands import percent_times
 from tcdyn.identify.data import IOData, Segment, cut
 from tcdyn.identify.fit import fit
+from tcdyn.identify.identified import percent_times
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import off_equilibrium, validate

@@ -1,4 +1,4 @@
-"""An identified model: structure, parameters with their covariance, and what it was identified from. Data only."""
+"""An identified model: structure, parameters with their covariance, what it was made from; bands of its responses."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import pandas as pd
 from calibration.arrays import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.estimate import Estimate, rounded
+from calibration.estimate import Z95, Estimate, rounded
 from calibration.finding import Finding, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.rational import Rational, Start, simulate
+from tcdyn.chain.rational import Rational, Start, realise, simulate, simulate_rows
 from tcdyn.identify.data import Hold
 from tcdyn.identify.models import Known, Model
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     import control
 
 SCHEMA = "tcdyn.identified/1"
+MODEL = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")  # of the model, as they stand in the file
+PLAIN = ("theta", "estimates", "covariance", "offset", "noise_sd", "hold", "dt_s", "statistics", "sentence")
+PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
 
 @dataclass(frozen=True)
@@ -78,18 +81,12 @@ class Identified(Result):
 
     def lag_gradient(self) -> Array:
         """d(lag_s)/d(free parameters), by the chain rule of the coefficients."""
-        g, rule = self.rational, self.model.chain_rule(self.theta)
-        row = np.zeros(rule.shape[0])
-        q = len(g.num)
-        if q > 1:
-            row[0], row[1] = g.num[1] / g.num[0] ** 2, -1.0 / g.num[0]
-        at = q
-        for f in g.factors:
-            if f.free:
-                row[at] = 1.0
-                at += len(f.coefs) - 1
-        row[-1] = 1.0
-        return np.asarray(row @ rule)
+        num = self.rational.num
+        row = [num[1] / num[0] ** 2, -1.0 / num[0]] if len(num) > 1 else []
+        row += [0.0] * (len(num) - len(row))
+        for f in self.rational.factors:
+            row += [1.0, *[0.0] * (len(f.coefs) - 2)] if f.free else []
+        return np.asarray([*row, 1.0] @ self.model.chain_rule(self.theta))
 
     def propagate(self, gradient: Array) -> float:
         """Variance of a quantity with that gradient by the free parameters."""
@@ -136,13 +133,12 @@ class Identified(Result):
 
     def card(self) -> pd.DataFrame:
         """Free parameters, one row each."""
-        rows = []
-        for name, e in self.estimates.items():
-            value, u = rounded(e.value, e.u)
-            low, high = (rounded(end, e.u)[0] for end in (e.low95, e.high95))
-            row = {"parameter": name, "value": value, "u": u, "low 95 %": low, "high 95 %": high}
-            rows.append({**row, "unit": self.model.unit(name)})
-        return pd.DataFrame(rows)
+        rows = [
+            (n, *rounded(e.value, e.u), rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0], self.model.unit(n))
+            for n, e in self.estimates.items()
+        ]
+        columns = ["parameter", "value", "u", "low 95 %", "high 95 %", "unit"]
+        return pd.DataFrame(rows, columns=columns)
 
     def to_json(self) -> str:
         """The model as JSON text, complete: :meth:`from_json` gives it back."""
@@ -151,37 +147,20 @@ class Identified(Result):
     def to_dict(self) -> dict[str, Any]:
         """The model as its file holds it."""
         m = self.model
-        plain = jsonable(
-            {
-                "schema": SCHEMA,
-                "model": {
-                    "name": m.name,
-                    "kind": m.kind,
-                    "parameters": list(m.names),
-                    "integrators": m.integrators,
-                    "known": {"num": list(m.known.num), "den": list(m.known.den)},
-                    "fixed": dict(m.fixed),
-                    "offset": m.offset,
-                    "delay_max_s": m.delay_max_s,
-                },
-                "theta": dict(self.theta),
-                "units": {n: m.unit(n) for n in m.names},
-                "estimates": {n: e.model_dump() for n, e in self.estimates.items()},
-                "covariance": self.covariance.tolist(),
-                "lag_s": self.lag_s.model_dump() if not m.integrators else None,
-                "offset": self.offset,
-                "noise_sd": self.noise_sd,
-                "hold": self.hold,
-                "dt_s": self.dt_s,
-                "input": {"name": self.input_name, "unit": self.input_unit},
-                "output": {"name": self.output_name, "unit": self.output_unit},
-                "statistics": {k: (v if np.isfinite(v) else None) for k, v in self.statistics.items()},
-                "sentence": self.sentence,
-                "warnings": list(self.warnings),
-                "findings": [f.to_dict() for f in self.findings],
-            }
-        )
-        return dict(plain)
+        model = {k: getattr(m, k) for k in MODEL}
+        known = {"num": m.known.num, "den": m.known.den}
+        kept: dict[str, Any] = {
+            "schema": SCHEMA,
+            "model": {**model, "parameters": m.names, "known": known},
+            **{k: getattr(self, k) for k in PLAIN},
+            "units": {n: m.unit(n) for n in m.names},
+            "lag_s": self.lag_s if not m.integrators else None,
+            "input": {"name": self.input_name, "unit": self.input_unit},
+            "output": {"name": self.output_name, "unit": self.output_unit},
+            "warnings": self.warnings,
+            "findings": [f.to_dict() for f in self.findings],
+        }
+        return dict(jsonable(kept))
 
     @classmethod
     def from_json(cls, text: str) -> Identified:
@@ -195,38 +174,24 @@ class Identified(Result):
                 "is not an identified model", expected=f"schema {SCHEMA}", remedy="tcdyn identify writes it"
             )
         m = d["model"]
-        model = Model(
-            name=m["name"],
-            kind=m["kind"],
-            names=tuple(m["parameters"]),
-            integrators=m["integrators"],
-            known=Known.ratio(m["known"]["num"], m["known"]["den"]),
-            fixed=m["fixed"],
-            delay_max_s=m["delay_max_s"],
-            offset=m["offset"],
-        )
+        known = Known.ratio(m["known"]["num"], m["known"]["den"])
+        model = Model(**{k: m[k] for k in MODEL}, names=tuple(m["parameters"]), known=known)
+        size = len(model.free)
+        parsed = {
+            "covariance": np.array(d["covariance"], dtype=float).reshape(size, size),
+            "estimates": {n: Estimate(**e) for n, e in d["estimates"].items()},
+            "statistics": {k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
+        }
+        if "findings" in d:
+            findings = [Finding.from_dict(f) for f in d["findings"]]
+        else:  # of version 0.1
+            findings = [note("said", text=text) for text in d["warnings"]]
         return cls(
             model=model,
-            theta=d["theta"],
-            covariance=np.array(d["covariance"], dtype=float).reshape(len(model.free), len(model.free)),
-            estimates={n: Estimate(**e) for n, e in d["estimates"].items()},
-            offset=d["offset"],
-            noise_sd=d["noise_sd"],
-            hold=d["hold"],
-            dt_s=d["dt_s"],
-            input_name=d["input"]["name"],
-            output_name=d["output"]["name"],
-            input_unit=d["input"]["unit"],
-            output_unit=d["output"]["unit"],
-            statistics={k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
-            sentence=d["sentence"],
-            findings=tuple(map(Finding.from_dict, d["findings"])) if "findings" in d else said(d["warnings"]),
+            **{**{k: d[k] for k in PLAIN}, **parsed},
+            **{f"{side}_{what}": d[side][what] for side in ("input", "output") for what in ("name", "unit")},
+            findings=tuple(findings),
         )
-
-
-def said(sentences: list[str]) -> tuple[Finding, ...]:
-    """Findings of a file from before there were any."""
-    return tuple(note("said", text=text) for text in sentences)
 
 
 def read_identified(path: str | Path) -> Identified:
@@ -235,3 +200,101 @@ def read_identified(path: str | Path) -> Identified:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
+
+
+@dataclass(frozen=True)
+class Band:
+    """``value`` over ``x`` with standard uncertainty ``u``; the 95 % band is value -+ 1.96 u."""
+
+    x: Array
+    value: Array
+    u: Array
+
+    @property
+    def low95(self) -> Array:
+        """Lower edge."""
+        return np.asarray(self.value - Z95 * self.u)
+
+    @property
+    def high95(self) -> Array:
+        """Upper edge."""
+        return np.asarray(self.value + Z95 * self.u)
+
+
+@dataclass(frozen=True)
+class BodeBand:
+    """Magnitude [dB] and phase [deg] over frequency [Hz]."""
+
+    magnitude_dB: Band
+    phase_deg: Band
+
+
+def step_rows(model: Identified, time_s: Array) -> tuple[Array, Array]:
+    """Unit step response (N,) at the even times ``time_s`` from 0 and its derivatives by the free parameters (P,
+    N)."""
+    g = model.rational
+    dt = float(time_s[1] - time_s[0])
+    rows = simulate_rows(realise(g), np.ones(len(time_s)), dt, g.delay_s, "zoh", "zero")
+    return rows[0], model.model.chain_rule(model.theta).T @ rows[1:]
+
+
+def step_times(model: Identified, count: int = 1200) -> Array:
+    """An even time grid [s] that holds the whole step response."""
+    g = model.rational
+    slowest = max((float(1 / np.min(np.abs(f.poles.real))) for f in g.factors), default=1.0)
+    return np.linspace(0.0, g.delay_s + 8 * slowest, count + 1)
+
+
+def step_band(model: Identified, time_s: Array | None = None) -> Band:
+    """The unit step response with its band, by first-order propagation of the covariance."""
+    t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
+    y, j = step_rows(model, t)
+    return Band(t, y, deviation(j, model.covariance))
+
+
+def deviation(j: Array, covariance: Array) -> Array:
+    """sqrt(diag(J' C J)) for J (P, N)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", j, covariance, j), 0.0)))
+
+
+def percent_times(model: Identified) -> dict[str, Estimate]:
+    """t50, t63.2 and t90 [s]: when the unit step response first passes that share of its final value (VDI/VDE
+    3522).
+
+    dt_q = -d(y/K)/dtheta / slope at the crossing. Raises InputError for an integrating model, which has no final
+    value.
+    """
+    if model.model.integrators:
+        raise InputError(f"{model.model.name} integrates: its step response has no final value")
+    t = step_times(model, 4000)
+    y, j = step_rows(model, t)
+    share = y / model.gain
+    derivative = (j - np.outer(model.model.chain_rule(model.theta)[0], share)) / model.gain
+    slope = np.gradient(share, t)
+    out = {}
+    for name, q in PERCENT_TIMES.items():
+        i = max(int(np.argmax(share >= q)), 1)
+        at = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
+        steep = max(float(np.interp(at, t, slope)), 1e-12)
+        gradient = -np.array([np.interp(at, t, row) for row in derivative]) / steep
+        out[name] = Estimate.normal(at, float(np.sqrt(max(model.propagate(gradient), 0.0))))
+    return out
+
+
+def bode_band(model: Identified, frequency_Hz: Array | None = None) -> BodeBand:
+    """Magnitude and phase with their bands; by default two decades either side of the slowest corner.
+
+    d(20 lg|G|) = 20/ln 10 Re(dG/G), d(phase) = Im(dG/G).
+    """
+    g = model.rational
+    if frequency_Hz is None:
+        corner = 1 / (2 * np.pi * max(model.lag_at(model.theta), model.dt_s)) if not g.integrators else 0.1 / model.dt_s
+        frequency_Hz = np.geomspace(corner / 100, min(corner * 100, 0.5 / model.dt_s), 200)
+    f = np.asarray(frequency_Hz, dtype=float)
+    value = g.frequency_response(f)
+    relative = model.model.chain_rule(model.theta).T @ (g.frequency_sensitivity(f) / value)
+    magnitude = deviation(20 / np.log(10) * relative.real, model.covariance)
+    phase = deviation(np.degrees(relative.imag), model.covariance)
+    return BodeBand(
+        Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
+    )

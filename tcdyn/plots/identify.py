@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tcdyn.identify.bands import Band, bode_band, percent_times, step_band
-from tcdyn.identify.identified import Identified
+from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation, validate
 from tcdyn.plots.style import BAND, FAST, SLOW, dressed, figure

@@ -158,7 +158,8 @@ def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
         found = fit(data, "P2", intervals="quadratic").identified
         assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
         assert 4 < found.lag_s.u < 10  # eight such records gave 5 to 8 s; before, 0 to 31 s
-        assert np.linalg.eigvalsh(found.covariance).min() > 0
+        spread = np.linalg.eigvalsh(found.covariance)
+        assert spread.min() > -1e-14 * spread.max()  # twins differ by nothing: semidefinite to rounding
 
 
 def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
