@@ -22,7 +22,7 @@ from calibration.files.table import PIECE_ROWS
 from calibration.files.write import sha256, write_log
 from calibration.finding import Finding, look, sentences, with_where
 from calibration.lines.oven import oven_frame
-from calibration.lines.typej import MillivoltTable
+from calibration.lines.transducers import MillivoltTable
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 

@@ -141,8 +141,9 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
         variance += shift_u**2
         found.append(look("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p))
     for i in outlying(fit):
-        hold = {"repeat": float(rows["repeat"].iloc[i]), "setpoint_degC": float(rows["setpoint_degC"].iloc[i])}
-        found.append(look("line.outlying", subject=channel, off_K=fit.residuals[i], **hold))
+        repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
+        off_K = fit.residuals[i]
+        found.append(look("line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K))
     (gg, go), (_, oo) = (fit.covariance_95 + np.diag([0.0, variance])).tolist()
     line = StaticLine(
         gain=fit.slope,

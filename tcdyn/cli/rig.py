@@ -9,7 +9,7 @@ import typer
 
 from calibration.files import read_numbers
 from calibration.files.write import write_text
-from calibration.lines.forces import fit_transducer
+from calibration.lines.transducers import fit_transducer
 from calibration.rig import load_rig, rig_toml
 from tcdyn.cli.common import Json, Quiet, dump, say, spare_inputs
 

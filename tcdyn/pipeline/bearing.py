@@ -9,7 +9,7 @@ from calibration.errors import InputError
 from calibration.files import read_numbers
 from calibration.files.write import sha256
 from calibration.finding import look
-from calibration.lines.forces import BearingFriction, fit_bearing_friction
+from calibration.lines.transducers import BearingFriction, fit_bearing_friction
 from tcdyn.partition.friction import FrictionAdded
 
 COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.lines.forces import BearingFriction, TransducerLine
 from calibration.lines.oven import error_histogram
 from calibration.lines.static import OvenFit, static_u
+from calibration.lines.transducers import BearingFriction, TransducerLine
 from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
 from tcdyn.chain import Chain

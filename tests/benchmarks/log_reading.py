@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration.log import read_log, write_log
+from calibration.log import iter_log, read_log, write_log
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
 from cal_cases import ehl_frame
@@ -40,6 +40,8 @@ def main() -> None:
             own = write_log(frame, Path(folder) / f"own.{ending}")
             span = best_s(lambda own=own: read_log(own, "ehl"))
             print(f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV")
+            span = best_s(lambda own=own: sum(len(piece.frame) for piece in iter_log(own, "ehl")))
+            print(f"iter_log {ending:8s} {span:.2f} s in pieces: {span / plain:.1f} x pandas on CSV")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from cal_corpus import CORPUS, REFUSED
 from test_cal_record import RECORD
 from test_cal_transducers import sessions
 
-from calibration.lines.forces import fit_transducer
+from calibration.lines.transducers import fit_transducer
 from calibration.log import write_log
 from calibration.record import read_record, write_record
 from tcdyn.cli.app import app, run

@@ -1,4 +1,4 @@
-"""The noise of a trace that its logger rounds: never below the rounding, and untouched where the steps are fine."""
+"""The noise of a trace that its logger rounds: never below the rounding, untouched where steps are fine; its spikes."""
 
 from __future__ import annotations
 

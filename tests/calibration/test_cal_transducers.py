@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from calibration.lines.forces import fit_bearing_friction, fit_transducer
+from calibration.lines.transducers import fit_bearing_friction, fit_transducer
 
 LOADS = np.linspace(0, 2400, 9)
 

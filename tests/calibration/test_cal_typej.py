@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calibration.columns import is_couple
 from calibration.errors import InputError
-from calibration.lines.typej import emf_mV, temperature_degC
+from calibration.lines.transducers import emf_mV, temperature_degC
 from calibration.log import read_log, write_log
 from calibration.rig import parse_rig, rig_toml
 
