@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
 
 from calibration.arrays import Array
 from tcdyn.fitting import inverse
@@ -65,11 +64,6 @@ def combined(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
     """Several tests of the same channels taken together: their lag information (inverse covariances) adds up."""
     total = np.sum([np.linalg.inv(p.covariance) for p in parts], axis=0)
     return from_covariances(name, "together", [np.linalg.inv(total)])
-
-
-def table(predictions: Sequence[PredictedTest]) -> pd.DataFrame:
-    """One row a planned test."""
-    return pd.DataFrame([p.row() for p in predictions])
 
 
 def slopes(readings: Callable[[Array], Array], at: Array, steps: Array) -> Array:

@@ -12,7 +12,7 @@ from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from calibration.result import Result, jsonable
 from calibration.rig import UncertaintyTable
-from tcdyn.design import PredictedTest, combined, table
+from tcdyn.design import PredictedTest, combined
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.step_plan import StepPlan, TouchPlan, predict_step, predict_touches
 from tcdyn.plunge.parameters import PlungePriors
@@ -111,7 +111,7 @@ class Design(Result):
 
     def table(self) -> pd.DataFrame:
         """One row a test."""
-        return table(self.predictions)
+        return pd.DataFrame([p.row() for p in self.predictions])
 
     def sentences(self) -> tuple[str, ...]:
         """One sentence a test, then what to do."""

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arrays import Array
 from calibration.disk import CHANNELS, DiskSetup
 from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
 from tcdyn.design import PredictedTest, from_covariances
+from tcdyn.fitting import inverse
 from tcdyn.plunge.model import build_run_model
 from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
-from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, inverse, normal_equations
+from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, normal_equations
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_averages
 
 
@@ -41,67 +41,49 @@ def predict_plunges(
     structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
     priors: PlungePriors | None = None,
-    channels: tuple[str, ...] = CHANNELS,
     draws: int = 24,
     seed: int = 0,
-    name: str | None = None,
 ) -> PredictedTest:
     """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own expected lag.
 
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
     (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
     """
-    layout = PlungeParameters(len(plans), channels, structure)
+    layout = PlungeParameters(len(plans), CHANNELS, structure)
     chosen = find_correlation(correlation)
-    planned = [_planned(plan, channels) for plan in plans]
+    planned = [_planned(plan) for plan in plans]
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
     mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
     models = [build_run_model(run, blocks, setup, layout, chosen) for run, blocks in planned]
     noise = tuple(RunNoise.white(blocks) for _, blocks in planned)
     problem = PlungeProblem(tuple(models), layout, mean, sd, noise)
     rng = np.random.default_rng(seed)
-    covariances, scales, bursts = [], [], []
+    covariances = []
     for _ in range(max(draws, 1)):
-        theta = _drawn(mean, sd, layout, lag_s, rng) if draws > 1 else _centred(mean, layout, lag_s)
-        covariance = inverse(normal_equations(problem, theta, [None] * len(plans))[2])
-        covariances.append(covariance[layout.at("lag"), layout.at("lag")])
-        scales.append(covariance[0, 0])
-        bursts.append(covariance[2, 2])
-    others = {"u_h_rel": float(np.sqrt(np.mean(scales))), "u_ln_burst": float(np.sqrt(np.mean(bursts)))}
-    first = plans[0]
-    substance = first.fluid if isinstance(first.fluid, str) else first.fluid.name
-    label = (
-        name
-        or f"{len(plans)} plunge{'s' if len(plans) > 1 else ''}, {substance}, "
-        + ", ".join(f"{p.bath_degC:g}" for p in plans)
-        + " degC"
-    )
-    return from_covariances(label, "plunge", covariances, others)
+        theta = mean.copy()
+        theta[layout.at("lag")] = lag_s
+        if draws > 1:
+            for at in map(layout.run, range(layout.runs)):
+                five = slice(at.start, at.start + 5)
+                theta[five] += sd[five] * np.clip(rng.standard_normal(5), -2.5, 2.5)
+            theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
+        covariances.append(inverse(normal_equations(problem, theta, [None] * len(plans))[2]))
+    u_h, _, u_burst = np.sqrt(np.mean([np.diag(c)[:3] for c in covariances], axis=0))
+    lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]
+    substance = plans[0].fluid if isinstance(plans[0].fluid, str) else plans[0].fluid.name
+    baths_said = ", ".join(f"{bath:g}" for bath in baths)
+    label = f"{len(plans)} plunge{'s' if len(plans) > 1 else ''}, {substance}, {baths_said} degC"
+    return from_covariances(label, "plunge", lags, {"u_h_rel": float(u_h), "u_ln_burst": float(u_burst)})
 
 
-def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
+def _planned(plan: PlungePlan) -> tuple[PlungeRun, PlungeBlocks]:
     substance = fluid(plan.fluid) if isinstance(plan.fluid, str) else plan.fluid
     dt = 1 / plan.rate_Hz
     t = np.asarray(np.arange(-plan.before_s, plan.duration_s, dt), dtype=float)
-    flat = np.full((len(t), len(channels)), plan.initial_degC)
+    flat = np.full((len(t), len(CHANNELS)), plan.initial_degC)
     event = EntryEvent(0.0, plan.entry_u_s, None, None, "planned")
-    run = PlungeRun(t, flat, channels, substance, np.full(len(t), plan.bath_degC), event)
+    run = PlungeRun(t, flat, CHANNELS, substance, np.full(len(t), plan.bath_degC), event)
     time, mean, count = make_averages(t, flat, dt, 2.0)
     bath_t = np.array([0.0, plan.duration_s])
-    noise = np.full(len(channels), plan.noise_K)
+    noise = np.full(len(CHANNELS), plan.noise_K)
     return run, PlungeBlocks(time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0)
-
-
-def _centred(mean: Array, layout: PlungeParameters, lag_s: float) -> Array:
-    theta = mean.copy()
-    theta[layout.at("lag")] = lag_s
-    return theta
-
-
-def _drawn(mean: Array, sd: Array, layout: PlungeParameters, lag_s: float, rng: np.random.Generator) -> Array:
-    theta = _centred(mean, layout, lag_s)
-    for r in range(layout.runs):
-        at = layout.run(r)
-        theta[at.start : at.start + 5] += sd[at.start : at.start + 5] * np.clip(rng.standard_normal(5), -2.5, 2.5)
-    theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
-    return theta
