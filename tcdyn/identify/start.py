@@ -8,7 +8,7 @@ same realisation serves both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
 
 import numpy as np
@@ -18,6 +18,8 @@ from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify.data import Segment
 from tcdyn.identify.models import Model
 from tcdyn.identify.problem import Posed
+
+Pool = Iterator[tuple[float, Array]]  # costs and the x that they belong to
 
 
 def filled(segment: Segment) -> Array:
@@ -36,106 +38,57 @@ def stabilised(den: Array) -> Array:
     return np.asarray(poly / poly[0])
 
 
-def output_terms(problem: Posed, segment: Segment, den: Array) -> Array:
-    """s^j/A of the measured output, j = 0..n, shape (n + 1, N), started in equilibrium at its first level."""
-    n = len(den) - 1
-    y = filled(segment)
-    level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
-    model = Rational(np.eye(n + 1)[0], (Factor(tuple(den), free=False),))
-    rows = simulate_rows(realise(model), y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
-    rows[0] += level
-    return rows
-
-
 def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[Array, Array, Array]:
-    """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset."""
-    targets, regressors, instruments = [], [], []
-    q = len(num)
-    factors = (*problem.model.known.factors, Factor(tuple(den)))
+    """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset.
+
+    The target is y/A, the regressors s^j/A of the input and -s^j/A of the output; the output's instruments are
+    the same of the model's own output. Filters begin in equilibrium at the output's first level.
+    """
+    n, q = len(den) - 1, len(num)
+    own = Factor(tuple(den))
+    prefilter = realise(Rational(np.eye(n + 1)[0], (Factor(own.coefs, free=False),)))
+    model = Rational(num, (*problem.model.known.factors, own), delay_s, problem.model.integrators)
+    tables = []
     for segment in problem.segments:
-        yf = output_terms(problem, segment, den)
-        model = Rational(num, factors, delay_s, problem.model.integrators)
-        rows = simulate_rows(realise(model), segment.u, problem.dt_s, delay_s, problem.hold, problem.begun)
-        inputs, noise_free = rows[1 : q + 1], rows[q + 1 : -1]
-        one = np.ones(len(segment.u))
-        keep = segment.seen
-        targets.append(yf[0][keep])
-        regressors.append(np.vstack([inputs, -yf[1:], one])[:, keep].T)
-        instruments.append(np.vstack([inputs, noise_free, one])[:, keep].T)
-    return np.concatenate(targets), np.vstack(regressors), np.vstack(instruments)
-
-
-def solve(target: Array, regressors: Array, instruments: Array) -> Array:
-    """(Z'Phi)^-1 Z'y in a balanced scale."""
-    sz = np.linalg.norm(instruments, axis=0) + 1e-300
-    sp = np.linalg.norm(regressors, axis=0) + 1e-300
-    z = instruments / sz
-    matrix = z.T @ (regressors / sp)
-    return np.asarray(np.linalg.lstsq(matrix, z.T @ target, rcond=1e-12)[0] / sp)
-
-
-def simulated_cost(problem: Posed, num: Array, den: Array, delay_s: float, offset: float) -> float:
-    """Sum of squared simulation errors."""
-    own = problem.model
-    factors = (Factor(tuple(den)), *own.known.factors)
-    model = Rational(np.asarray(np.convolve(num, own.known.num), dtype=float), factors, delay_s, own.integrators)
-    system = realise(model, sensitivities=False)
-    total = 0.0
-    for s in problem.segments:
-        y = simulate_rows(system, s.u, problem.dt_s, delay_s, problem.hold, problem.begun)[0] + offset
-        total += float(np.sum((y - s.y)[s.seen] ** 2))
-    return total if np.isfinite(total) else np.inf
+        y = filled(segment)
+        level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
+        measured = simulate_rows(prefilter, y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
+        measured[0] += level
+        rows = simulate_rows(realise(model), segment.u, problem.dt_s, delay_s, problem.hold, problem.begun)[1:-1]
+        tables.append(np.vstack([measured[:1], rows[:q], -measured[1:], rows, np.ones(len(y))])[:, segment.seen])
+    table = np.hstack(tables).T
+    target, inputs, outputs, instruments, one = np.split(table, [1, 1 + q, 1 + q + n, 1 + 2 * q + 2 * n], axis=1)
+    return target[:, 0], np.hstack([inputs, outputs, one]), np.hstack([instruments, one])
 
 
 def srivc(
-    problem: Posed, zeros: int, poles: int, delay_s: float, rates: Iterable[float], iterations: int = 8
-) -> tuple[float, Array, Array] | None:
-    """The best (cost, numerator, denominator) over prefilters (1 + s/rate)^poles, each iterated ``iterations``
-    times."""
-    best: tuple[float, Array, Array] | None = None
-    for rate in rates:
-        den = np.poly1d([1.0 / rate, 1.0]) ** poles
-        a = np.asarray(den.coeffs[::-1], dtype=float)
-        num = np.zeros(zeros + 1)
-        num[0] = 1.0
-        last = np.inf
-        for k in range(iterations):
-            target, phi, z = regression(problem, a, num, delay_s)
-            x = solve(target, phi, phi if k == 0 else z)
-            if not np.all(np.isfinite(x)) or np.all(x[zeros + 1 : -1] == 0):
-                break
-            num, a = x[: zeros + 1], np.concatenate([[1.0], x[zeros + 1 : -1]])
-            if a[-1] == 0:
-                break
-            a = stabilised(a)
-            cost = simulated_cost(problem, num, a, delay_s, x[-1])
-            if best is None or cost < best[0]:
-                best = (cost, num, a)
-            if abs(last - cost) < 1e-4 * cost:
-                break
-            last = cost
-    return best
+    problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int = 8
+) -> tuple[Array, Array] | None:
+    """Numerator and denominator, ascending, iterated from the prefilter (1 + s/rate)^poles; None where it fails."""
+    a, num = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1], np.eye(zeros + 1)[0]
+    for k in range(iterations):
+        target, phi, z = regression(problem, a, num, delay_s)
+        z = (phi if k == 0 else z) / (np.linalg.norm(phi if k == 0 else z, axis=0) + 1e-300)
+        scale = np.linalg.norm(phi, axis=0) + 1e-300
+        x = np.linalg.lstsq(z.T @ (phi / scale), z.T @ target, rcond=1e-12)[0] / scale
+        if not np.all(np.isfinite(x)) or x[-2] == 0:
+            return None
+        before, num, a = a, x[: zeros + 1], stabilised(np.concatenate([[1.0], x[zeros + 1 : -1]]))
+        if np.allclose(a, before, rtol=1e-3, atol=0):
+            break
+    return num, a
 
 
-def prefilter_rates(problem: Posed, count: int = 6) -> Array:
-    """Prefilter corner rates [rad/s], evenly spread in logarithm between the record's length and its sampling."""
-    length = max(len(s.u) for s in problem.segments) * problem.dt_s
-    return np.geomspace(6.0 / length, 0.6 / problem.dt_s, count)
-
-
-def transfer_starts(problem: Posed, delays_s: Sequence[float]) -> list[dict[str, float]]:
-    """Starts for a general transfer function, best first: SRIVC over prefilters and candidate dead times."""
+def transfer_starts(problem: Posed, delays_s: Iterable[float]) -> Pool:
+    """Starts for a general transfer function: SRIVC over prefilters, from the record's length to its sampling, and
+    candidate dead times."""
     model = problem.model
     zeros = sum(n.startswith("b") for n in model.names) - 1
-    found = []
-    for delay in delays_s:
-        answer = srivc(problem, zeros, model.order, delay, prefilter_rates(problem))
-        if answer is not None:
-            cost, num, den = answer
-            theta = {f"b{i}": float(v) for i, v in enumerate(num)}
-            theta |= {f"a{j}": float(v) for j, v in enumerate(den) if j > 0}
-            found.append((cost, {**theta, "Td": float(delay)}))
-    return [model.full(theta) for _, theta in sorted(found, key=lambda item: item[0])]
+    length = max(len(s.u) for s in problem.segments) * problem.dt_s
+    for delay, rate in product(delays_s, np.geomspace(6.0 / length, 0.6 / problem.dt_s, 6)):
+        if (answer := srivc(problem, zeros, model.order, delay, float(rate))) is not None:
+            num, den = ({f"{c}{i}": float(v) for i, v in enumerate(part)} for c, part in zip("ba", answer))
+            yield polished(problem, {**num, **den, "Td": delay})
 
 
 def lag_bank(problem: Posed, taus_s: Array) -> list[Array]:
@@ -234,23 +187,22 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     return float(rest @ rest), x
 
 
-def process_starts(problem: Posed) -> list[Array]:
-    """Starts x for a process model, best first."""
-    pool: list[tuple[float, Array]] = []
+def process_starts(problem: Posed) -> Pool:
+    """Starts for a process model: total lag and dead time shared out, and SRIVC where poles may be complex."""
+    model = problem.model
     seen = one_lag_starts(problem)[:4]
+    if model.order == 0:
+        for _, delay in seen[:3]:
+            yield polished(problem, {"Kp": 1.0, "Td": delay})
+        return
     for (tau, delay), pattern in product(seen, range(3)):
-        pool.append(polished(problem, spread(problem.model, tau, delay, pattern)))
-    poles = problem.model.order
-    if poles in (2, 3) and {"Tw", "Tz"} & set(problem.model.names) and "Tc" not in problem.model.names:
+        yield polished(problem, spread(model, tau, delay, pattern))
+    if model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names:
         tau, delay = seen[0]
-        zeros = int("Tz" in problem.model.names)
-        for share in (1.0, 0.5):
-            answer = srivc(problem, zeros, poles, share * delay, [1.0 / tau, 4.0 / tau], iterations=4)
+        for share, rate in product((1.0, 0.5), (1.0 / tau, 4.0 / tau)):
+            answer = srivc(problem, int("Tz" in model.names), model.order, share * delay, rate, iterations=4)
             if answer is not None:
-                pool.append(polished(problem, from_poles(problem.model, answer[1], answer[2], share * delay)))
-    pool = [p for p in pool if np.isfinite(p[0])]
-    pool.sort(key=lambda item: item[0])
-    return [x for _, x in pool]
+                yield polished(problem, from_poles(model, *answer, share * delay))
 
 
 def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str, float]:
@@ -271,14 +223,11 @@ def starts(problem: Posed) -> list[Array]:
     """Starts for any model, best first."""
     model = problem.model
     if model.kind == "process":
-        if model.order == 0:
-            base = dict.fromkeys(model.names, 0.0) | {"Kp": 1.0}
-            delays = [d for _, d in one_lag_starts(problem)[:3]] if model.has_delay else [0.0]
-            return [polished(problem, {**base, "Td": d})[1] for d in delays]
-        return process_starts(problem)
-    if not model.has_delay:
-        delays = [model.fixed.get("Td", 0.0)]
+        pool = process_starts(problem)
+    elif model.has_delay:
+        pool = transfer_starts(
+            problem, sorted({f * d for _, d in one_lag_starts(problem)[:2] for f in (0.0, 0.5, 1.0)})
+        )
     else:
-        lead = one_lag_starts(problem)[:2]
-        delays = sorted({f * d for _, d in lead for f in (0.0, 0.5, 1.0)})
-    return [polished(problem, theta)[1] for theta in transfer_starts(problem, delays)]
+        pool = transfer_starts(problem, [model.fixed.get("Td", 0.0)])
+    return [x for cost, x in sorted(pool, key=lambda item: item[0]) if np.isfinite(cost)]
