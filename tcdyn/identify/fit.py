@@ -95,7 +95,7 @@ def assemble(
     blank = Identified(model, problem.theta(x), np.zeros((len(model.free),) * 2), {})
     result = Fit(blank, problem, optimum, -answer[0], np.zeros((problem.size,) * 2), noise, loss)
     cov_x, robust = covariance_of(result, covariance)
-    scale = problem.natural_scale(x)[: problem.n_model]
+    scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     u = dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
     sse = float(result.innovation @ result.innovation)

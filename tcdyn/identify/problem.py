@@ -94,8 +94,17 @@ class Posed:
         """Samples by which a dead time can hold the input back."""
         if "Td" not in self.model.names:
             return 0
-        longest = max(len(s.u) for s in self.segments) * self.dt_s
-        return int(np.ceil(self.model.fixed.get("Td", self.model.delay_max_s or 0.5 * longest) / self.dt_s)) + 1
+        return int(np.ceil(self.model.fixed.get("Td", self.longest_delay_s) / self.dt_s)) + 1
+
+    @cached_property
+    def longest_s(self) -> float:
+        """Length of the longest segment [s]."""
+        return max(len(s.u) for s in self.segments) * self.dt_s
+
+    @property
+    def longest_delay_s(self) -> float:
+        """The largest dead time that is looked for [s]."""
+        return self.model.delay_max_s or 0.5 * self.longest_s
 
     @property
     def begun(self) -> Start:
@@ -109,12 +118,8 @@ class Posed:
         return simulate_rows(system, u, self.dt_s, delay_s, self.hold, self.begun)[:, len(past) :]
 
     def natural_scale(self, x: Array) -> Array:
-        """d(natural parameter)/dx along the diagonal."""
-        scale = np.ones(self.size)
-        for i, n in enumerate(self.model.free):
-            if self.model.positive(n):
-                scale[i] = np.exp(x[i])
-        return scale
+        """d(natural parameter)/dx of the free model parameters (n_model,)."""
+        return np.array([np.exp(v) if self.model.positive(n) else 1.0 for n, v in zip(self.model.free, x)])
 
     @cached_property
     def parts(self) -> list[slice]:
@@ -143,14 +148,13 @@ class Posed:
     def bounds(self) -> tuple[Array, Array]:
         """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        length = max(len(s.u) for s in self.segments) * self.dt_s
         for i, n in enumerate(self.model.free):
             if n == "Td":
-                lower[i], upper[i] = 0.0, self.model.delay_max_s or 0.5 * length
+                lower[i], upper[i] = 0.0, self.longest_delay_s
             elif n == "Zeta":
                 lower[i], upper[i] = np.log(1e-3), np.log(20.0)
             elif self.model.positive(n):
-                lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * length)
+                lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * self.longest_s)
         return lower, upper
 
     def state_polynomial(self, q: Array) -> Array:
@@ -164,39 +168,30 @@ class Posed:
         if not rational.stable:
             return None
         system = realise(rational, jacobian)
+        rule = self.model.chain_rule(theta) * self.natural_scale(x) if jacobian else np.zeros((0, 0))
         answers = []
         for k, segment in enumerate(self.segments):
             rows = self.driven(system, segment, rational.delay_s)
-            y = rows[0]
+            y, j = rows[0], np.zeros((len(segment.u), self.size if jacobian else 0))
+            if jacobian:
+                j[:, : self.n_model] = rows[1:].T @ rule
             if self.n_offsets:
                 y = y + x[self.offset_at(k)]
-            j = np.zeros((len(y), self.size if jacobian else 0))
-            free, state = None, x[self.state_slice(k)]
-            if len(state):
-                free = self.free_response(rational, state, len(y))
+                j[:, self.offset_at(k) :][:, :1] = 1.0
+            at = self.state_slice(k)
+            if k in self.loose:
+                free = self.free_response(rational, x[at], len(y))
                 y = y + free[0]
-            if jacobian:
-                self.fill(j, rows, free, theta, x, k)
+                if jacobian:
+                    by_factor = free[1 + self.n_states : -1]
+                    j[:, : self.n_model] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
+                    j[:, at] = self.state_rows(free).T
             answers.append((y, j))
         return answers
 
     def free_response(self, rational: Rational, q: Array, n: int) -> Array:
         """Rows of the initial-state response: its value, d/dnumerator, d/dfactor coefficients."""
-        model = replace(rational, num=self.state_polynomial(q), delay_s=0.0)
-        system: Realisation = realise(model)
-        return free_rows(system, n, self.dt_s)
-
-    def fill(self, j: Array, rows: Array, free: Array | None, theta: Mapping[str, float], x: Array, k: int) -> None:
-        """Write the Jacobian of one segment into ``j``."""
-        rule = self.model.chain_rule(theta)
-        j[:, : self.n_model] = rows[1:].T @ rule
-        if free is not None:
-            skip = rule.shape[0] - 1 - (len(free) - 2 - self.n_states)
-            j[:, : self.n_model] += free[1 + self.n_states : -1].T @ rule[skip:-1]
-            j[:, self.state_slice(k)] = self.state_rows(free).T
-        j[:, : self.n_model] *= self.natural_scale(x)[: self.n_model]
-        if self.n_offsets:
-            j[:, self.offset_at(k)] = 1.0
+        return free_rows(realise(replace(rational, num=self.state_polynomial(q), delay_s=0.0)), n, self.dt_s)
 
     def state_rows(self, free: Array) -> Array:
         """d(output)/d(initial-state coefficients), (n_states, N), among the rows of :meth:`free_response`."""

@@ -84,8 +84,7 @@ def transfer_starts(problem: Posed, delays_s: Iterable[float]) -> Pool:
     candidate dead times."""
     model = problem.model
     zeros = sum(n.startswith("b") for n in model.names) - 1
-    length = max(len(s.u) for s in problem.segments) * problem.dt_s
-    for delay, rate in product(delays_s, np.geomspace(6.0 / length, 0.6 / problem.dt_s, 6)):
+    for delay, rate in product(delays_s, np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6)):
         if (answer := srivc(problem, zeros, model.order, delay, float(rate))) is not None:
             num, den = ({f"{c}{i}": float(v) for i, v in enumerate(part)} for c, part in zip("ba", answer))
             yield polished(problem, {**num, **den, "Td": delay})
@@ -107,9 +106,8 @@ def lag_bank(problem: Posed, taus_s: Array) -> list[Array]:
 
 def best_shift(problem: Posed, bank: list[Array], k: int, limit: int) -> tuple[int, float]:
     """The whole-sample dead time at which lag ``k`` of the bank correlates best with the output, and that r^2."""
-    score = np.zeros(limit + 1)
+    score, yy = np.zeros(limit + 1), 0.0
     floor = 0.0 if problem.model.fixed.get("Kp", -1.0) > 0 else -np.inf  # a gain of either sign unless it is known
-    xx = yy = 0.0
     for s, rows in zip(problem.segments, bank):
         x, y = rows[k], filled(s)
         x, y = x - x[0], y - y.mean()
@@ -121,12 +119,10 @@ def best_shift(problem: Posed, bank: list[Array], k: int, limit: int) -> tuple[i
         squares = np.concatenate([[0.0], np.cumsum(x**2)])
         left = n - np.arange(reach + 1)
         spread = squares[left] - head[left] ** 2 / n
-        value = np.zeros(limit + 1)
-        value[: reach + 1] = np.maximum(cross[: reach + 1], floor) ** 2 / np.maximum(
+        score[: reach + 1] += np.maximum(cross[: reach + 1], floor) ** 2 / np.maximum(
             spread, 1e-12 * squares[-1] + 1e-300
         )
-        score += value
-        xx, yy = xx + 1.0, yy + float(y @ y)
+        yy += float(y @ y)
     best = int(np.argmax(score))
     return best, float(score[best] / max(yy, 1e-300))
 
@@ -134,9 +130,8 @@ def best_shift(problem: Posed, bank: list[Array], k: int, limit: int) -> tuple[i
 def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:
     """(time constant, dead time) [s] of one-lag approximations, best first: every whole-sample shift is tried."""
     model = problem.model
-    length = max(len(s.u) for s in problem.segments) * problem.dt_s
-    taus = np.geomspace(problem.dt_s, 0.5 * length, 12)
-    longest = model.fixed["Td"] if "Td" in model.fixed else model.delay_max_s or 0.5 * length
+    taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
+    longest = model.fixed.get("Td", problem.longest_delay_s)
     limit = int(longest / problem.dt_s) if model.has_delay else 0
     bank = lag_bank(problem, taus)
     found = []

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import stats
 
 from calibration.arrays import Array
@@ -74,11 +75,13 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
-    u, taus = lagged_inputs(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
-    u = extra.whiten(fit.noise.whiten(u, parts), parts)
+    behind = shifts(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
+    u, ahead = (
+        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k), parts), parts)
+        for k in (behind, -np.arange(lags // 2))
+    )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
-    cross = input_correlation(ew, jw, u, taus)
-    ahead = extra.whiten(fit.noise.whiten(coming_inputs(problem, lags // 2), parts), parts)
+    cross = input_correlation(ew, jw, u, problem.dt_s * behind)
     rounding = bool(np.max(np.abs(r)) <= 0.5 * problem.rounding_step)  # which alone could leave these residuals
     if rounding:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
@@ -150,32 +153,25 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
     )
 
 
-def lagged_inputs(problem: Posed, lag_s: float, lags: int) -> tuple[Array, Array]:
-    """Input delayed by 0, 1, 2 .. samples, then ever further apart up to three times the model's lag, (N,
-    lags)."""
-    shortest = max(len(s.u) for s in problem.segments)
-    lags = max(2, min(lags, shortest // 8))
-    reach = int(min(max(3 * lag_s / problem.dt_s, lags), shortest // 3))
-    shifts = np.unique(
-        np.concatenate([np.arange(lags // 2), np.geomspace(lags // 2, max(reach, lags), lags - lags // 2)])
-    )
-    shifts = np.unique(np.round(shifts).astype(int))
-    tables = []
-    for s in problem.segments:
-        past = s.history(int(shifts[-1]))
-        before = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
-        padded = np.concatenate([past if s.resumed else np.full(shifts[-1], before), s.u]) - before
-        n = len(s.u)
-        tables.append(np.array([padded[shifts[-1] - k : shifts[-1] - k + n] for k in shifts]).T[s.seen])
-    return np.vstack(tables), problem.dt_s * shifts
+def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
+    """Shifts of 0, 1, 2 .. samples, then ever further apart up to three times the model's lag, (lags,)."""
+    longest = max(len(s.u) for s in problem.segments)
+    lags = max(2, min(lags, longest // 8))
+    reach = max(int(min(max(3 * lag_s / problem.dt_s, lags), longest // 3)), lags)
+    near, far = np.arange(lags // 2), np.geomspace(lags // 2, reach, lags - lags // 2)
+    return np.unique(np.round(np.unique(np.concatenate([near, far]))).astype(int))
 
 
-def coming_inputs(problem: Posed, count: int) -> Array:
-    """Input of the present sample and of the next ones, (N, count); after the end of a segment it stays."""
+def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
+    """The input so many samples before each measured one, (N, lags), over its level at the start of its segment; a
+    negative shift looks ahead, and after its end a segment's input stays."""
+    most, ahead = max(int(behind.max()), 0), max(-int(behind.min()), 0)
     tables = []
     for s in problem.segments:
-        padded = np.concatenate([s.u, np.full(count, s.u[-1])]) - s.u[0]
-        tables.append(np.array([padded[k : k + len(s.u)] for k in range(count)]).T[s.seen])
+        past = s.history(most + 1)
+        level = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
+        padded = np.concatenate([past[1:] if s.resumed else np.full(most, level), s.u, np.full(ahead, s.u[-1])]) - level
+        tables.append(np.array([padded[most - k : most - k + len(s.u)] for k in behind]).T[s.seen])
     return np.vstack(tables)
 
 
