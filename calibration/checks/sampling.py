@@ -92,11 +92,12 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
         )
     grid = _places(step, dt)
     lone = np.diff(grid) == 1
-    odd = _away(step, dt) > 0.45 * dt
+    odd = np.abs(step - dt) > 0.45 * dt
     jitter = odd & lone
     if jitter.sum() > 0.2 * lone.sum() or (~lone).mean() > 0.2:
-        even = _straight(time)
-        if even is None:
+        row = np.arange(len(time), dtype=np.int32)
+        row_s = _interval_s(time, row)
+        if _even(time, row, row_s)[1] >= 0.45 * row_s:  # a lost sample bends the line more than rounded stamps do
             i = int(np.argmax(odd))
             raise InputError(
                 f"{place}, row {rows.of(i + 1)}: sampling is uneven ({step.min():.4g} to {step.max():.4g} s)",
@@ -104,7 +105,7 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
                 expected="one sampling rate",
                 remedy="log at one rate, or resample first",
             )
-        dt, grid = even
+        dt, grid = row_s, row
         found.append(look("time.few_decimals", subject=column, rate_Hz=1 / dt))
         lone, jitter = np.full(len(step), True), np.full(len(step), False)
     if jitter.any():
@@ -117,58 +118,27 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
         found.append(look("time.lost", subject=column, row=row, count=lost, places=places, first_s=float(time[i])))
     if dt > 0.05:
         found.append(look("time.slow", subject=column, rate_Hz=1 / dt, lost_s=2 * dt))
-    del step
-    return Sampling(_unrounded(time, grid, dt, usual), dt, grid, tuple(found))
+    even, away_s = _even(time, grid, dt)
+    # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
+    rounded = abs(usual - dt) >= 1e-3 * dt and away_s < dt
+    return Sampling(even if rounded else time, dt, grid, tuple(found))
 
 
 def _places(step: Array, dt_s: float) -> NDArray[np.int32]:
     """Where each sample stands on the grid of ``dt_s``, from the steps between them."""
-    place = np.zeros(len(step) + 1, dtype=np.int32)
-    count = step / dt_s  # one copy and no more: a log may have millions of rows
-    np.rint(count, out=count)
-    np.maximum(count, 1.0, out=count)
-    place[1:] = np.cumsum(count, out=count)
-    return place
-
-
-def _away(values: Array, middle: float | Array) -> Array:
-    away = values - middle
-    return np.abs(away, out=away)
+    return np.concatenate([[0], np.cumsum(np.maximum(np.rint(step / dt_s), 1.0))]).astype(np.int32)
 
 
 def _interval_s(time: Array, place: NDArray[np.int32]) -> float:
-    """Slope of the straight line through the stamps, by least squares; in blocks, for a log may have millions."""
-    middle, start = float(place.mean()), float(time.mean())
-    top = bottom = 0.0
-    for first in range(0, len(time), 1 << 16):
-        grid = place[first : first + (1 << 16)] - middle
-        top += float(np.dot(grid, time[first : first + (1 << 16)] - start))
-        bottom += float(np.dot(grid, grid))
-    return top / bottom
+    """Slope of the straight line through the stamps, by least squares."""
+    grid = place - place.mean()
+    return float(grid @ (time - time.mean()) / (grid @ grid))
 
 
-def _straight(time: Array) -> tuple[float, NDArray[np.int32]] | None:
-    """Interval [s] and grid of a record without a loss whose stamps are rounded to nearly its interval, or None.
-
-    Stamps of 0.01, 0.03, 0.04 s at 75 Hz lie within half a hundredth of a straight line; a lost sample bends it more.
-    """
-    grid = np.arange(len(time), dtype=np.int32)
-    dt = _interval_s(time, grid)
-    line = np.asarray((grid - float(grid.mean())) * dt + float(time.mean()), dtype=np.float64)
-    return (dt, grid) if float(np.max(_away(time, line))) < 0.45 * dt else None
-
-
-def _unrounded(time: Array, grid: NDArray[np.int32], dt_s: float, usual_s: float) -> Array:
-    """Stamps on the even grid where the clock's decimals are too few for the interval; else as they are.
-
-    Stamps of 0.013, 0.027, 0.040 s have steps of 13 and 14 ms, neither of which is the interval of 75 Hz.
-    """
-    if abs(usual_s - dt_s) < 1e-3 * dt_s:
-        return time
-    even: Array = np.asarray(grid - float(grid.mean()), dtype=np.float64)
-    even *= dt_s
-    even += float(time.mean())
-    return even if float(np.max(_away(even, time))) < dt_s else time
+def _even(time: Array, place: NDArray[np.int32], dt_s: float) -> tuple[Array, float]:
+    """Stamps on the even grid, and how far [s] the farthest of those logged lies from its own."""
+    even = np.asarray((place - place.mean()) * dt_s + time.mean())
+    return even, float(np.max(np.abs(even - time)))
 
 
 def _filled(time: Array, rows: RowNumbers, where: str, column: str) -> tuple[Array, list[Finding]]:

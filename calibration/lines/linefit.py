@@ -82,16 +82,10 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike 
 
 def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:
     """p of the F test of group means of the residuals against the scatter within groups; None without repeats."""
-    groups = np.asarray(groups)
-    labels, at = np.unique(groups, return_inverse=True)
-    k, n = len(labels), len(groups)
-    if k < 3 or n - k < 2:
+    k, n, between, within = _sums_of_squares(fit, groups)
+    if k < 3 or n - k < 2 or within <= 0:
         return None
-    count = np.bincount(at)
-    mean = np.bincount(at, weights=fit.residuals) / count
-    between = float(np.sum(count * mean**2)) / (k - 2)
-    within = float(np.sum((fit.residuals - mean[at]) ** 2)) / (n - k)
-    return float(stats.f.sf(between / within, k - 2, n - k)) if within > 0 else None
+    return float(stats.f.sf(between / (k - 2) / (within / (n - k)), k - 2, n - k))
 
 
 def quadratic_p(fit: LineFit) -> float | None:
@@ -100,13 +94,9 @@ def quadratic_p(fit: LineFit) -> float | None:
     if n < 5 or len(np.unique(fit.x)) < 4:
         return None
     z = (fit.x - fit.x.mean()) / np.std(fit.x)
-    design = np.column_stack([np.ones(n), z, z**2])
-    coefficients, *_ = np.linalg.lstsq(design, fit.y, rcond=None)
-    rest = fit.y - design @ coefficients
-    variance = float(rest @ rest) / (n - 3) * np.linalg.inv(design.T @ design)[2, 2]
-    if variance <= 0:
-        return None
-    return float(2 * stats.t.sf(abs(coefficients[2]) / np.sqrt(variance), n - 3))
+    coefficients, covariance = np.polyfit(z, fit.y, 2, cov=True)
+    variance = float(covariance[0, 0])
+    return float(2 * stats.t.sf(abs(coefficients[0]) / np.sqrt(variance), n - 3)) if variance > 0 else None
 
 
 def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
@@ -115,19 +105,22 @@ def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float,
 
     (None, 0, None) where there is only one repeat.
     """
-    labels, at = np.unique(np.asarray(repeats), return_inverse=True)
-    r, n = len(labels), len(at)
+    r, n, between, within = _sums_of_squares(fit, repeats)
     if r < 2 or n - r - 1 < 2:
         return None, 0.0, None
+    if within <= 0:
+        return 0.0, 0.0, None
+    between2, within2 = between / (r - 1), within / (n - r - 1)
+    shift2 = max(between2 - within2, 0.0) / (n / r)
+    return float(np.sqrt(within2)), float(np.sqrt(shift2 / r)), float(stats.f.sf(between2 / within2, r - 1, n - r - 1))
+
+
+def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, float]:
+    """Groups, points, and the sums of squares of the residuals between and within groups."""
+    at = np.unique(np.asarray(groups), return_inverse=True)[1]
     count = np.bincount(at)
     mean = np.bincount(at, weights=fit.residuals) / count
-    within2 = float(np.sum((fit.residuals - mean[at]) ** 2)) / (n - r - 1)
-    if within2 <= 0:
-        return 0.0, 0.0, None
-    between2 = float(np.sum(count * mean**2)) / (r - 1)
-    p = float(stats.f.sf(between2 / within2, r - 1, n - r - 1))
-    shift2 = max(between2 - within2, 0.0) / (n / r)
-    return float(np.sqrt(within2)), float(np.sqrt(shift2 / r)), p
+    return len(count), len(at), float(count @ mean**2), float(np.sum((fit.residuals - mean[at]) ** 2))
 
 
 def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
