@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import getpass
 import json
-from collections.abc import Iterable
+from collections.abc import Collection
+from contextlib import suppress
 from copy import deepcopy
 from datetime import UTC, datetime
 from pathlib import Path
@@ -88,19 +89,13 @@ class ChainRecord(_Part):
         if set(self.differential_lag_s) != set(self.channels):
             raise ValueError("differential_lag_s: must name the channels of the chain")
         matrix = _square(self.covariance, len(self.channels))
-        lags = [self.channels[c].lag_s for c in sorted(self.channels)]
-        own = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-        for name, lag, u in zip(sorted(self.channels), lags, own):
+        common = float(np.mean([channel.lag_s.value for channel in self.channels.values()]))
+        _agrees(self.common_lag_s, common, "common_lag_s: {} s, but the lags' mean is {} s")
+        for name, u in zip(sorted(self.channels), np.sqrt(np.maximum(np.diag(matrix), 0.0))):
+            lag, rest = self.channels[name].lag_s, self.differential_lag_s[name]
             if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
                 raise ValueError(f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s")
-        common = float(np.mean([lag.value for lag in lags]))
-        if abs(common - self.common_lag_s.value) > max(LAG_TOLERANCE_S, 3 * self.common_lag_s.u):
-            raise ValueError(f"common_lag_s: {self.common_lag_s.value:.4g} s, but the lags' mean is {common:.4g} s")
-        for name, lag in zip(sorted(self.channels), lags):
-            rest = self.differential_lag_s[name]
-            apart = lag.value - common
-            if abs(apart - rest.value) > max(LAG_TOLERANCE_S, 3 * rest.u):
-                raise ValueError(f"differential_lag_s.{name}: {rest.value:.4g} s, but lag - mean is {apart:.4g} s")
+            _agrees(rest, lag.value - common, f"differential_lag_s.{name}: {{}} s, but lag - mean is {{}} s")
         return self
 
     def lag_covariance(self) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -146,11 +141,7 @@ class DiskRecord(Result, _Part):
         if self.chain is not None:
             own = self.conditioning.conditioning().lag_s
             for name, c in self.chain.channels.items():
-                lag = c.own_lag_s + own
-                if abs(lag - c.lag_s.value) > max(LAG_TOLERANCE_S, 3 * c.lag_s.u):
-                    raise ValueError(
-                        f"chain.channels.{name}.lag_s: {c.lag_s.value:.4g} s, but its lags add to {lag:.4g} s"
-                    )
+                _agrees(c.lag_s, c.own_lag_s + own, f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s")
         return self
 
     @computed_field  # type: ignore[prop-decorator]
@@ -221,13 +212,11 @@ def write_record(record: DiskRecord, path: str | Path) -> Path:
 def read_record(path: str | Path) -> DiskRecord:
     """Read a record, one of version 0.1, too.
 
-    Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot
-    be.
+    Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot be.
     """
     where = str(path)
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        data = json.loads(text, object_pairs_hook=_no_twins)
+        data = json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_no_twins)
     except FileNotFoundError:
         raise InputError("no such file", where=where, remedy="`tcdyn calibrate` writes one") from None
     except (OSError, ValueError, RecursionError) as problem:
@@ -246,22 +235,22 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         raise InputError("is no disk record", where=where, expected="a JSON object with the key schema")
     if "schema" not in data:
         raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
-    if data["schema"] not in (SCHEMA, OF_0_1):
+    schema = str(data["schema"])
+    if schema not in (SCHEMA, OF_0_1):
         raise InputError(
-            f"schema: {str(data['schema'])[:60]!r} is not known to this version",
+            f"schema: {schema[:60]!r} is not known to this version",
             where=where,
             expected=f"{SCHEMA!r} or {OF_0_1!r}",
-            remedy="update tcdyn" if str(data["schema"]).startswith("tcdyn.disk/") else "give a disk record",
+            remedy="update tcdyn" if schema.startswith("tcdyn.disk/") else "give a disk record",
         )
-    if data["schema"] == OF_0_1:
-        data = _from_0_1(data)
+    data = _from_0_1(data) if schema == OF_0_1 else data
     try:
         return DiskRecord.model_validate(data)
     except ValidationError as problem:
         first = problem.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         message = first["msg"].removeprefix("Value error, ")
-        got = f" (got {_short(first['input'])})" if first["type"] not in ("value_error", "missing") else ""
+        got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
         raise InputError(
             f"{key + ': ' if key else ''}{message}{got}",
             where=where,
@@ -273,30 +262,30 @@ def parse_record(data: Any, where: str) -> DiskRecord:
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
     """A record of version 0.1 in today's schema: its two lags are a list."""
     data = {**deepcopy(data), "schema": SCHEMA}
-    chain = data.get("chain")
-    channels = chain.get("channels") if isinstance(chain, dict) else None
-    for channel in channels.values() if isinstance(channels, dict) else ():
-        if isinstance(channel, dict) and "tau1_s" in channel:
+    with suppress(TypeError, KeyError, AttributeError):  # what is not as it should be is found by key
+        for channel in data["chain"]["channels"].values():
             channel["taus_s"] = [channel.pop("tau1_s"), channel.pop("tau2_s", 0.0)]
     return data
 
 
 def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
+    names = [key for key, _ in pairs]
+    for key in names:
+        if names.count(key) > 1:
             raise ValueError(f"key {key!r} stands twice")
-        found[key] = value
-    return found
+    return dict(pairs)
 
 
-def _known(names: Iterable[str], key: str) -> None:
-    names = list(names)
+def _known(names: Collection[str], key: str) -> None:
     if not names:
         raise ValueError(f"{key}: holds no channel")
-    for name in names:
-        if name not in CHANNELS:
-            raise ValueError(f"{key}.{name}: no such channel; they are a to f")
+    for name in sorted(set(names) - set(CHANNELS)):
+        raise ValueError(f"{key}.{name}: no such channel; they are a to f")
+
+
+def _agrees(stated: Estimate, found_s: float, words: str) -> None:
+    if abs(found_s - stated.value) > max(LAG_TOLERANCE_S, 3 * stated.u):
+        raise ValueError(words.format(f"{stated.value:.4g}", f"{found_s:.4g}"))
 
 
 def _square(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -309,8 +298,3 @@ def _square(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.f
     if np.linalg.eigvalsh(matrix).min() < -1e-6 * scale:
         raise ValueError("covariance: must be positive semidefinite")
     return matrix
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from tcdyn.chain import NO_CONDITIONING, Chain, cement_lags
+from tcdyn.chain import NO_CONDITIONING, Chain, Structure, cement_lags, equalised
 
 CHAINS = {
     "two lags": Chain((0.6, 0.1)),
@@ -104,3 +104,31 @@ def test_negative_lags_are_refused():
         Chain((-0.1,))
     with pytest.raises(InputError, match="must be positive"):
         Chain((0.1,), pair=(0.2, 0.0))
+
+
+KINDS = {
+    "lags": (Chain((0.66, 0.1)), Chain((0.6, 0.12))),
+    "lag, zero and dead time": (Chain((0.5,), 0.1, 0.05), Chain((0.6,), 0.12, 0.15)),
+    "complex pair": (Chain((0.2,), pair=(0.2, 0.7)), Chain((0.22,), pair=(0.25, 0.6))),
+    "cement": (Chain((0.2,), cement_s=0.6), Chain((0.25,), cement_s=0.8)),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_channel_is_made_to_read_as_another_chain_would(name):
+    own, common = KINDS[name]
+    t = np.arange(0, 30, 1 / 75)
+    x = 100 - 15 * (1 - np.exp(-np.clip(t - 10, 0, None) / 3))
+    made = equalised(own.response(x, 1 / 75)[:, None], 1 / 75, [own], common)[:, 0]
+    wanted = common.response(x, 1 / 75)
+    assert np.abs(own.response(x, 1 / 75) - wanted).max() > 0.1
+    assert np.abs(made - wanted).max() < 5e-3  # the bend of 5 K/s lies between samples: a quarter of it times dt^2/lag
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("P4", "no process model"), ("P2ZZ", "no process model"), ("P1U", "use P2U"), ("P0Z", "use P1Z")],
+)
+def test_structures_that_cannot_be_are_refused(name, words):
+    with pytest.raises(InputError, match=words):
+        Structure.of(name)
