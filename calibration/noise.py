@@ -69,17 +69,19 @@ def spike_limit(values: Array) -> float:
     return max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K) if len(x) >= 15 else np.inf
 
 
-def find_spikes(values: Array, limit_K: float) -> Flags:
-    """Samples of ``values (N,)`` further than ``limit_K`` from the median of the 7 around them.
+def find_spikes(values: Array, limit_K: float | Array, width: int = SPIKE_WIDTH) -> Flags:
+    """Samples of ``values (N,)`` further than ``limit_K`` from the median of the ``width`` around them.
 
-    A ramp or a clean step is no spike: the median follows both. NaN is never one.
+    A ramp or a clean step is no spike: the median follows both. NaN is never one. ``limit_K`` (one, or one a sample):
+    raw readings are given 8 standard deviations or half a kelvin; calibrated traces, whose noise is known, 6.
 
     >>> find_spikes(np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6]), 1.0).nonzero()[0]
     array([3])
     """
     index = np.flatnonzero(np.isfinite(values))
     out = np.zeros(len(values), dtype=bool)
-    x = values[index]
-    if (np.abs(np.diff(x)) > 0.5 * limit_K).any():  # otherwise four of seven cannot stand that far away
-        out[index] = np.abs(x - median_filter(x, SPIKE_WIDTH, mode="nearest")) > limit_K
+    x, limit = values[index], np.broadcast_to(limit_K, len(values))[index]
+    nearest = (width // 2 + 1) // 2  # of the majority that stands far away, one is at most so many samples off
+    if (np.abs(np.diff(x)) > np.min(limit, initial=np.inf) / nearest).any():  # otherwise there is no such majority
+        out[index] = np.abs(x - median_filter(x, width, mode="nearest")) > limit
     return out

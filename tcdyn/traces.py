@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from calibration.disk import CHANNELS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
-from calibration.noise import rounding_sd, white_noise_sd
+from calibration.noise import find_spikes, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import Chain
@@ -191,9 +190,8 @@ def despiked(y: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
     missing = ~np.isfinite(y)
     filled = bridged(y, ~missing)
-    away = np.abs(filled - median_filter(filled, SPIKE_SAMPLES, mode="nearest"))
     noise = float(white_noise(filled[:, None])[0])
-    marked = missing | (away > SPIKE_SIGMA * max(noise, 1e-6))
+    marked = missing | find_spikes(filled, SPIKE_SIGMA * max(noise, 1e-6), SPIKE_SAMPLES)
     return bridged(filled, ~marked), marked
 
 

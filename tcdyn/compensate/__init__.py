@@ -1,13 +1,12 @@
 """From what the logger wrote back to what the junction felt, with an uncertainty for every sample."""
 
 from tcdyn.compensate.before_use import BeforeUse, before_use, live_before_use, widest_bandwidth_Hz
-from tcdyn.compensate.covariance import window_covariance
 from tcdyn.compensate.deconvolve import Tradeoff, deconvolve
+from tcdyn.compensate.grid import Burst, Intensity
 from tcdyn.compensate.inverse import InverseFilter, invert, proper_inverse
 from tcdyn.compensate.live import LiveSmoother, LiveState
-from tcdyn.compensate.profile import Burst, Intensity
 from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import smooth
+from tcdyn.compensate.smoother import smooth, window_covariance
 
 __all__ = [
     "BeforeUse",

@@ -11,13 +11,10 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import Array
 from tcdyn.chain import Chain
-from tcdyn.compensate.grid import Grid, read_variance, readings
-from tcdyn.compensate.model import Stretch, grid_for, problem_for
-from tcdyn.compensate.noise import channel_noise_sd
-from tcdyn.compensate.profile import Intensity
-from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import smooth, stretch_of
-from tcdyn.compensate.sweep import backward, forward
+from tcdyn.compensate.grid import Intensity, read_variance, readings
+from tcdyn.compensate.result import Compensated, channel_noise_sd, columns_of
+from tcdyn.compensate.smoother import smooth
+from tcdyn.compensate.sweep import Stretch, stretch_of, swept
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 CRITERIA = get_args(Criterion)
@@ -65,8 +62,7 @@ def deconvolve(
         lag_covariance, static_u, names: as in ``smooth``.
         trials: number of weights tried, evenly in their logarithm.
     """
-    data = np.asarray(y, dtype=float)
-    data = data[:, None] if data.ndim == 1 else data
+    data = columns_of(y)
     m = data.shape[1]
     sd = channel_noise_sd(data, noise_sd)
     stretch, _, _ = stretch_of(data, dt_s, chains, (), sd, names)
@@ -93,10 +89,7 @@ def deconvolve(
 
 def _trial(stretch: Stretch, noise_var: Array, level: Array) -> tuple[Array, Array, Array]:
     """Misfit, roughness and freedom (M,) at one intensity per channel."""
-    proposals = [[Intensity.constant(q)] for q in level]
-    grid: Grid = grid_for(stretch, proposals, noise_var)
-    problem = problem_for(stretch, grid, noise_var, proposals)
-    states = backward(problem, forward(problem))
+    grid, states = swept(stretch, noise_var, [Intensity.constant(q) for q in level])
     n = len(stretch.y)
     misfit, roughness, freedom = [], [], []
     lengths = np.diff(grid.knots_s)

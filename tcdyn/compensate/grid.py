@@ -1,20 +1,92 @@
-"""Knots in time: known events exactly on a knot, cells as long as the local smoothing allows."""
+"""How restless the temperature is in time, and knots as fine as that asks for, known events exactly on a knot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from calibration.arrays import Array
 from tcdyn.chain import Chain, Sensor
 
-Array = NDArray[np.float64]
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
 FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd
+
+
+@dataclass(frozen=True)
+class Burst:
+    """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
+
+    A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
+    a large power.
+    """
+
+    start_s: float
+    height: float
+    decay_s: float
+    power: float = 3.0
+
+    def before(self, t: Array) -> Array:
+        """Integral of the burst up to time t [K2/s2]."""
+        p = self.power
+        age = np.maximum(t - self.start_s, 0.0) / self.decay_s
+        return np.asarray(self.height * self.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
+
+    def at(self, t: Array) -> Array:
+        """The burst at time t (N,) [s], zero before it starts."""
+        age = np.maximum(t - self.start_s, 0.0) / self.decay_s
+        return np.where(t >= self.start_s, self.height * (1.0 + age / self.power) ** -self.power, 0.0)
+
+
+@dataclass(frozen=True)
+class Intensity:
+    """d(slope) has variance q(t) dt; ``levels`` [K2/s3] hold from each of ``starts_s`` on, ``bursts`` add to them.
+
+    >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Burst(10.0, 8.0, 2.0),))
+    >>> q.at([5.0, 10.0, 16.0]).tolist()
+    [1.0, 12.0, 5.0]
+    >>> float(q.between([0.0, 10.0, 16.0])[1])
+    42.0
+    """
+
+    starts_s: tuple[float, ...]
+    levels: tuple[float, ...]
+    bursts: tuple[Burst, ...] = ()
+
+    @classmethod
+    def constant(cls, level: float) -> Intensity:
+        """The same ``level`` [K2/s3] at all times."""
+        return cls((0.0,), (float(level),))
+
+    def _level(self, t: Array) -> Array:
+        return np.asarray(self.levels)[np.clip(np.searchsorted(self.starts_s, t, side="right") - 1, 0, None)]
+
+    def at(self, t_s: ArrayLike) -> Array:
+        """q(t) [K2/s3], same shape as ``t_s``."""
+        t = np.asarray(t_s, dtype=float)
+        return np.asarray(sum((burst.at(t) for burst in self.bursts), self._level(t)))
+
+    def between(self, knots_s: ArrayLike) -> Array:
+        """Integral of q over each cell of ``knots_s`` (J+1,), shape (J,) [K2/s2]."""
+        t = np.asarray(knots_s, dtype=float)
+        return np.asarray(sum((np.diff(b.before(t)) for b in self.bursts), self._level(t[:-1]) * np.diff(t)))
+
+    def moved(self, was_s: float, to_s: float, shift_s: float = 0.0) -> Intensity:
+        """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""
+
+        def new(start: float) -> float:
+            return (to_s if start == was_s else start) - shift_s
+
+        bursts = tuple(replace(b, start_s=new(b.start_s)) for b in self.bursts)
+        return Intensity(tuple(new(s) for s in self.starts_s), self.levels, bursts)
+
+    def shifted(self, by_s: float) -> Intensity:
+        """The same on a clock that starts ``by_s`` later."""
+        return self.moved(np.inf, np.inf, by_s)
 
 
 @dataclass(frozen=True)
@@ -30,6 +102,10 @@ class Grid:
     def cells(self) -> int:
         """Number of cells."""
         return len(self.kind)
+
+    def cell_at(self, t: Array, dt_s: float) -> NDArray[np.intp]:
+        """The cell that each time of ``t`` (N,) [s] lies in; a sample on a knot belongs to the cell after it."""
+        return np.clip(np.searchsorted(self.knots_s, t + 1e-6 * dt_s, side="right") - 1, 0, self.cells - 1)
 
 
 def corner_rad_s(chain: Chain, ratio: Array) -> Array:
@@ -47,10 +123,9 @@ def make_grid(
     ``cell_s(t)`` is the longest cell wanted at time t [s]; cells grow by at most a half from one to the next.
     """
     inside = sorted(t for t in set(events_s) if start_s < t < end_s)
-    stops = [*inside, end_s + 0.5 * dt_s]
     knots, events = [start_s], [0]
     size = len(STEPS) - 1
-    for number, stop in enumerate(stops, start=1):
+    for number, stop in enumerate([*inside, end_s + 0.5 * dt_s], start=1):
         index = int(np.floor(knots[-1] / dt_s + 1 + 1e-6))
         if number > 1:
             knots.append(index * dt_s)
@@ -100,16 +175,10 @@ def gather(grid: Grid, s: Sensor, y: Array, weight: Array, dt_s: float) -> tuple
     n, total = s.size, len(y)
     information, score = np.zeros((grid.cells, n, n)), np.zeros((grid.cells, n))
     padded_y, padded_w = np.append(y, 0.0), np.append(weight, 0.0)
-    for k in range(len(grid.example)):
-        first, rows = _rows(grid, s, k, dt_s)
-        count = len(rows)
-        if count == 0:
-            continue
-        where = np.flatnonzero(grid.kind == k)
-        index = first[where][:, None] + np.arange(count)
-        index = np.where((index >= 0) & (index < total), index, total)
+    for where, rows, index, inside in _samples(grid, s, total, dt_s):
+        index = np.where(inside, index, total)
         w = padded_w[index]
-        information[where] = (w @ (rows[:, :, None] * rows[:, None, :]).reshape(count, n * n)).reshape(-1, n, n)
+        information[where] = (w @ (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), n * n)).reshape(-1, n, n)
         score[where] = (w * padded_y[index]) @ rows
     return information, score
 
@@ -117,38 +186,35 @@ def gather(grid: Grid, s: Sensor, y: Array, weight: Array, dt_s: float) -> tuple
 def readings(grid: Grid, s: Sensor, mean: Array, samples: int, dt_s: float) -> Array:
     """What the logger would have written without noise (samples,), from the states at the knots ``mean (J, n)``."""
     out = np.zeros(samples)
-    for k in range(len(grid.example)):
-        where = np.flatnonzero(grid.kind == k)
-        first, rows = _rows(grid, s, k, dt_s)
-        index = first[where][:, None] + np.arange(len(rows))
-        values = mean[where] @ rows.T
-        inside = (index >= 0) & (index < samples)
-        out[index[inside]] = values[inside]
+    for where, rows, index, inside in _samples(grid, s, samples, dt_s):
+        out[index[inside]] = (mean[where] @ rows.T)[inside]
     return out
 
 
 def read_variance(grid: Grid, s: Sensor, cov: Array, samples: int, dt_s: float) -> Array:
     """Variance (samples,) of those readings, from the covariances at the knots ``cov (J, n, n)``."""
     out = np.zeros(samples)
-    for k in range(len(grid.example)):
-        where = np.flatnonzero(grid.kind == k)
-        first, rows = _rows(grid, s, k, dt_s)
-        index = first[where][:, None] + np.arange(len(rows))
-        values = np.einsum("ri,jik,rk->jr", rows, cov[where], rows, optimize=True)
-        inside = (index >= 0) & (index < samples)
-        out[index[inside]] = values[inside]
+    for where, rows, index, inside in _samples(grid, s, samples, dt_s):
+        out[index[inside]] = np.einsum("ri,jik,rk->jr", rows, cov[where], rows, optimize=True)[inside]
     return out
 
 
-def _rows(grid: Grid, s: Sensor, k: int, dt_s: float) -> tuple[NDArray[np.intp], Array]:
-    """First sample of every cell (J+1,), and the rows (count, n) that read the samples of a cell of kind ``k``."""
+def _samples(
+    grid: Grid, s: Sensor, samples: int, dt_s: float
+) -> Iterator[tuple[NDArray[np.intp], Array, NDArray[np.intp], NDArray[np.bool_]]]:
+    """For every kind of cell that reads samples: its cells (c,), the rows (count, n) that read a sample from the state
+
+    at the knot, which samples those are (c, count), and whether the record holds them.
+    """
     first = np.ceil((grid.knots_s + s.delay_s) / dt_s - 1e-6).astype(int)
-    j = grid.example[k]
-    rows = np.empty((max(first[j + 1] - first[j], 0), s.size))
-    if len(rows):
-        step = flow(s.drift, dt_s)
-        row = s.output @ flow(s.drift, first[j] * dt_s - s.delay_s - grid.knots_s[j])
-        for i in range(len(rows)):
-            rows[i] = row
-            row = row @ step
-    return first, rows
+    step = flow(s.drift, dt_s)
+    for k, j in enumerate(grid.example):
+        rows = np.empty((max(first[j + 1] - first[j], 0), s.size))
+        if len(rows) == 0:
+            continue
+        rows[0] = s.output @ flow(s.drift, first[j] * dt_s - s.delay_s - grid.knots_s[j])
+        for i in range(1, len(rows)):
+            rows[i] = rows[i - 1] @ step
+        where = np.flatnonzero(grid.kind == k)
+        index = first[where][:, None] + np.arange(len(rows))
+        yield where, rows, index, (index >= 0) & (index < samples)

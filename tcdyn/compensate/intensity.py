@@ -1,4 +1,4 @@
-"""The intensity of the slope noise by likelihood: per segment, and in bursts at the events."""
+"""By likelihood: intensity of the slope noise, per segment and in bursts at events; events that nobody announced."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal.windows import hann
 
+from calibration.arrays import Array
 from tcdyn.chain import Chain
-from tcdyn.compensate.grid import FINE, corner_rad_s
-from tcdyn.compensate.model import Stretch, likelihood
-from tcdyn.compensate.profile import Burst, Intensity
+from tcdyn.compensate.grid import FINE, Burst, Grid, Intensity, corner_rad_s
+from tcdyn.compensate.sweep import Stretch, likelihood
 
-Array = NDArray[np.float64]
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
 DECAYS_S = (0.1, 0.6, 3.6)
 EXPONENTIAL = 50.0  # a power as good as an exponential
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
 FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
+SURE = 5.5  # standard deviations: one false event in a thousand logs of 150 000 samples
+SHARP = 0.1  # an event whose time stays looser than this many lags is a bend: no knot is needed for it
+MOST = 6  # events sought in one record
 
 
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
@@ -152,3 +153,48 @@ def _nearby_bursts(burst: Burst) -> list[Burst]:
         for d in (0.55, 1.0, 1.8)
         for h in (0.1, 0.32, 1.0, 3.2, 10.0)
     ]
+
+
+def candidate(grid: Grid, jump_z: Array, events_s: Sequence[float], guard_s: float) -> float | None:
+    """The knot [s] with the most significant jump of slope in any channel, if it is sure and not a known event."""
+    z = np.max(np.abs(jump_z), axis=1)
+    t = grid.knots_s[:-1]
+    for event in events_s:
+        z = np.where((t > event - guard_s) & (t < event + 3 * guard_s), 0.0, z)
+    z[:3] = z[-3:] = 0.0
+    best = int(np.argmax(z))
+    return float(t[best]) if z[best] > SURE else None
+
+
+def timed(
+    stretch: Stretch, event_s: float, reach_s: float, noise_var: Array, chosen: Sequence[Intensity]
+) -> tuple[float, float]:
+    """The likeliest time of an event near ``event_s`` [s] (within ``reach_s``) and its standard uncertainty [s].
+
+    The curvature of the log likelihood, all channels together, with the burst that ``chosen`` has there.
+    """
+    window, shift = around(stretch, event_s)
+    centre, reach = event_s, reach_s
+    u = reach_s
+    for _ in range(4):
+        offsets = np.linspace(-reach, reach, 7)
+        values = np.array([_value(window, shift, centre + d, event_s, noise_var, chosen) for d in offsets])
+        best = int(np.argmax(values))
+        if 0 < best < 6:
+            a, b, _ = np.polyfit(offsets[best - 1 : best + 2], values[best - 1 : best + 2], 2)
+            if a < 0:
+                u = float(np.sqrt(-0.5 / a))
+                centre += float(-0.5 * b / a)
+                reach = min(3.0 * u, 0.5 * reach)
+                continue
+        centre += float(offsets[best])
+        reach *= 0.6
+    return centre, u
+
+
+def _value(
+    window: Stretch, shift: float, at: float, was: float, noise_var: Array, chosen: Sequence[Intensity]
+) -> float:
+    moved = replace(window, events_s=(at - shift,))
+    proposed = [[q.moved(was, at, shift)] for q in chosen]
+    return float(likelihood(moved, noise_var, proposed)[0].sum())

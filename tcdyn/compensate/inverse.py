@@ -13,9 +13,8 @@ from scipy.ndimage import uniform_filter1d
 from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain, discretised
-from tcdyn.compensate.noise import channel_noise_sd
-from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import stretch_of
+from tcdyn.compensate.result import Compensated, channel_noise_sd, columns_of
+from tcdyn.compensate.sweep import stretch_of
 
 
 @dataclass(frozen=True)
@@ -101,8 +100,7 @@ def invert(
     ``sd_noise`` is hypot(noise gain times noise, remaining shift times |slope|): the answer is late by the remaining
     shift and says so in its band instead of being moved. Bad samples are bridged by straight lines before filtering.
     """
-    data = np.asarray(y, dtype=float)
-    data = data[:, None] if data.ndim == 1 else data
+    data = columns_of(y)
     sd = channel_noise_sd(data, noise_sd)
     stretch, flags, findings = stretch_of(data, dt_s, chains, (), sd, names)
     x, lag, slope, own = (np.empty(data.shape) for _ in range(4))

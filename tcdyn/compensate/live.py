@@ -13,11 +13,10 @@ from scipy.linalg import expm
 
 from calibration.errors import InputError
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.model import DIFFUSE
-from tcdyn.compensate.result import MISSING, SPIKE
+from tcdyn.compensate.result import MISSING, SPIKE, SPIKE_SD
+from tcdyn.compensate.sweep import DIFFUSE
 
 Array = NDArray[np.float64]
-SPIKE_SD = 6.0
 FORGET, ALARM = 0.6, 2.1  # running mean of normalised surprises (sd 0.5) and the level that means an event
 HELD = 2  # samples in a row that may be taken for a spike; the third is believed
 CONTEXT = 5  # samples before the present one whose median a coarse spike is measured against

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from calibration.arrays import Array
+from calibration.arrays import Array, Flags
 from calibration.errors import InputError
-from calibration.finding import Finding
-from tcdyn.chain import Chain, sensors
-from tcdyn.compensate.events import MOST, SHARP, candidate, moved_event, timed
-from tcdyn.compensate.grid import Grid, readings
-from tcdyn.compensate.intensity import choose
-from tcdyn.compensate.model import Stretch, grid_for, problem_for
-from tcdyn.compensate.noise import channel_noise_sd
-from tcdyn.compensate.profile import Intensity
-from tcdyn.compensate.quality import SPIKE_SD, flags_of, judged, spoken
-from tcdyn.compensate.result import SPIKE, Compensated
-from tcdyn.compensate.sweep import Smoothed, backward, forward
+from tcdyn.chain import Chain
+from tcdyn.compensate.grid import Grid, Intensity, corner_rad_s, readings
+from tcdyn.compensate.intensity import MOST, SHARP, candidate, choose, timed
+from tcdyn.compensate.result import SPIKE, SPIKE_SD, Compensated, channel_noise_sd, columns_of
+from tcdyn.compensate.sweep import Smoothed, Stretch, backward, forward, grid_for, model_for, stretch_of, swept
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
 
 
 def smooth(
@@ -66,158 +61,193 @@ def smooth(
     Raises:
         InputError: shapes that do not agree, a channel without samples.
     """
-    data = np.asarray(y, dtype=float)
-    data = data[:, None] if data.ndim == 1 else data
-    m = data.shape[1]
+    data = columns_of(y)
     start = channel_noise_sd(data, noise_sd)
     stretch, flags, findings = stretch_of(data, dt_s, chains, events_s, start, names)
-    u_of = dict(zip(stretch.events_s, np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))))
-    if intensity is None:
-        chosen, noise_var = choose(stretch, start**2, noise_known=noise_sd is not None)
-    else:
-        chosen, noise_var = _given(intensity, m), np.asarray(start**2, dtype=np.float64)
-    grid, states = _sweep(stretch, noise_var, chosen)
-    outside = _outliers(stretch, grid, states, noise_var)
-    if outside.any():
-        flags = flags | np.where(outside, SPIKE, 0).astype(np.uint8)
-        stretch = replace(stretch, weight=np.where(outside, 0.0, stretch.weight))
-        grid, states = _sweep(stretch, noise_var, chosen)
-    longest_lag = max(s.lag_s for s in stretch.sensors)
-    seek = not events_s if find_events is None else find_events
-    while seek and intensity is None and len(u_of) < len(events_s) + MOST:
-        found = candidate(grid, states.jump_z, stretch.events_s, guard_s=2 * longest_lag)
-        if found is None:
-            break
-        reach = 2.0 * float(np.diff(grid.knots_s)[np.searchsorted(grid.knots_s, found) - 1])
-        tried, q, var, u = _with_event(stretch, found, reach, start**2, noise_sd is not None)
-        if u > SHARP * (longest_lag + dt_s):
-            break
-        stretch, chosen, noise_var = tried, q, var
-        u_of = {e: u_of.get(e, u) for e in stretch.events_s}
-        grid, states = _sweep(stretch, noise_var, chosen)
+    u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))
+    given = None if intensity is None else _given(intensity, data.shape[1])
+    fit = _Fit.of(stretch, start**2, noise_sd is not None, given, dict(zip(stretch.events_s, u_s.tolist())))
+    if (spikes := fit.outliers()).any():
+        flags = flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
+        fit = fit.weighted(np.where(spikes, 0.0, fit.stretch.weight))
+    if given is None and (not events_s if find_events is None else find_events):
+        fit = fit.with_events_found(start**2, noise_sd is not None, len(events_s) + MOST)
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
-        stretch = replace(stretch, weight=_student_weights(stretch, grid, states, noise_var))
-        grid, states = _sweep(stretch, noise_var, chosen)
-    x, slope, sd, lag = _at_samples(stretch, grid, states.mean, states.cov)
-    for event, u in u_of.items():
+        fit = fit.weighted(fit.student_weights())
+    x, slope, sd, lag = fit.at_samples()
+    for event, u in fit.events.items():
         if u > 0:
-            sd = np.hypot(sd, _event_sd(stretch, event, u, noise_var, chosen))
+            sd = np.hypot(sd, fit.event_sd(event, u))
     time = np.arange(len(x)) * dt_s
-    level = np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen])
     return Compensated.of(
         x, sd, slope, lag, lag_covariance, static_u, dt_s,
-        noise_sd=np.sqrt(noise_var),
-        intensity=level,
+        noise_sd=np.sqrt(fit.noise_var),
+        intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in fit.chosen]),
         flags=flags,
         method="fixed-interval smoother",
         findings=findings,
-        events_s=tuple(u_of.items()),
-        intensities=tuple(chosen),
+        events_s=tuple(fit.events.items()),
+        intensities=fit.chosen,
     )  # fmt: skip
 
 
-def stretch_of(
-    data: Array,
-    dt_s: float,
-    chains: Chain | Sequence[Chain],
-    events_s: Sequence[float],
-    noise_sd: Array,
-    names: Sequence[str] | None = None,
-) -> tuple[Stretch, NDArray[np.uint8], tuple[Finding, ...]]:
-    """The record ``data (N, M)`` as a stretch whose bad samples carry no weight, their flags, and findings."""
-    n, m = data.shape
-    listed = [chains] * m if isinstance(chains, Chain) else list(chains)
-    if len(listed) != m:
-        raise InputError(f"smooth: {m} channels but {len(listed)} chains", expected="one chain, or one per channel")
-    if n < 8 or not dt_s > 0:
-        raise InputError(f"smooth: {n} samples every {dt_s:g} s", expected="at least 8 samples and a positive interval")
-    flags = flags_of(data, noise_sd)
-    findings = judged(flags, names)
-    if np.any((flags == 0).sum(axis=0) < 8):
-        c = int(np.argmin((flags == 0).sum(axis=0)))
-        raise InputError(
-            f"smooth: {spoken(names, m)[c]} has fewer than 8 good samples", remedy="leave this channel out"
-        )
-    y = np.stack([_bridged(data[:, c], flags[:, c] == 0) for c in range(m)], axis=1)
-    weight = np.where(flags == 0, 1.0, 0.0)
-    events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(y, weight, dt_s, tuple(listed), tuple(sensors(listed)), events), flags, findings
+@dataclass(frozen=True)
+class _Fit:
+    """A smoothed stretch: noise variance (M,), intensities chosen, events with their uncertainty [s], and states."""
 
+    stretch: Stretch
+    noise_var: Array
+    chosen: tuple[Intensity, ...]
+    events: dict[float, float]
+    grid: Grid = field(init=False)
+    states: Smoothed = field(init=False)
 
-def _bridged(y: Array, good: NDArray[np.bool_]) -> Array:
-    """Straight lines across the bad samples: they carry no weight, but spectra need a value there."""
-    at = np.arange(len(y))
-    return y if good.all() else np.interp(at, at[good], y[good])
+    def __post_init__(self) -> None:
+        for name, value in zip(("grid", "states"), swept(self.stretch, self.noise_var, self.chosen)):
+            object.__setattr__(self, name, value)
 
+    @classmethod
+    def of(
+        cls,
+        stretch: Stretch,
+        start_var: Array,
+        noise_known: bool,
+        given: Sequence[Intensity] | None,
+        events: dict[float, float],
+    ) -> _Fit:
+        """With the intensities ``given``, or by likelihood, the noise variance then along with them."""
+        chosen, noise_var = choose(stretch, start_var, noise_known) if given is None else (given, start_var)
+        return cls(stretch, noise_var, tuple(chosen), events)
 
-def _sweep(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> tuple[Grid, Smoothed]:
-    proposals = [[q] for q in chosen]
-    grid = grid_for(stretch, proposals, noise_var)
-    problem = problem_for(stretch, grid, noise_var, proposals)
-    return grid, backward(problem, forward(problem))
+    def weighted(self, weight: Array) -> _Fit:
+        """With other weights (N, M) of the samples, intensities as they are."""
+        return replace(self, stretch=replace(self.stretch, weight=weight))
 
+    def residual(self) -> Array:
+        """Samples less what the chain would have written (N, M)."""
+        s = self.stretch
+        fitted = [
+            readings(self.grid, sensor, self.states.mean[:, c], len(s.y), s.dt_s) for c, sensor in enumerate(s.sensors)
+        ]
+        return s.y - np.stack(fitted, axis=1)
 
-def _outliers(stretch: Stretch, grid: Grid, states: Smoothed, noise_var: Array) -> NDArray[np.bool_]:
-    """Samples (N, M) beyond six standard deviations of a fit that is otherwise good, three or fewer together."""
-    out = np.zeros(stretch.y.shape, dtype=bool)
-    for c, s in enumerate(stretch.sensors):
-        residual = stretch.y[:, c] - readings(grid, s, states.mean[:, c], len(stretch.y), stretch.dt_s)
-        far = (np.abs(residual) > SPIKE_SD * np.sqrt(noise_var[c])) & (stretch.weight[:, c] > 0)
-        crowd = np.convolve(far, np.ones(7), mode="same")
-        out[:, c] = far & (crowd <= 3)
-    return out
+    def outliers(self) -> Flags:
+        """Samples (N, M) beyond six standard deviations of a fit that is otherwise good, three or fewer together.
 
+        Beside a bend or in quick motion the rule of medians is blind to them: they are judged against the answer.
+        """
+        far = (np.abs(self.residual()) > SPIKE_SD * np.sqrt(self.noise_var)) & (self.stretch.weight > 0)
+        crowd = np.stack([np.convolve(column, np.ones(7), mode="same") for column in far.T], axis=1)
+        return far & (crowd <= 3)
 
-def _student_weights(stretch: Stretch, grid: Grid, states: Smoothed, noise_var: Array) -> Array:
-    """(nu + 1) / (nu + residual2 / variance), (N, M), nought where a sample carried no weight."""
-    weight = np.zeros_like(stretch.weight)
-    for c, s in enumerate(stretch.sensors):
-        residual = stretch.y[:, c] - readings(grid, s, states.mean[:, c], len(stretch.y), stretch.dt_s)
-        weight[:, c] = (FREEDOM + 1) / (FREEDOM + residual**2 / noise_var[c])
-    return np.where(stretch.weight > 0, weight, 0.0)
+    def student_weights(self) -> Array:
+        """Weights (N, M) that turn least squares into Student's t."""
+        weight = (FREEDOM + 1) / (FREEDOM + self.residual() ** 2 / self.noise_var)
+        return np.where(self.stretch.weight > 0, weight, 0.0)
 
+    def with_events_found(self, start_var: Array, noise_known: bool, most: int) -> _Fit:
+        """With jumps of slope that nobody announced as events, the most significant first, as long as they are sharp.
 
-def _with_event(
-    stretch: Stretch, found_s: float, reach_s: float, start_var: Array, noise_known: bool
-) -> tuple[Stretch, list[Intensity], Array, float]:
-    """The record with an event found near ``found_s``: its time by likelihood, the intensities chosen anew."""
-    rough = replace(stretch, events_s=tuple(sorted((*stretch.events_s, found_s))))
-    chosen, noise_var = choose(rough, start_var, noise_known)
-    at, u = timed(rough, found_s, reach_s, noise_var, chosen)
-    sharp = replace(stretch, events_s=tuple(sorted((*stretch.events_s, at))))
-    chosen, noise_var = choose(sharp, start_var, noise_known)
-    return sharp, chosen, noise_var, u
+        Each gets its time by likelihood, and the intensities are chosen anew, before and after.
+        """
+        fit, longest = self, self.stretch.longest_lag_s
+        while len(fit.events) < most:
+            found = candidate(fit.grid, fit.states.jump_z, fit.stretch.events_s, guard_s=2 * longest)
+            if found is None:
+                break
+            knots = fit.grid.knots_s
+            reach = 2.0 * float(np.diff(knots)[np.searchsorted(knots, found) - 1])
+            rough = replace(fit.stretch, events_s=tuple(sorted((*fit.stretch.events_s, found))))
+            chosen, noise_var = choose(rough, start_var, noise_known)
+            at, u = timed(rough, found, reach, noise_var, chosen)
+            if u > SHARP * (longest + fit.stretch.dt_s):
+                break
+            sharp = replace(fit.stretch, events_s=tuple(sorted((*fit.stretch.events_s, at))))
+            events = {e: fit.events.get(e, u) for e in sharp.events_s}
+            fit = _Fit.of(sharp, start_var, noise_known, None, events)
+        return fit
 
+    def event_sd(self, event_s: float, u_s: float) -> Array:
+        """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
+        answers = []
+        for to in (event_s - u_s, event_s + u_s):
+            events = tuple(sorted(to if e == event_s else e for e in self.stretch.events_s))
+            moved = tuple(q.moved(event_s, to) for q in self.chosen)
+            answers.append(replace(self, stretch=replace(self.stretch, events_s=events), chosen=moved).at_samples()[0])
+        return np.asarray(0.5 * np.abs(answers[1] - answers[0]))
 
-def _event_sd(stretch: Stretch, event_s: float, u_s: float, noise_var: Array, chosen: Sequence[Intensity]) -> Array:
-    """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
-    answers = []
-    for to in (event_s - u_s, event_s + u_s):
-        moved = replace(stretch, events_s=tuple(sorted(to if e == event_s else e for e in stretch.events_s)))
-        grid, states = _sweep(moved, noise_var, [moved_event(q, event_s, to) for q in chosen])
-        answers.append(_at_samples(moved, grid, states.mean, states.cov)[0])
-    return np.asarray(0.5 * np.abs(answers[1] - answers[0]))
+    def at_samples(self) -> tuple[Array, Array, Array, Array]:
+        """Temperature, slope, sd and lag sensitivity (N, M) at the sample times from the states at the knots."""
+        mean, cov, dt = self.states.mean, self.states.cov, self.stretch.dt_s
+        t = np.arange(len(self.stretch.y)) * dt
+        cell = self.grid.cell_at(t, dt)
+        along = (t - self.grid.knots_s[cell])[:, None]
+        slope = mean[cell, :, 1]
+        var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
+        at_knot = np.einsum("jmn,mn->jm", mean, np.stack([s.lag_row for s in self.stretch.sensors]))
+        following = np.concatenate([at_knot[1:], at_knot[-1:]])
+        part = np.clip(along / np.diff(self.grid.knots_s)[cell][:, None], 0, 1)
+        lag = (1 - part) * at_knot[cell] + part * following[cell]
+        return mean[cell, :, 0] + along * slope, slope, np.sqrt(np.maximum(var, 0.0)), lag
 
 
 def _given(intensity: float | Intensity | Sequence[float | Intensity], m: int) -> list[Intensity]:
-    if isinstance(intensity, Intensity):
-        listed: list[float | Intensity] = [intensity] * m
-    else:
-        listed = list(np.broadcast_to(np.asarray(intensity, dtype=object), (m,)))
+    single = isinstance(intensity, Intensity)
+    listed = [intensity] * m if single else list(np.broadcast_to(np.asarray(intensity, dtype=object), (m,)))
     return [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
 
 
-def _at_samples(stretch: Stretch, grid: Grid, mean: Array, cov: Array) -> tuple[Array, Array, Array, Array]:
-    """Temperature, slope, sd and lag sensitivity (N, M) at the sample times from the states at the knots."""
-    n = len(stretch.y)
-    t = np.arange(n) * stretch.dt_s
-    cell = np.clip(np.searchsorted(grid.knots_s, t + 1e-6 * stretch.dt_s, side="right") - 1, 0, grid.cells - 1)
-    along = (t - grid.knots_s[cell])[:, None]
-    x, slope = mean[cell, :, 0] + along * mean[cell, :, 1], mean[cell, :, 1]
-    var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
-    rows = np.stack([s.lag_row for s in stretch.sensors])
-    at_knot = np.einsum("jmn,mn->jm", mean, rows)
-    following = np.concatenate([at_knot[1:], at_knot[-1:]])
-    part = np.clip(along / np.diff(grid.knots_s)[cell][:, None], 0, 1)
-    lag = (1 - part) * at_knot[cell] + part * following[cell]
-    return x, slope, np.sqrt(np.maximum(var, 0.0)), lag
+def window_covariance(
+    y: ArrayLike, dt_s: float, chain: Chain, result: Compensated, channel: int, first: int, last: int
+) -> Array:
+    """Covariance (n, n) [K2] of the temperatures at samples ``first`` .. ``last`` - 1 of one channel.
+
+    Noise and regularisation by C(j, k) = J_j C(j+1, k), J_j = P_j F' (P-_{j+1})^-1 of the same smoother on the window
+    and a margin, so that no N x N matrix is needed; the lag adds lag_sensitivity_i lag_sensitivity_k u(lag)^2. The
+    static line's part, the same error at all times, is left to the user, who knows whether it cancels.
+
+    Args:
+        y: (N,) the logged trace that ``result`` was made from [degC].
+        dt_s, chain: as given to ``smooth``.
+        result: what ``smooth`` returned.
+        channel: column of ``result``.
+        first, last: window, in samples.
+    """
+    data = np.asarray(y, dtype=float)
+    if not 0 <= first < last <= len(data) or not result.intensities:
+        raise InputError(
+            f"window_covariance: samples {first} to {last} of {len(data)}", expected="a window inside a smoothed record"
+        )
+    noise_sd, q = result.noise_sd[channel : channel + 1], result.intensities[channel]
+    least = np.min(q.at(result.time_s[first:last]))
+    corner = float(corner_rad_s(chain, np.array(least / (noise_sd[0] ** 2 * dt_s))))
+    extra = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
+    a, b = max(first - extra, 0), min(last + extra, len(data))
+    part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
+    events = [e - a * dt_s for e, _ in result.events_s]
+    stretch, _, _ = stretch_of(part, dt_s, chain, events, noise_sd)
+    proposals = [[q.shifted(a * dt_s)]]
+    grid = grid_for(stretch, proposals, noise_sd**2)
+    model = model_for(stretch, grid, noise_sd**2, proposals)
+    done = forward(model)
+    states = backward(model, done)
+    t = np.arange(first - a, last - a) * dt_s
+    cell = grid.cell_at(t, dt_s)
+    low, count, n = int(cell[0]), int(cell[-1] - cell[0]) + 1, states.mean.shape[2]
+    between = np.zeros((count, count, n, n))
+    for j in range(count - 1, -1, -1):
+        between[j, j] = states.cov[low + j, 0]
+        if j == count - 1:
+            continue
+        across, kept = model.transition[model.kind[low + j], 0, 0], done.cov[low + j, 0]
+        ahead = across @ kept @ across.T
+        ahead[1, 1] += model.slope_var[low + j + 1, 0, 0]
+        gain = np.linalg.solve(ahead, across @ kept).T
+        between[j, j + 1 :] = gain @ between[j + 1, j + 1 :]
+        between[j + 1 :, j] = between[j, j + 1 :].transpose(0, 2, 1)
+    row = np.zeros((len(t), n))
+    row[:, 0], row[:, 1] = 1.0, t - grid.knots_s[cell]
+    pairs = between[(cell - low)[:, None], (cell - low)[None, :]]
+    out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
+    s = result.lag_sensitivity[first:last, channel]
+    return np.asarray(out + np.outer(s, s) * result.lag_covariance[channel, channel])

@@ -18,8 +18,7 @@ from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.before_use import BeforeUse, live_before_use
 from tcdyn.compensate.live import CONTEXT, LiveSmoother, LiveState
-from tcdyn.compensate.noise import noise_sd
-from tcdyn.compensate.result import SPIKE
+from tcdyn.compensate.result import SPIKE, noise_sd
 from tcdyn.traces import DiskChannels, disk_channels
 
 Array = NDArray[np.float64]
