@@ -5,106 +5,51 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.linalg import block_diag, expm
-from scipy.signal import buttap
+from scipy.linalg import expm
+from scipy.signal import buttap, lfilter
 
 from calibration.arrays import Array
 from calibration.disk import Conditioning
 from tcdyn.simulate.truth import DiskTruth, Imperfections
 
 
-def chain_matrices(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> tuple[Array, Array, Array]:
-    """State space (A, B, C) of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter, unit static gain.
-
-    A chain of first-order pieces keeps the states in kelvin and the matrix well conditioned; complex pairs are taken
-    as one second-order piece each.
-    """
-    poles: list[complex] = [complex(-1 / tau) for tau in (tau1_s, tau2_s) if tau > 0]
+def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Array:
+    """Poles (n,) [1/s] of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter; complex where that is so."""
+    poles = [-1 / tau for tau in (tau1_s, tau2_s) if tau > 0]
     cut = 2 * np.pi * conditioning.cutoff_Hz
     if conditioning.shape == "butterworth":
         poles += list(cut * buttap(conditioning.poles)[1])
     else:
-        poles += [complex(-cut)] * conditioning.poles
-    if not poles:
-        return np.zeros((0, 0)), np.zeros(0), np.zeros(0)
-    blocks: list[Array] = []
-    for pole in poles:
-        if abs(pole.imag) < 1e-12 * abs(pole):
-            blocks.append(np.array([[pole.real]]))
-        elif pole.imag > 0:
-            w = abs(pole)
-            blocks.append(np.array([[0.0, w], [-w, 2 * pole.real]]))
-    a, starts = block_diag(*blocks), np.cumsum([0, *map(len, blocks)])
-    b, c = np.zeros(len(a)), np.zeros(len(a))
-    c[starts[-2]] = 1.0
-    for k, block in enumerate(blocks):  # each is driven by the one before, the first by the input
-        row, gain = starts[k + 1] - 1, abs(block[0, -1])
-        if k:
-            a[row, starts[k - 1]] = gain
-        else:
-            b[row] = gain
-    return a, b, c
+        poles += [-cut] * conditioning.poles
+    return np.array(poles)
 
 
 def through_chains(fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]) -> Array:
     """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; each ``every``-th sample comes back.
 
     The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest
-    with its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel, all with as many poles.
+    with its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel.
     """
-    steps = (len(fine) - 1) // every
-    count = fine.shape[1]
-    systems = [chain_matrices(*chain) for chain in chains]
-    n = len(systems[0][1])
-    if n == 0:
-        return np.asarray(fine[::every][: steps + 1])
-    powers = np.empty((count, n, n))
-    kernels = np.zeros((count, every + 1, n))
-    outs, rest = np.empty((count, n)), np.empty((count, n))
-    for ch, (a, b, c) in enumerate(systems):
-        # [x, u, du] under x' = A x + B u, u' = du/dt: one exponential gives the exact straight-line step.
-        big = np.zeros((n + 2, n + 2))
-        big[:n, :n], big[:n, n], big[n, n + 1] = a * dt_s, b * dt_s, 1.0
-        e = expm(big)
-        one, b1 = e[:n, :n], e[:n, n + 1]
-        b0 = e[:n, n] - b1
-        power = np.eye(n)
-        for j in range(every - 1, -1, -1):
-            kernels[ch, j] += power @ b0
-            kernels[ch, j + 1] += power @ b1
-            power = one @ power
-        powers[ch] = power
-        outs[ch], rest[ch] = c, np.linalg.solve(a, -b)
-    windows = np.stack([fine[j : j + steps * every : every][:steps] for j in range(every)], axis=1)
-    ends = fine[every : steps * every + 1 : every]
-    force = np.einsum("tjc,cjn->tcn", windows, kernels[:, :every]) + ends[:, :, None] * kernels[:, every]
-    states = _scan(powers, force, fine[0][:, None] * rest)
-    return np.asarray(np.einsum("tcn,cn->tc", states, outs))
+    out = [_through(u, dt_s, chain_poles(*chain))[::every] for u, chain in zip(fine.T, chains, strict=True)]
+    return np.stack(out, axis=1)
 
 
-def _scan(a: Array, force: Array, start: Array) -> Array:
-    """x[k+1] = A x[k] + f[k] for every channel, (N+1, C, n), in blocks that advance side by side."""
-    steps, count, n = force.shape
-    length = max(int(np.sqrt(steps)), 1)
-    blocks = -(-steps // length)
-    padded = np.zeros((blocks * length, count, n))
-    padded[:steps] = force
-    padded = padded.reshape(blocks, length, count, n)
-    transposed = a.transpose(0, 2, 1)
-    inner = np.zeros((blocks, length + 1, count, n))
-    powers = np.empty((length + 1, count, n, n))
-    powers[0] = np.eye(n)
-    for j in range(length):
-        inner[:, j + 1] = (inner[:, j, :, None, :] @ transposed)[:, :, 0, :] + padded[:, j]
-        powers[j + 1] = a @ powers[j]
-    heads = np.empty((blocks, count, n))
-    x = start
-    for block in range(blocks):
-        heads[block] = x
-        x = (powers[length] @ x[:, :, None])[:, :, 0] + inner[block, length]
-    full = inner + np.einsum("jcmn,bcn->bjcm", powers, heads)
-    flat = full[:, 1:].reshape(blocks * length, count, n)[:steps]
-    return np.concatenate([start[None], flat])
+def _through(u: Array, dt_s: float, poles: Array) -> Array:
+    """``u`` (M,) through lags of unit gain, one after the other: x_i' = p_i (x_i - x_{i-1}), x_0 = u. The last one."""
+    n = len(poles)
+    # [x, u, du] under x' = A x + B u, u' = du/dt: one exponential gives the exact straight-line step
+    big = np.zeros((n + 2, n + 2), dtype=poles.dtype)
+    big[:n, :n] = (np.diag(poles) - np.diag(poles[1:], -1)) * dt_s
+    big[:1, n] = -poles[:1] * dt_s
+    big[n, n + 1] = 1.0
+    step = expm(big)
+    states = [u]
+    for i in range(n):
+        drive = (step[i, n] - step[i, n + 1]) * u[:-1] + step[i, n + 1] * u[1:]
+        for j in range(i):
+            drive = drive + step[i, j] * states[j + 1][:-1]
+        states.append(lfilter([1.0], [1.0, -step[i, i]], np.append(u[:1], drive)))
+    return np.asarray(states[-1].real)
 
 
 RATE_Hz = 75.0
