@@ -16,13 +16,13 @@ from calibration.errors import InputError
 from calibration.finding import Finding
 from calibration.result import Result, jsonable
 from tcdyn.chain.rational import realise
-from tcdyn.identify.advice import COLUMNS, follows_input, order_table, verdict
+from tcdyn.identify.advice import COLUMNS, order_table, verdict
 from tcdyn.identify.data import IOData, Segment, cut
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import percent_times
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import off_equilibrium, validate
+from tcdyn.identify.validate import ALARM, off_equilibrium, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -122,7 +122,8 @@ def compared(
         progress(model.name, number, len(models))
         try:
             whole = not_worse(fit(data, model, **options), fits, data, options)
-            score = whole if train is None else trained(train, model, options)
+            quick = {**options, "intervals": "quadratic", "check": False}  # the score needs no profile intervals
+            score = whole if train is None else fit(train, model, **quick)
             rms, percent = held_out_score(score, test, from_s)
         except InputError as error:
             first = first or error
@@ -134,10 +135,7 @@ def compared(
             {
                 "model": model.name,
                 "parameters": int(s["parameters"]),
-                "fit_percent": s["fit_percent"],
-                "rms": s["rms"],
-                "AICc": s["aicc"],
-                "BIC": s["bic"],
+                **{column: s[column.lower()] for column in ("fit_percent", "rms", "AICc", "BIC")},
                 "held_out_rms": rms,
                 "held_out_percent": percent,
                 "p_white": s["p_white"],
@@ -178,11 +176,6 @@ def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapp
             if again.identified.statistics["rms"] < found.identified.statistics["rms"]:
                 found = again
     return found
-
-
-def trained(train: IOData, model: Model, options: Mapping[str, Any]) -> Fit:
-    """The fit to the training part, without profile intervals, which the score does not need."""
-    return fit(train, model, **{**options, "intervals": "quadratic", "check": False})
 
 
 def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
@@ -250,8 +243,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     """
     good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
     sound = good[good["determined"]]
-    passing = sound[[not follows_input(row) for _, row in sound.iterrows()]]
-    explaining = good[[not follows_input(row) for _, row in good.iterrows()]]
+    following = good.get("p_input", pd.Series(1.0, good.index)) < ALARM
+    passing, explaining = sound[~following[sound.index]], good[~following]
     limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
     pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
     best = pool.iloc[0]
@@ -275,18 +268,19 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
     if len(ties) and not len(near):
         reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
-    skipped = good[(good["BIC"] < best["BIC"]) & ~good["determined"]]
-    if len(skipped):
-        verb = "is" if len(skipped) == 1 else "are"
-        reason += f"; {', '.join(skipped['model'])} would score better but {verb} not determined by these data"
-    missing = sound[(sound["BIC"] < best["BIC"]) & ~sound["model"].isin(pool["model"])]
-    if len(missing):
-        verb = "misses" if len(missing) == 1 else "miss"
-        reason += f"; {', '.join(missing['model'])} would score better but {verb} dynamics"
-    real = table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)]["model"]
-    if len(real):
-        verb = "is" if len(real) == 1 else "are"
-        reason += f"; {', '.join(real)} {verb} left out, for the pair does not oscillate and is two lags"
+    skipped, left = good[~good["determined"]], sound[~sound["model"].isin(pool["model"])]
+    asides = (
+        (skipped[skipped["BIC"] < best["BIC"]], "would score better but", "is are", "not determined by these data"),
+        (left[left["BIC"] < best["BIC"]], "would score better but", "misses miss", "dynamics"),
+        (
+            table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
+            "", "is are", "left out, for the pair does not oscillate and is two lags",
+        ),
+    )  # fmt: skip
+    for rows, before, verbs, after in asides:
+        if len(rows):
+            words = (", ".join(rows["model"]), before, verbs.split()[len(rows) > 1], after)
+            reason += "; " + " ".join(filter(None, words))
     return str(best["model"]), reason + "."
 
 
