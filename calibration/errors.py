@@ -25,3 +25,9 @@ class InputError(ValueError):
         if remedy:
             parts.append(remedy)
         super().__init__((f"{where}: " if where else "") + "; ".join(parts))
+
+    def at(self, where: str) -> InputError:
+        """The same, at a place that was not known where it was raised."""
+        return InputError(
+            self.what, where=self.where or where, expected=self.expected, remedy=self.remedy, parameters=self.parameters
+        )

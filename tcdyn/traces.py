@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.disk import CHANNELS, INNER_ROW, Conditioning, DiskSetup
+from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
 from calibration.noise import find_spikes, rounding_sd, white_noise_sd
-from calibration.record import DiskRecord
+from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import Chain
 
@@ -96,6 +97,30 @@ class DiskTraces(DiskChannels):
         """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
         named = dict(zip(CHANNELS, self.measured_degC[rows].T))
         return tuple(extrapolated(where, named, dict(zip(CHANNELS, self.lines))))
+
+
+def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
+    """Read records and key them by disk; two of one disk, or one of neither, is an error."""
+    out: dict[str, DiskRecord] = {}
+    for path in paths:
+        record = read_record(path)
+        if record.disk not in DISKS:
+            raise InputError(
+                f"the record is of disk {record.disk!r}",
+                where=str(path),
+                expected="a record of the fast or the slow disk",
+            )
+        if record.disk in out:
+            raise InputError(f"a second record of the {record.disk} disk", where=str(path), remedy="give one of each")
+        out[record.disk] = record
+    return out
+
+
+def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
+    """The rig as the records remember it: each disk its own tables, what is common from the first record given."""
+    common = next(iter(records.values())).setup
+    own = {d: records[d].setup if d in records else common for d in DISKS}
+    return Rig(common=common, fast=own["fast"], slow=own["slow"])
 
 
 def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "") -> DiskChannels:

@@ -19,23 +19,19 @@ from tcdyn.version import __version__  # noqa: E402
 
 # name: (module, attribute, what it does), in the order of the work; a module is imported when its command is called
 COMMANDS: dict[str, tuple[str, str, str]] = {
-    "demo": ("tcdyn.cli.demo", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
+    "demo": ("tcdyn.cli.simulate", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
     "simulate": ("tcdyn.cli.simulate", "app", "Write logs of the synthetic rig, their truth beside them."),
-    "rig": ("tcdyn.cli.rig", "rig", "Check a rig file and print every key with the value in force."),
-    "transducer": (
-        "tcdyn.cli.rig",
-        "transducer",
-        "Gain and zero of a load cell from dead weights.",
-    ),
+    "rig": ("tcdyn.cli.record", "rig", "Check a rig file and print every key with the value in force."),
+    "transducer": ("tcdyn.cli.record", "transducer", "Gain and zero of a load cell from dead weights."),
     "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
     "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
     "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),
     "compensate": ("tcdyn.cli.compensate", "compensate", "Undo static errors and lag of every logged thermocouple."),
     "follow": ("tcdyn.cli.follow", "follow", "Compensate a log while it grows, row by row."),
     "beta": ("tcdyn.cli.beta", "beta", "Heat partition of one EHL log by every way, cross-checked."),
-    "campaign": ("tcdyn.cli.campaign", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
+    "campaign": ("tcdyn.cli.beta", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
     "design": ("tcdyn.cli.design", "design", "What a planned test can tell of the lags, before it is run."),
-    "hole": ("tcdyn.cli.hole", "hole", "How much later cemented thermocouples answer than clamped ones."),
+    "hole": ("tcdyn.cli.calibrate", "hole", "How much later cemented thermocouples answer than clamped ones."),
     "verify": ("tcdyn.cli.verify", "verify", "Every published number that can be checked, side by side."),
 }
 
@@ -115,7 +111,9 @@ def run(command: Callable[[], Any]) -> int:
     try:
         result = command()
     except InputError as problem:
-        print(f"tcdyn: {problem}", file=sys.stderr)
+        from tcdyn.cli.common import in_options
+
+        print(f"tcdyn: {in_options(str(problem), problem.parameters)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)

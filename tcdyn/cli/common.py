@@ -10,8 +10,10 @@ from pathlib import Path
 from time import monotonic
 from typing import Annotated, Any
 
+import pandas as pd
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -21,11 +23,13 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade, once
 from calibration.result import jsonable
 
+OPTIONS = {"records": "record", "dt_s": "dt", "resample_s": "resample"}  # where it is not the name with dashes
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
 OwnRigFile = Annotated[
     Path | None, typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
@@ -49,6 +53,11 @@ def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.Cal
         return value
 
     return check
+
+
+def bounded(option: str, help_: str, low: float, high: float, *, ends: bool = True) -> Any:
+    """An option whose numbers lie from ``low`` to ``high``."""
+    return typer.Option(option, help=help_, callback=within(low, high, ends=ends))
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -112,6 +121,20 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
         taken[path.resolve()] = f"which is --{option}"
 
 
+def in_options(text: str, parameters: Iterable[str]) -> str:
+    """A sentence with each of its ``parameters``, named as a caller in Python writes them, as an option of a command.
+
+    >>> in_options("ask for window_s=4.2, or go on with sensor_check=False", ["window_s=4.2", "sensor_check=False"])
+    'ask for --window-s 4.2, or go on with --no-sensor-check'
+    """
+    for parameter in parameters:
+        name, _, value = parameter.partition("=")
+        option = OPTIONS.get(name, name.replace("_", "-"))
+        flag = f"--no-{option}" if value == "False" else f"--{option} {value.strip(chr(39))}".rstrip()
+        text = text.replace(parameter, flag)
+    return text
+
+
 def say(text: str, quiet: bool = False) -> None:
     """Print plain words unless quiet."""
     if not quiet:
@@ -121,9 +144,20 @@ def say(text: str, quiet: bool = False) -> None:
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     """Print each finding on standard error; what was mended on the way is a note."""
     for found in () if quiet else once(findings):
-        print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {found.sentence}", file=sys.stderr)
+        sentence = in_options(found.sentence, found.numbers.get("parameters", ()))
+        print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
 
 
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
     return json.dumps(jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
+    """A table for the terminal: words left, numbers right."""
+    table = Table(title=title, title_justify="left")
+    for k, name in enumerate(rows.columns):
+        table.add_column(escape(str(name)), justify="left" if k == 0 else "right")
+    for row in rows.itertuples(index=False):
+        table.add_row(*(escape(str(v)) for v in row))
+    return table

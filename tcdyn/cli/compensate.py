@@ -78,7 +78,7 @@ def compensate(
     Example: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out D4.compensated.csv
     """
     from tcdyn.pipeline import compensate_log
-    from tcdyn.pipeline.records import records_by_disk
+    from tcdyn.traces import records_by_disk
 
     if follow:
         raise InputError("--follow is a command of its own now", remedy=f"tcdyn follow {log} --record ... --out ...")

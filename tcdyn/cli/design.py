@@ -11,7 +11,7 @@ import typer
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rig import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, check_choice, dump, say, spare_inputs, within
+from tcdyn.cli.common import Json, Quiet, RigFile, bounded, check_choice, dump, say, spare_inputs
 
 if TYPE_CHECKING:
     from tcdyn.design.compare import Design
@@ -23,33 +23,23 @@ def design(
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
     bath_degC: Annotated[
         list[float] | None,
-        typer.Option(
-            "--bath-degC", help="bath temperature; once for each plunge (110 and 138)", callback=within(-60, 400)
-        ),
+        bounded("--bath-degC", "bath temperature; once for each plunge (110 and 138)", -60, 400),
     ] = None,
-    initial_degC: Annotated[
-        float, typer.Option("--initial-degC", help="disk before the plunge", callback=within(-60, 400))
-    ] = 25.0,
-    duration_s: Annotated[
-        float, typer.Option("--duration-s", help="length of each plunge", callback=within(10, 3600))
-    ] = 140.0,
-    noise_K: Annotated[
-        float, typer.Option("--noise-K", help="noise of one sample", callback=within(0, 100, ends=False))
-    ] = 0.12,
-    rate_Hz: Annotated[float, typer.Option("--rate-Hz", help="logging rate", callback=within(1, 1000))] = 75.0,
+    initial_degC: Annotated[float, bounded("--initial-degC", "disk before the plunge", -60, 400)] = 25.0,
+    duration_s: Annotated[float, bounded("--duration-s", "length of each plunge", 10, 3600)] = 140.0,
+    noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 0, 100, ends=False)] = 0.12,
+    rate_Hz: Annotated[float, bounded("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
     entry_u_s: Annotated[
         float,
-        typer.Option(
-            "--entry-u-s", help="standard uncertainty of the entry's instant", callback=within(0, 10, ends=False)
-        ),
+        bounded("--entry-u-s", "standard uncertainty of the entry's instant", 0, 10, ends=False),
     ] = 0.05,
     lag_s: Annotated[
         float,
-        typer.Option("--lag-s", help="expected lag, conditioning included", callback=within(0, 100, ends=False)),
+        bounded("--lag-s", "expected lag, conditioning included", 0, 100, ends=False),
     ] = 0.73,
     power_W: Annotated[
         float,
-        typer.Option("--power-W", help="heat into this disk before unloading", callback=within(0, 1e6, ends=False)),
+        bounded("--power-W", "heat into this disk before unloading", 0, 1e6, ends=False),
     ] = 100.0,
     out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
     json_: Json = False,
@@ -102,6 +92,6 @@ def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
         return
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv or .html")
-    from tcdyn.report.design import write_design_report
+    from tcdyn.report.dynamics import write_design_report
 
     write_design_report(out, result, assumptions)

@@ -56,7 +56,7 @@ def follow(
     """
     from tcdyn.pipeline.causal import Settings
     from tcdyn.pipeline.follow import follow as run
-    from tcdyn.pipeline.records import records_by_disk
+    from tcdyn.traces import records_by_disk
 
     silent = quiet or json_
     records = records_by_disk(record)

@@ -5,20 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import pandas as pd
 import typer
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.estimate import rounded, with_u
 from calibration.files.write import write_text
-from calibration.grade import as_findings, findings_of
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
-from tcdyn.identify import CANDIDATES, Comparison, IOData, compare, from_csv, percent_times, read_identified
-from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
-from tcdyn.identify.search import Fit
-from tcdyn.report.page import Section, write_page
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, say, spare_inputs, within
+from tcdyn.identify import CANDIDATES, compare, from_csv, read_identified
+from tcdyn.identify.advice import as_chain
 
 
 def identify(
@@ -43,10 +38,12 @@ def identify(
     ] = None,
     cutoff_hz: Annotated[
         float | None,
-        typer.Option(
+        bounded(
             "--cutoff-Hz",
-            help="A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
-            callback=within(0, 1e9, ends=False),
+            "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
+            0,
+            1e9,
+            ends=False,
         ),
     ] = None,
     poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
@@ -107,9 +104,11 @@ def identify(
         dependence = temperature_dependence(record, held_out=held_out)
         content["narx"], level = dependence.to_dict(), dependence.sentence
         say(level, quiet or json_)
+    from tcdyn.report.dynamics import write_identify_report
+
     write_text(json_path, dump(content))
     read_identified(json_path)
-    write_report(html_path, record, comparison, filter_, level)
+    write_identify_report(html_path, record, comparison, filter_, level)
     if json_:
         print(dump(content), end="")
         return
@@ -139,73 +138,3 @@ def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Cond
     kept = {k: v for k, v in fixed.items() if k in model.names}
     offset = "none" if no_offset else model.offset
     return replace(model.with_fixed(**kept), offset=offset, known=Known.of(filter_))
-
-
-def parameter_table(fit: Fit) -> pd.DataFrame:
-    """Parameters, lag and percent times with their intervals."""
-    model = fit.identified
-    rows = [(n, e, model.model.unit(n)) for n, e in fit.estimates.items()]
-    if not model.model.integrators:
-        rows += [("lag", model.lag_s, "s"), *((n, e, "s") for n, e in percent_times(model).items())]
-    ends = [(rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0]) for _, e, _ in rows]
-    return pd.DataFrame(
-        [
-            {"quantity": n, "value": with_u(e.value, e.u), "95 % interval": f"{low} to {high}", "unit": unit}
-            for (n, e, unit), (low, high) in zip(rows, ends)
-        ]
-    )
-
-
-def write_report(path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = "") -> None:
-    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
-
-    ``level`` says whether the lag depends on the level, where that was asked.
-    """
-    from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
-
-    best = comparison.best
-    model = best.identified
-    sections = [
-        Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
-        Section(
-            f"{model.model.name}: parameters",
-            f"Where the quadratic intervals are poor these are of the profile likelihood. {as_chain(model, filter_)}",
-            parameter_table(best),
-        ),
-        Section(
-            f"{model.model.name}: fit",
-            f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
-            None,
-            fit_figure(best),
-        ),
-        Section(
-            f"{model.model.name}: dynamics",
-            "",
-            None,
-            dynamics_figure(model),
-            "Step response and Bode diagram of the identified model with 95 % bands.",
-        ),
-        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
-    ]
-    if level:
-        sections.append(Section("Does the lag depend on the level?", level))
-    remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
-    if len(remarks):
-        sections.append(Section("Remarks on the models", table=remarks))
-    alarms = list(findings_of(model))
-    if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
-        alarms = [*as_findings([model.sentence]), *alarms]
-    write_page(
-        path,
-        f"{model.input_name} to {model.output_name}: {model.model.name}",
-        sections,
-        verdict=comparison.advice,
-        findings=alarms,
-        assumptions=[
-            f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
-            "is known without error, and the system is linear and does not change in time",
-            *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
-            *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
-        ],
-        footer=f"identified from {record.name}",
-    )

@@ -1,20 +1,24 @@
-"""``tcdyn record show|diff|check``: what a disk record says, what drifted since another, whether it can be trusted."""
+"""What is kept of the rig: ``tcdyn record`` for disks, ``tcdyn rig`` for its file, ``tcdyn transducer`` for cells."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from calibration.compare import RecordDiff, check_record, diff_records
-from calibration.estimate import Estimate, with_u
+from calibration.estimate import with_u
+from calibration.files import read_numbers
+from calibration.files.write import write_text
 from calibration.finding import Grade, once, sentences
-from calibration.lines.static import static_u
+from calibration.lines.static import lines_table
+from calibration.lines.transducers import fit_transducer
 from calibration.record import DiskRecord, read_record
-from tcdyn.cli.common import Json, Quiet, dump, say
+from calibration.rig import load_rig, rig_toml
+from tcdyn.cli.common import Json, Quiet, dump, rich_table, say, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -38,9 +42,10 @@ def show(record: RecordPath, json_: Json = False) -> None:
         print(found.to_json(), end="")
         return
     console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
-    console.print(static_table(found))
+    lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
+    console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
     if found.chain is not None:
-        console.print(chain_table(found))
+        console.print(rich_table(chain_rows(found), f"Chain ({found.chain.structure})"))
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
     for noticed in once(found.findings):
@@ -66,7 +71,7 @@ def diff(
         return
     rows = found.table if every else found.significant
     if len(rows):
-        console.print(diff_table(found, every))
+        console.print(rich_table(diff_rows(found, every)))
     console.print(found.sentence())
     for note in found.notes:
         console.print(f"note: {note}", markup=False, highlight=False)
@@ -90,57 +95,57 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
         raise typer.Exit(1)
 
 
-def static_table(record: DiskRecord) -> Table:
-    """The static lines, one row a channel."""
-    table = Table(
-        "ch", "gain", "offset degC", "range degC", "u mid K", "sd K", title="Static lines (u at mid-range, sd of rest)"
-    )
-    for name, line in sorted(record.static.items()):
-        low, high = line.range_degC
-        table.add_row(
-            name,
-            str(line.gain_estimate),
-            str(line.offset_estimate),
-            f"{low:.0f} to {high:.0f}",
-            f"{float(static_u(line, 0.5 * (low + high))):.3f}",
-            f"{line.residual_sd_degC:.3f}",
-        )
-    return table
+def rig(
+    show: Annotated[bool, typer.Option("--show", help="print the rig file, every key with its value")] = True,
+    file: Annotated[Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Check a rig file and print every key with the value in force.
+
+    Example: tcdyn rig --show > rig.toml writes a file to start from; tcdyn rig --rig rig.toml checks it.
+    """
+    found = load_rig(file)
+    text = dump(found.to_dict()) if json_ else rig_toml(found)
+    if show and not quiet:
+        print(text, end="")
 
 
-def chain_table(record: DiskRecord) -> Table:
+def transducer(
+    table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
+    out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Gain and zero of a load cell or friction transducer from dead weights, with their uncertainties.
+
+    Example: tcdyn transducer weights.csv --out cell.json
+    """
+    spare_inputs([table], out=out)
+    points = read_numbers(table, ("volts", "force_N"), optional=("session",))
+    sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
+    line = fit_transducer(points["volts"], points["force_N"], sessions)
+    if out is not None:
+        write_text(out, dump(line.to_dict()))
+    say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+
+
+def chain_rows(record: DiskRecord) -> pd.DataFrame:
     """Lags, one row a channel, the common lag last."""
     assert record.chain is not None
-    table = Table("channel", "lag s", "95 %", "minus common s", title=f"Chain ({record.chain.structure})")
-    for name, channel in sorted(record.chain.channels.items()):
-        lag = channel.lag_s
-        table.add_row(
-            name,
-            _pm(lag),
-            f"{lag.low95:.3f} to {lag.high95:.3f}",
-            _pm(record.chain.differential_lag_s[name]),
-        )
-    common = record.chain.common_lag_s
-    table.add_row("common", _pm(common), f"{common.low95:.3f} to {common.high95:.3f}", "")
-    return table
+    apart = {c: with_u(e.value, e.u) for c, e in record.chain.differential_lag_s.items()}
+    rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
+    rows.append(("common", record.chain.common_lag_s, ""))
+    return pd.DataFrame(
+        [(name, with_u(e.value, e.u), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
+        columns=["channel", "lag s", "95 %", "minus common s"],
+    )
 
 
-def diff_table(found: RecordDiff, every: bool) -> Table:
+def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
     """Changes, one row a quantity."""
-    table = Table("quantity", "old", "new", "change", "u", "z", "p", "")
-    for row in (found.table if every else found.significant).itertuples():
-        table.add_row(
-            str(row.quantity),
-            f"{row.old:.4g}",
-            f"{row.new:.4g}",
-            f"{row.change:+.3g}",
-            f"{row.u:.2g}",
-            f"{row.z:+.1f}",
-            f"{row.p:.2g}",
-            "drifted" if row.significant else "",
-        )
-    return table
-
-
-def _pm(estimate: Estimate) -> str:
-    return with_u(estimate.value, estimate.u)
+    table = found.table if every else found.significant
+    formats = {"old": ".4g", "new": ".4g", "change": "+.3g", "u": ".2g", "z": "+.1f", "p": ".2g"}
+    shown = table.assign(**{name: [format(v, how) for v in table[name]] for name, how in formats.items()})
+    shown["significant"] = ["drifted" if yes else "" for yes in table["significant"]]
+    return shown.rename(columns={"significant": ""})

@@ -1,4 +1,4 @@
-"""``tcdyn simulate``: write logs of the synthetic rig, their truth beside them."""
+"""``tcdyn simulate``: logs of the synthetic rig, their truth beside them; ``tcdyn demo``: every stage on such logs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,25 @@ from typing import Annotated, Any
 
 import pandas as pd
 import typer
+from rich.console import Console
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rig import load_rig
-from tcdyn.cli.common import Json, Quiet, check_choice, counted, dump, say, spare_inputs, within
+from tcdyn.cli.common import (
+    Json,
+    Quiet,
+    Verbose,
+    bounded,
+    check_choice,
+    counted,
+    dump,
+    rich_table,
+    say,
+    spare_inputs,
+    stages,
+    within,
+)
 from tcdyn.simulate.bath import FLUIDS, FluidName
 from tcdyn.simulate.campaign import (
     ALL_TESTS,
@@ -66,13 +80,9 @@ def immersion(
     out: Out,
     disk: Disk = "fast",
     seed: Seed = 0,
-    bath_degC: Annotated[
-        float, typer.Option("--bath-degC", help="bath temperature", callback=within(-60, 400))
-    ] = 110.0,
+    bath_degC: Annotated[float, bounded("--bath-degC", "bath temperature", -60, 400)] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
-    duration_s: Annotated[
-        float, typer.Option("--duration-s", help="time after entry", callback=within(10, 3600))
-    ] = 140.0,
+    duration_s: Annotated[float, bounded("--duration-s", "time after entry", 10, 3600)] = 140.0,
     run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
@@ -124,7 +134,7 @@ def campaign(
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
     bath_degC: Annotated[
         list[float] | None,
-        typer.Option("--bath-degC", help="one plunge each, repeatable", callback=within(-60, 400)),
+        bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
     ] = None,
     seed: Seed = 0,
     workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
@@ -157,6 +167,43 @@ def campaign(
         print(dump(files), end="")
         return
     say(files.summary(), quiet)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="folder to write into")] = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0, help="another seed is another rig")] = 1,
+    test: Annotated[list[str] | None, typer.Option(help="tests of table 6.1 to run (default B3)")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Simulate a campaign, run every stage on its logs and write the report.
+
+    Writes logs, records, compensated traces, beta.json and report.html into a folder; because the campaign is
+    simulated, the truth is printed beside every answer. No stage reads it.
+
+    Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
+    """
+    from tcdyn.pipeline import run_demo
+    from tcdyn.report.beta import write_beta_report
+
+    with stages(quiet or json_, verbose) as progress:
+        run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
+        progress("writing the report")
+        truths = {
+            name: float(run.comparison.query(f"quantity == '{name} beta, speed law'")["truth"].iloc[0])
+            for name in run.tests
+        }
+        report = write_beta_report(out / "report.html", {n: b.partition for n, b in run.tests.items()}, truths)
+    if json_:
+        print(dump({**run.to_dict(), "report": report}), end="")
+    if quiet or json_:
+        return
+    console = Console()
+    console.print(rich_table(run.card(), f"simulated campaign, seed {seed}"))
+    for name, beta in run.tests.items():
+        console.print(f"{name}: {beta.partition.crosscheck.sentence}", highlight=False)
+    console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
 
 def _log_truth(out: Path, seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:

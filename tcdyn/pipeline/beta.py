@@ -10,15 +10,21 @@ from typing import Any
 import pandas as pd
 
 from calibration.errors import InputError
+from calibration.files import read_numbers
+from calibration.files.write import sha256
+from calibration.finding import look
+from calibration.lines.transducers import BearingFriction, fit_bearing_friction
 from calibration.log import Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse, beta_file
+from tcdyn.partition.friction import FrictionAdded
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.tables import ways_table
-from tcdyn.pipeline.bearing import BearingFile
-from tcdyn.pipeline.records import rig_of
+from tcdyn.traces import rig_of
+
+BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
 
 @dataclass(frozen=True)
@@ -68,10 +74,7 @@ def estimate_beta(
     try:
         found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
     except InputError as problem:
-        if problem.where:
-            raise
-        where = table.path.name
-        raise InputError(problem.what, where=where, expected=problem.expected, remedy=problem.remedy) from None
+        raise problem.at(table.path.name) from None
     return BetaRun(table, found)
 
 
@@ -89,3 +92,40 @@ def summary_of(p: Partition) -> str:
         beta, h = p.estimate(f"joint {d}", joint.beta), p.estimate(f"h joint {d}", joint.h_W_m2K)
         lines.append(f"joint {d}    beta {beta}   h {h} W/m2K   lag {joint.estimates['lag_s']} s")
     return "\n".join([*lines, p.crosscheck.sentence])
+
+
+@dataclass(frozen=True)
+class BearingFile:
+    """Lines of figure 2.25 and the file they came from."""
+
+    friction: BearingFriction
+    file: str
+    sha256: str
+
+    def added(self, load_N: float, speed_rpm: float) -> FrictionAdded:
+        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm], for ``prepare``.
+
+        Says so when load or speed lies outside what was measured.
+        """
+        value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
+        if not bool(self.friction.outside(load_N, speed_rpm)):
+            return FrictionAdded(value, u)
+        speeds = self.friction.speeds_rpm
+        said = look(
+            "bearing.extrapolated", file=self.file, load_N=load_N, speed_rpm=speed_rpm,
+            loads_N=self.friction.load_range_N, speeds_rpm=(min(speeds), max(speeds)),
+        )  # fmt: skip
+        return FrictionAdded(value, u, (said,))
+
+
+def read_bearing(path: str | Path) -> BearingFile:
+    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
+
+    Raises InputError for an unreadable file, a missing column, a value that is no number, or too few loads a speed.
+    """
+    values = read_numbers(path, BEARING_COLUMNS)
+    try:
+        lines = fit_bearing_friction(*(values[name] for name in BEARING_COLUMNS))
+    except InputError as problem:
+        raise problem.at(str(path)) from None
+    return BearingFile(lines, Path(path).name, sha256(path))

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
+from joblib import Parallel, delayed
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
@@ -24,12 +26,14 @@ from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import steady_start_s
-from tcdyn.pipeline.bearing import BearingFile
-from tcdyn.pipeline.beta import estimate_beta
+from tcdyn.pipeline.beta import BearingFile, estimate_beta
 from tcdyn.pipeline.campaign_table import campaign_table, table_csv, table_row
-from tcdyn.pipeline.spread import spread
 from tcdyn.version import __version__
 
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+
+CONNECT_S = 10.0  # to a Dask scheduler
 TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
 
 
@@ -145,10 +149,13 @@ def run_campaign(
     work = partial(analyse_log, settings=settings)
     for at, answer in spread(work, [path.resolve() for _, path in jobs], workers, dask):
         i, path = jobs[at]
-        outcomes[i] = _outcome(path, answer)
-        data = outcomes[i].data
-        if data is not None:
-            write_text(_answer_file(path, folder), json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+        if isinstance(answer, Exception):
+            answer = f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"
+        if isinstance(answer, str):
+            outcomes[i] = LogOutcome(path, None, answer)
+        else:
+            outcomes[i] = LogOutcome(path, answer)
+            write_text(_answer_file(path, folder), json.dumps(answer, indent=2, ensure_ascii=False) + "\n")
         progress(path.stem, len(outcomes), len(paths))
     ordered = tuple(outcomes[i] for i in range(len(paths)))
     table = campaign_table([table_row(o.log.stem, o.data, o.error) for o in ordered])
@@ -193,14 +200,6 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float]]:
     return {d: {c: float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS}
 
 
-def _outcome(path: Path, answer: dict[str, Any] | str | Exception) -> LogOutcome:
-    if isinstance(answer, dict):
-        return LogOutcome(path, answer)
-    if isinstance(answer, str):
-        return LogOutcome(path, None, answer)
-    return LogOutcome(path, None, f"{path.name}: the worker failed, {type(answer).__name__}: {answer}")
-
-
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> LogOutcome | None:
     """The stored answer of an earlier run, when it stands for the same log and settings."""
     try:
@@ -232,3 +231,66 @@ def _check_names(paths: Sequence[Path]) -> None:
 
 def _hash(text: str) -> str:
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def spread(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
+) -> Iterator[tuple[int, Answer | Exception]]:
+    """Yield (position in ``jobs``, answer) in the order in which they are ready.
+
+    ``dask``: address of a scheduler, e.g. "tcp://host:8786"; without it ``workers`` processes of this machine, or
+    this process for one. ``function`` should return its failures: an exception that a Dask worker raises comes as
+    the answer, any other is raised here. Raises InputError for no worker, or a scheduler that does not answer.
+
+    >>> sorted(spread(abs, [-3, 2]))
+    [(0, 3), (1, 2)]
+    """
+    if dask is not None:
+        return _on_dask(function, jobs, dask)
+    if workers < 1:
+        raise InputError(f"{workers} workers", expected="at least 1")
+    if workers == 1 or len(jobs) < 2:
+        return ((i, function(job)) for i, job in enumerate(jobs))
+    return _in_processes(function, jobs, min(workers, len(jobs)))
+
+
+def _in_processes(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int
+) -> Iterator[tuple[int, Answer | Exception]]:
+    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+    try:
+        yield from pool(delayed(lambda i, job: (i, function(job)))(i, job) for i, job in enumerate(jobs))
+    except TerminatedWorkerError:
+        raise InputError(
+            "a worker process was killed, perhaps for want of memory",
+            remedy="run the same command with fewer workers; what is finished is kept",
+        ) from None
+
+
+def _on_dask(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], address: str
+) -> Iterator[tuple[int, Answer | Exception]]:
+    try:
+        from dask.distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            "dask.distributed is not installed",
+            remedy="pip install 'tcdyn[dask]', or use workers",
+            parameters=("workers",),
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise InputError(
+            f"no Dask scheduler answers at {address} ({type(problem).__name__})",
+            expected="an address such as tcp://host:8786",
+            remedy="start one with `dask scheduler` and `dask worker`, or use workers=2",
+            parameters=("workers=2",),
+        ) from None
+    with client:
+        place = {client.submit(function, job, pure=False): i for i, job in enumerate(jobs)}
+        for future in as_completed(place, loop=client.loop):
+            try:
+                yield place[future], future.result()
+            except Exception as problem:
+                yield place[future], problem

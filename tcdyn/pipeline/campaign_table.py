@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 
 SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
@@ -80,7 +81,7 @@ def table_csv(table: pd.DataFrame) -> str:
     return str(table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
 
 
-def speed_groups(sliding_speed_m_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
     """Number of the group of nearly equal sliding speed that each test belongs to, slowest first; (N,) -> (N,).
 
     >>> speed_groups(np.array([10.0, 20.1, 10.2, 13.0])).tolist()
@@ -101,7 +102,7 @@ def done_rows(table: pd.DataFrame) -> pd.DataFrame:
     return good
 
 
-def different(x: NDArray[np.float64]) -> int:
+def different(x: Array) -> int:
     """How many values stand apart by more than 1 % of the largest: set points, not their wandering.
 
     >>> different(np.array([850.2, 1459.0, 849.7, 1461.0]))
@@ -125,7 +126,7 @@ class Trend(NamedTuple):
     high95_slope: float
 
 
-def trend(x: NDArray[np.float64], y: NDArray[np.float64]) -> Trend | None:
+def trend(x: Array, y: Array) -> Trend | None:
     """Least-squares line through points; None with fewer than three different x: two points always make a line.
 
     The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2 degrees.
@@ -138,29 +139,27 @@ def trend(x: NDArray[np.float64], y: NDArray[np.float64]) -> Trend | None:
     """
     if different(x) < 3:
         return None
-    from scipy.special import stdtrit
+    from scipy import stats
 
-    slope, intercept = (float(v) for v in np.polyfit(x, y, 1))
-    rest = y - intercept - slope * x
-    u = float(np.sqrt(rest @ rest / (len(x) - 2) / np.sum((x - x.mean()) ** 2)))
-    reach = float(stdtrit(len(x) - 2, 0.975)) * u
-    return Trend(intercept, slope, float(np.sqrt(np.mean(rest**2))), u, slope - reach, slope + reach)
+    line = stats.linregress(x, y)
+    rest = y - line.intercept - line.slope * x
+    reach = float(stats.t.ppf(0.975, len(x) - 2)) * line.stderr
+    numbers = (line.intercept, line.slope, np.sqrt(np.mean(rest**2)), line.stderr)
+    return Trend(*map(float, (*numbers, line.slope - reach, line.slope + reach)))
 
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20), and beta over dT u_s (7.18)."""
     good = done_rows(table)
+    columns = ("fast_bulk_degC", "slow_bulk_degC", "friction_N", "fast_surface_max_degC", "slow_surface_max_degC")
+    sought = [
+        (column, "load_N", f"{part['sliding_speed_m_s'].mean():.1f} m/s", part)
+        for column in columns
+        for _, part in good.groupby("group")
+    ]
     rows = []
-    for column in ("fast_bulk_degC", "slow_bulk_degC", "friction_N", "fast_surface_max_degC", "slow_surface_max_degC"):
-        for _, part in good.groupby("group"):
-            rows.append(_trend_row(column, "load_N", part, f"{part['sliding_speed_m_s'].mean():.1f} m/s"))
-    rows.append(_trend_row("beta", "delta_T_us_K_m_s", good, "all"))
-    names = ["quantity", "over", "tests", "number", *Trend._fields]
-    return pd.DataFrame([r for r in rows if r is not None], columns=names)
-
-
-def _trend_row(column: str, over: str, part: pd.DataFrame, name: str) -> dict[str, Any] | None:
-    line = trend(part[over].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
-    if line is None:
-        return None
-    return {"quantity": column, "over": over, "tests": name, "number": len(part), **line._asdict()}
+    for column, over, name, part in [*sought, ("beta", "delta_T_us_K_m_s", "all", good)]:
+        line = trend(part[over].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
+        if line is not None:
+            rows.append({"quantity": column, "over": over, "tests": name, "number": len(part), **line._asdict()})
+    return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])

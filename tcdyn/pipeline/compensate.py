@@ -31,8 +31,7 @@ from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit, refine_lags, refined_chains
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.steady import at_one_radius
-from tcdyn.pipeline.records import rig_of
-from tcdyn.traces import DiskTraces, disk_traces, gathered, white_noise
+from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of, white_noise
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel

@@ -24,7 +24,7 @@ from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.pipeline.causal import Causal, CausalState, Settings, begin
 from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
-from tcdyn.pipeline.records import rig_of
+from tcdyn.traces import rig_of
 
 STATE = "tcdyn.follow/2"
 STOPPED = "stopped"

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
+from calibration.estimate import rounded, with_u
+from calibration.finding import Finding, note
 from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.pipeline.campaign_table import trend_table
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure
-from tcdyn.report import campaign_tables as words
 from tcdyn.report.beta import ASSUMED
-from tcdyn.report.page import Section, write_page
+from tcdyn.report.page import Section, pm, write_page
 
+SPIKES = "spikes.gathered"
+WORDS = {
+    "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
+    "fast_surface_max_degC": "hottest surface, fast disk [°C]",
+    "slow_surface_max_degC": "hottest surface, slow disk [°C]", "friction_N": "traction force [N]",
+    "beta": "β by the speed law [1]", "load_N": "load [N]", "delta_T_us_K_m_s": "ΔT u_s [K m/s]",
+}  # fmt: skip
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast less slow, at the end of "
     "loading) times the sliding speed. Clarke (2006) found the clearest trend of β over it, and figure 7.18 of "
@@ -35,17 +45,17 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
         sections.append(Section("Logs that could not be analysed", table=lost))
     if len(good):
         sections += [
-            Section("β of each test, by every way", WAYS, words.partition_table(good)),
-            Section("Heat transfer, lags and exponent of each test", table=words.heat_transfer_table(good)),
+            Section("β of each test, by every way", WAYS, partition_table(good)),
+            Section("Heat transfer, lags and exponent of each test", table=heat_transfer_table(good)),
         ]
     if len(good) > 1:
         sections += campaign_pictures(table)
     if len(good):
         sections += [
-            Section("Conditions", DELTA_T_US if len(good) == 1 else "", words.condition_table(good)),
-            Section("Temperatures", "a and bulk (mean of a to f): steady stretch.", words.temperature_table(good)),
+            Section("Conditions", DELTA_T_US if len(good) == 1 else "", condition_table(good)),
+            Section("Temperatures", "a and bulk (mean of a to f): steady stretch.", temperature_table(good)),
         ]
-    lines = words.trend_words(table) if len(good) else pd.DataFrame()
+    lines = trend_words(table) if len(good) else pd.DataFrame()
     if len(lines):
         told = "Least squares; the slope's uncertainty is that of the scatter about the line."
         sections.append(Section("Trend lines, where three set points or more make one", told, lines))
@@ -53,7 +63,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
         sections.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
     return write_page(
         path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}", sections,
-        verdict=words.campaign_verdict(run), findings=words.gathered(run.findings), assumptions=ASSUMED,
+        verdict=campaign_verdict(run), findings=gathered(run.findings), assumptions=ASSUMED,
     )  # fmt: skip
 
 
@@ -68,7 +78,7 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
     return [
         Section(
             "Does β depend on ΔT u_s?",
-            f"{DELTA_T_US}\n\n{words.beta_trend_words(table)}",
+            f"{DELTA_T_US}\n\n{beta_trend_words(table)}",
             figure=beta,
             caption="Compare figure 7.18. Bars are 95 %.",
         ),
@@ -88,3 +98,115 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
             caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, or more.",
         ),
     ]
+
+
+def campaign_verdict(run: CampaignRun) -> str:
+    """Range of beta, whether the ways to it agree and where not, and what was lost."""
+    table = run.table
+    good = table[table["error"] == ""]
+    if not len(good):
+        return f"None of {len(table)} logs could be analysed: the reasons are below."
+    ranked = good.sort_values("beta").to_dict("records")
+    low, high = ranked[0], ranked[-1]
+    said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
+    shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
+    apart = [str(t) for t in good["test"][good["agree"] != "yes"]]
+    agree = f"in {len(good) - len(apart)} of {len(good)} tests" + (f", not in {', '.join(apart)}" if apart else "")
+    lost = f" {len(run.failed)} of {len(table)} logs could not be analysed." if run.failed else ""
+    return (
+        f"β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
+        f"The ways to β agree {agree}.{lost}"
+    )
+
+
+def gathered(findings: Sequence[Finding]) -> list[Finding]:
+    """The notes of spikes of all tests as one; everything else as it is."""
+    spiky = [f for f in findings if f.code == SPIKES]
+    if len(spiky) < 2:
+        return list(findings)
+    tests = [f.where.partition(":")[0].removeprefix("EHL_") for f in spiky]
+    told = note("campaign.spikes", tests=tests, counts=[f.numbers["count"] for f in spiky])
+    return [told, *(f for f in findings if f.code != SPIKES)]
+
+
+def beta_trend_words(table: pd.DataFrame) -> str:
+    """Whether beta changes with dT u_s, as far as the tests tell; empty with fewer than three set points."""
+    lines = trend_table(table)
+    found = lines[lines["quantity"] == "beta"]
+    if not len(found):
+        return ""
+    r = found.iloc[0]
+    slope = f"{with_u(1000 * r['slope'], 1000 * r['u_slope'])} per 1000 K m/s"
+    ends = [rounded(1000 * r[end], 1000 * r["u_slope"])[0] for end in ("low95_slope", "high95_slope")]
+    interval = f"95 % interval {ends[0]} to {ends[1]}"
+    sure = r["low95_slope"] * r["high95_slope"] > 0
+    verdict = "β changes with ΔT u_s" if sure else "these tests do not show that β depends on ΔT u_s"
+    return f"The least-squares line over {r['number']} tests has the slope {slope} ({interval}): {verdict}."
+
+
+def partition_table(good: pd.DataFrame) -> pd.DataFrame:
+    """beta by every way with the verdict of the cross-check, as tables 7.1 and 7.3."""
+    ways = {
+        "beta": "speed law", "beta_cooling_fast": "cooling fit, fast disk",
+        "beta_cooling_slow": "cooling fit, slow disk", "beta_joint_fast": "joint fit, fast disk",
+        "beta_joint_slow": "joint fit, slow disk", "beta_both": "joint fit, both disks",
+    }  # fmt: skip
+    columns = {title: _pm(good, name) for name, title in ways.items()}
+    agree = [f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])]
+    return pd.DataFrame({"test": good["test"].to_list(), **columns, "agree, largest z": agree})
+
+
+def heat_transfer_table(good: pd.DataFrame) -> pd.DataFrame:
+    """h by the speed law, lags by the unloading, and the exponent that the joint fit implies."""
+    shown = {
+        "h_fast_W_m2K": "h fast [W/m²K]", "h_slow_W_m2K": "h slow [W/m²K]", "lag_joint_fast_s": "common lag fast [s]",
+        "lag_joint_slow_s": "common lag slow [s]", "exponent": "implied exponent n [1]",
+    }  # fmt: skip
+    return pd.DataFrame({"test": good["test"].to_list(), **{title: _pm(good, name) for name, title in shown.items()}})
+
+
+def condition_table(good: pd.DataFrame) -> pd.DataFrame:
+    """Load, speeds and friction, as table 7.2."""
+    shown = {
+        "load_N": ("load [N]", 0), "sliding_speed_m_s": ("sliding speed [m/s]", 2),
+        "entraining_speed_m_s": ("entraining speed [m/s]", 2), "friction_N": ("friction [N]", 2),
+        "friction_coefficient": ("μ [1]", 4),
+    }  # fmt: skip
+    columns = {title: [f"{v:.{digits}f}" for v in good[name]] for name, (title, digits) in shown.items()}
+    columns["ΔT u_s [K m/s]"] = _pm(good, "delta_T_us_K_m_s")
+    columns["warnings and notes"] = [f"{v:.0f}" for v in good["warnings"]]
+    return pd.DataFrame({"test": good["test"].to_list(), **columns})
+
+
+def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
+    """Steady temperatures of a and of the bulk, and the hottest running surface, of both disks."""
+    columns: dict[str, list[str]] = {}
+    for disk in ("fast", "slow"):
+        for name, title in ((f"{disk}_a_degC", "a"), (f"{disk}_bulk_degC", "bulk")):
+            columns[f"{disk} disk, {title} [°C]"] = [f"{v:.1f}" for v in good[name]]
+        columns[f"{disk} disk, hottest surface [°C]"] = _pm(good, f"{disk}_surface_max_degC")
+    return pd.DataFrame({"test": good["test"].to_list(), **columns})
+
+
+def trend_words(table: pd.DataFrame) -> pd.DataFrame:
+    """The trend lines with names and units that people read; empty where no group has three different set points."""
+    lines = trend_table(table)
+    rows = [
+        {
+            "quantity": WORDS[r["quantity"]],
+            "over": WORDS[r["over"]],
+            "tests": f"{r['number']} at {r['tests']}" if r["tests"] != "all" else f"all {r['number']}",
+            "slope": pm([r["slope"]], [r["u_slope"]])[0],
+            "95 % interval of the slope": " to ".join(
+                rounded(r[end], r["u_slope"])[0] for end in ("low95_slope", "high95_slope")
+            ),
+            "value at zero": f"{r['intercept']:.4g}",
+            "scatter (rms)": f"{r['rms']:.2g}",
+        }
+        for r in lines.to_dict("records")
+    ]
+    return pd.DataFrame(rows)
+
+
+def _pm(good: pd.DataFrame, name: str) -> list[str]:
+    return pm(good[name], good[f"u_{name}"])

@@ -14,7 +14,7 @@ from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.pipeline import compensate_log, estimate_beta
-from tcdyn.pipeline.records import rig_of
+from tcdyn.traces import rig_of
 from tests.conftest import Campaign
 
 

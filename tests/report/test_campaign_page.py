@@ -12,9 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tcdyn.pipeline.campaign_table import table_columns
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure
-from tcdyn.report.campaign import campaign_pictures
-from tcdyn.report.campaign_tables import beta_trend_words, partition_table, trend_words
-from tcdyn.report.tables import table_html
+from tcdyn.report.campaign import beta_trend_words, campaign_pictures, partition_table, trend_words
+from tcdyn.report.page import table_html
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]
 

@@ -6,8 +6,7 @@ import pandas as pd
 
 from calibration.estimate import Estimate
 from calibration.finding import look, note
-from tcdyn.report.page import Section, render_page
-from tcdyn.report.tables import pm, table_html
+from tcdyn.report.page import Section, pm, render_page, table_html
 
 
 def test_cells_are_set_by_what_they_hold() -> None:

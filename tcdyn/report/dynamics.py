@@ -1,0 +1,139 @@
+"""Pages on dynamics: what a planned test would tell of the lags, and what was identified between two columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from calibration.disk import Conditioning
+from calibration.estimate import rounded, with_u
+from calibration.grade import as_findings, findings_of
+from tcdyn.design import compare
+from tcdyn.design.compare import Design
+from tcdyn.identify import Comparison, IOData, percent_times
+from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
+from tcdyn.identify.search import Fit
+from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
+from tcdyn.plots.plunge import draw_design
+from tcdyn.plots.style import figure
+from tcdyn.report.page import Section, write_page
+
+MEANS = (
+    "The common lag is the mean over the channels of a disk: an error in it shifts every compensated trace alike, and "
+    "with them h and β by the cooling fit. The differences are what is left of each channel: an error in them bends "
+    "the gradient between junctions."
+)
+
+
+def write_design_report(path: str | Path, design: Design, assumptions: Sequence[str]) -> Path:
+    """Write the page of ``design``; ``assumptions`` are the plan's own numbers."""
+    picture, (ax,) = figure(height_in=3.8)
+    draw_design(design, ax)
+    return write_page(
+        path,
+        "Test design: what to do before the campaign",
+        [
+            Section(
+                "What each test would tell",
+                f"{MEANS}\n\n{compare.MEANING}",
+                design_table(design),
+                picture,
+                "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % point over entry "
+                "bursts and scales of h, which nobody can plan.",
+            )
+        ],
+        verdict=compare.headline(design.predictions, design.lag_s),
+        assumptions=assumptions,
+    )
+
+
+def design_table(design: Design) -> pd.DataFrame:
+    """One row a test: expected standard uncertainties, in seconds and percent of the lag, and how good that is."""
+    lag = design.lag_s
+    return pd.DataFrame(
+        [
+            {
+                "test": p.name,
+                "common lag, u [s]": f"{p.u_common_s:.3f}",
+                "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}" if p.high_s > p.low_s else "",
+                "u over lag [%]": f"{100 * p.u_common_s / lag:.2g}",
+                "told": compare.common(p, lag),
+                "differences, u [s]": f"{p.u_differential_s:.3f}",
+                "u over lag [%] ": f"{100 * p.u_differential_s / lag:.2g}",
+                "told ": compare.differences(p, lag),
+            }
+            for p in design.predictions
+        ]
+    )
+
+
+def parameter_table(fit: Fit) -> pd.DataFrame:
+    """Parameters, lag and percent times with their intervals."""
+    model = fit.identified
+    rows = [(n, e, model.model.unit(n)) for n, e in fit.estimates.items()]
+    if not model.model.integrators:
+        rows += [("lag", model.lag_s, "s"), *((n, e, "s") for n, e in percent_times(model).items())]
+    ends = [(rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0]) for _, e, _ in rows]
+    return pd.DataFrame(
+        [
+            {"quantity": n, "value": with_u(e.value, e.u), "95 % interval": f"{low} to {high}", "unit": unit}
+            for (n, e, unit), (low, high) in zip(rows, ends)
+        ]
+    )
+
+
+def write_identify_report(
+    path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = ""
+) -> None:
+    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
+
+    ``level`` says whether the lag depends on the level, where that was asked.
+    """
+    best = comparison.best
+    model = best.identified
+    sections = [
+        Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
+        Section(
+            f"{model.model.name}: parameters",
+            f"Where the quadratic intervals are poor these are of the profile likelihood. {as_chain(model, filter_)}",
+            parameter_table(best),
+        ),
+        Section(
+            f"{model.model.name}: fit",
+            f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
+            None,
+            fit_figure(best),
+        ),
+        Section(
+            f"{model.model.name}: dynamics",
+            "",
+            None,
+            dynamics_figure(model),
+            "Step response and Bode diagram of the identified model with 95 % bands.",
+        ),
+        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
+    ]
+    if level:
+        sections.append(Section("Does the lag depend on the level?", level))
+    remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
+    if len(remarks):
+        sections.append(Section("Remarks on the models", table=remarks))
+    alarms = list(findings_of(model))
+    if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
+        alarms = [*as_findings([model.sentence]), *alarms]
+    write_page(
+        path,
+        f"{model.input_name} to {model.output_name}: {model.model.name}",
+        sections,
+        verdict=comparison.advice,
+        findings=alarms,
+        assumptions=[
+            f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
+            "is known without error, and the system is linear and does not change in time",
+            *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
+            *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
+        ],
+        footer=f"identified from {record.name}",
+    )
