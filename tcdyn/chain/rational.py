@@ -156,8 +156,9 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
     size = m + sum(len(f.poles) for f in free)
     A, B = np.zeros((size, size), dtype=poles.dtype), np.zeros(size, dtype=poles.dtype)
     weights = np.where(poles == 0, 1.0, -poles)
-    A[range(m), range(m)] = poles
-    A[range(1, m), range(m - 1)] = weights[1:]
+    main = np.arange(m)
+    A[main, main] = poles
+    A[main[1:], main[:-1]] = weights[1:]
     B[:1] = weights[:1]
 
     polys = np.zeros((q + 2 if sensitivities else 1, q + 1))  # N, its powers of s one by one, -s N
@@ -166,7 +167,8 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         polys[1:-1, :q] = np.eye(q)
         polys[-1, 1:] = -model.num
     c, direct = newton(polys, poles)
-    C, (D, E) = np.pad(c, ((0, 0), (0, size - m))), direct.T
+    C, (D, E) = np.zeros((len(c), size), dtype=c.dtype), direct.T
+    C[:, :m] = c
     branches, through = [C[:0]], [D[:0]]
     for f in free:
         d, p = len(f.poles), f.poles if np.iscomplexobj(A) else f.poles.real
