@@ -1,4 +1,4 @@
-"""An instrumented disk in SI units: geometry, steel, washers, junctions and signal conditioning."""
+"""An instrumented disk: its tables in ``rig.toml``, in the units people write, and the same in SI."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 CHANNELS = ("a", "b", "c", "d", "e", "f")
 INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
@@ -86,3 +88,61 @@ class DiskSetup:
     def washer_W_m2K(self) -> float:
         """Heat transfer coefficient of a washer, K_c / w_c [W/m2K] (section 3.4.4.3)."""
         return self.washer_conductivity_W_mK / self.washer_thickness_m
+
+
+class RigTable(BaseModel):
+    """A table of ``rig.toml``: unknown keys and numbers out of range are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class DiskTable(RigTable):
+    """[disk]; bore radius and steel are assumptions, not the thesis's (design, section 3)."""
+
+    outer_radius_mm: float = Field(38.1, gt=5, lt=500)
+    bore_radius_mm: float = Field(20.5, ge=0, lt=500)
+    width_mm: float = Field(9.53, gt=1, lt=200)
+    crown_radius_mm: float = Field(304.8, gt=1, lt=1e5)
+    conductivity_W_mK: float = Field(41.0, gt=0.1, lt=2500)
+    density_kg_m3: float = Field(7850.0, gt=100, lt=25000)
+    specific_heat_J_kgK: float = Field(470.0, gt=50, lt=6000)
+
+    @model_validator(mode="after")
+    def _bore_inside(self) -> DiskTable:
+        if 0.0 < self.bore_radius_mm < 0.5:
+            raise ValueError(f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?")
+        if self.bore_radius_mm >= self.outer_radius_mm:
+            raise ValueError("bore_radius_mm must be below outer_radius_mm")
+        if self.crown_radius_mm <= self.outer_radius_mm:
+            raise ValueError(
+                f"crown_radius_mm is {self.crown_radius_mm:g}; expected more than outer_radius_mm, "
+                f"{self.outer_radius_mm:g}: give the radius across the running surface, which is nearly flat"
+            )
+        return self
+
+
+class WasherTable(RigTable):
+    """[washer]; the thickness is assumed."""
+
+    conductivity_W_mK: float = Field(1.46, ge=0, lt=500)
+    thickness_mm: float = Field(8.0, gt=0.1, lt=200)
+
+
+class JunctionTable(RigTable):
+    """[thermocouples] a = { depth_mm, z_mm, angle_deg }."""
+
+    depth_mm: float = Field(gt=0.05, lt=100)  # a depth below 50 um is one given in metres
+    z_mm: float = Field(gt=0.05, lt=200)
+    angle_deg: float = Field(0.0, ge=-360, le=360)
+
+
+class ConditioningTable(RigTable):
+    """[conditioning]; cutoff of a 5B-series module's data sheet."""
+
+    cutoff_Hz: float = Field(4.0, gt=0)
+    poles: int = Field(2, ge=0, le=6)
+    shape: Literal["cascade", "butterworth"] = "cascade"
+
+    def conditioning(self) -> Conditioning:
+        """The filter B itself."""
+        return Conditioning(self.cutoff_Hz, self.poles, self.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -240,7 +240,8 @@ def iter_log(
     checked |= {name: values[at].astype(np.float64) for name, values in switches.items()}
     found += check_course(checked, kind, place)
     found += check_places(pd.DataFrame(checked, copy=False), kind, rig, disk)
-    found += _not_there(names, kind)
+    wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
+    found += [look("column.not_there", subject=name) for name in wanted if name not in names]
     head, told = dict(table.metadata), with_where(found, where)
     return LogPieces(file, kind, head, sampling, switches, told, table, names, limits_K, number, rows)
 
@@ -296,8 +297,3 @@ def open_log(
         couples = frozenset(own for name, own in names.items() if is_couple(name))
         table = MillivoltTable(table, couples, logger.cold_junction_degC)
     return table, names
-
-
-def _not_there(columns: Collection[str], kind: Kind) -> list[Finding]:
-    wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
-    return [look("column.not_there", subject=name) for name in wanted if name not in columns]

@@ -15,14 +15,14 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from calibration.disk import CHANNELS, DiskSetup
+from calibration.disk import CHANNELS, ConditioningTable, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.write import sha256, write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
 from calibration.result import Result
-from calibration.rig import ConditioningTable, RigTables, setup_from_tables
+from calibration.rig import RigTables, setup_from_tables
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s

@@ -5,86 +5,41 @@ from __future__ import annotations
 import tomllib
 from copy import deepcopy
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, Conditioning, DiskSetup, Junction
+from calibration.disk import (
+    CHANNELS,
+    INNER_ROW,
+    OUTER_ROW,
+    ConditioningTable,
+    DiskSetup,
+    DiskTable,
+    Junction,
+    JunctionTable,
+    RigTable,
+    WasherTable,
+)
 from calibration.errors import InputError
 from calibration.result import Result
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class DiskTable(_Table):
-    """[disk]; bore radius and steel are assumptions, not the thesis's (design, section 3)."""
-
-    outer_radius_mm: float = Field(38.1, gt=5, lt=500)
-    bore_radius_mm: float = Field(20.5, ge=0, lt=500)
-    width_mm: float = Field(9.53, gt=1, lt=200)
-    crown_radius_mm: float = Field(304.8, gt=1, lt=1e5)
-    conductivity_W_mK: float = Field(41.0, gt=0.1, lt=2500)
-    density_kg_m3: float = Field(7850.0, gt=100, lt=25000)
-    specific_heat_J_kgK: float = Field(470.0, gt=50, lt=6000)
-
-    @model_validator(mode="after")
-    def _bore_inside(self) -> DiskTable:
-        if 0.0 < self.bore_radius_mm < 0.5:
-            raise ValueError(f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?")
-        if self.bore_radius_mm >= self.outer_radius_mm:
-            raise ValueError("bore_radius_mm must be below outer_radius_mm")
-        if self.crown_radius_mm <= self.outer_radius_mm:
-            raise ValueError(
-                f"crown_radius_mm is {self.crown_radius_mm:g}; expected more than outer_radius_mm, "
-                f"{self.outer_radius_mm:g}: give the radius across the running surface, which is nearly flat"
-            )
-        return self
-
-
-class WasherTable(_Table):
-    """[washer]; the thickness is assumed."""
-
-    conductivity_W_mK: float = Field(1.46, ge=0, lt=500)
-    thickness_mm: float = Field(8.0, gt=0.1, lt=200)
-
-
-class JunctionTable(_Table):
-    """[thermocouples] a = { depth_mm, z_mm, angle_deg }."""
-
-    depth_mm: float = Field(gt=0.05, lt=100)  # a depth below 50 um is one given in metres
-    z_mm: float = Field(gt=0.05, lt=200)
-    angle_deg: float = Field(0.0, ge=-360, le=360)
-
-
-class ContactTable(_Table):
+class ContactTable(RigTable):
     """[contact]."""
 
     gear_ratio: float = Field(4.24, ge=1, lt=100)
     speed_exponent: float = Field(0.667, ge=0, le=2)
 
 
-class ConditioningTable(_Table):
-    """[conditioning]; cutoff of a 5B-series module's data sheet."""
-
-    cutoff_Hz: float = Field(4.0, gt=0)
-    poles: int = Field(2, ge=0, le=6)
-    shape: Literal["cascade", "butterworth"] = "cascade"
-
-    def conditioning(self) -> Conditioning:
-        """The filter B itself."""
-        return Conditioning(self.cutoff_Hz, self.poles, self.shape)
-
-
-class LoggerTable(_Table):
+class LoggerTable(RigTable):
     """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
 
     millivolts: bool = False
     cold_junction_degC: float = Field(0.0, ge=-50, le=100)
 
 
-class UncertaintyTable(_Table):
+class UncertaintyTable(RigTable):
     """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
 
     depth_mm: float = Field(0.1, ge=0, lt=5)
@@ -115,7 +70,7 @@ _DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
 }
 
 
-class RigTables(_Table):
+class RigTables(RigTable):
     """Everything that describes one disk and its test."""
 
     disk: DiskTable = Field(default_factory=lambda: DiskTable.model_validate({}))

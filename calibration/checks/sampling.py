@@ -114,8 +114,8 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
     lost = int(grid[-1]) - len(step)
     if lost:
         i = int(np.argmin(lone))
-        row, places = rows.of(i + 1), int((~lone).sum())
-        found.append(look("time.lost", subject=column, row=row, count=lost, places=places, first_s=float(time[i])))
+        line, places = rows.of(i + 1), int((~lone).sum())
+        found.append(look("time.lost", subject=column, row=line, count=lost, places=places, first_s=float(time[i])))
     if dt > 0.05:
         found.append(look("time.slow", subject=column, rate_Hz=1 / dt, lost_s=2 * dt))
     even, away_s = _even(time, grid, dt)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -17,30 +16,12 @@ from calibration.finding import Finding, look, note
 from calibration.lines.linefit import fit_line
 
 
-@dataclass(frozen=True)
-class ErrorStatistics:
-    """Table 2.6's statistics of thermocouple minus PRT [K]; the standard deviation is about the mean error."""
+def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
+    """Table 2.6's statistics of thermocouple minus PRT [K], of any shape, under the table's names; NaN is left out.
 
-    maximum_K: float
-    sum_absolute_K: float
-    mean_absolute_K: float
-    standard_deviation_K: float
-    n: int
+    The standard deviation is about the mean error.
 
-    def rows(self) -> dict[str, float]:
-        """The statistics under the names of table 2.6."""
-        return {
-            "Maximum error": self.maximum_K,
-            "Summation of the absolute error": self.sum_absolute_K,
-            "Average of the absolute error": self.mean_absolute_K,
-            "Standard deviation": self.standard_deviation_K,
-        }
-
-
-def error_statistics(errors_K: ArrayLike) -> ErrorStatistics:
-    """Table 2.6's statistics of errors [K] of any shape; NaN is left out.
-
-    >>> error_statistics([1.0, -1.0, 0.5, -0.5]).mean_absolute_K
+    >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
     0.75
     """
     e = np.asarray(errors_K, dtype=float).ravel()
@@ -48,7 +29,14 @@ def error_statistics(errors_K: ArrayLike) -> ErrorStatistics:
     if len(e) < 2:
         raise InputError("fewer than 2 errors to describe")
     size = np.abs(e)
-    return ErrorStatistics(float(size.max()), float(size.sum()), float(size.mean()), float(e.std(ddof=1)), len(e))
+    return pd.Series(
+        {
+            "Maximum error": float(size.max()),
+            "Summation of the absolute error": float(size.sum()),
+            "Average of the absolute error": float(size.mean()),
+            "Standard deviation": float(e.std(ddof=1)),
+        }
+    )
 
 
 def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:

@@ -124,7 +124,7 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
         residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
     raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
     after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
-    table = pd.DataFrame({"raw": error_statistics(raw).rows(), "calibrated": error_statistics(after).rows()})
+    table = pd.DataFrame({"raw": error_statistics(raw), "calibrated": error_statistics(after)})
     return OvenFit(lines, table, residuals, raw, after, tuple(found))
 
 

@@ -150,7 +150,7 @@ def test_table_2_6_describes_errors_before_and_after():
         "Standard deviation",
     ]
     assert (table["calibrated"] < table["raw"]).all()
-    assert error_statistics([-1.0, 1.0, 3.0]).maximum_K == 3.0
+    assert error_statistics([-1.0, 1.0, 3.0])["Maximum error"] == 3.0
     counts, edges = error_histogram(fit.raw_errors_K)
     assert counts.sum() == 144
     assert edges[0] < fit.raw_errors_K.min()
