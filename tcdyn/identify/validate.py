@@ -81,7 +81,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
-    cross = input_correlation(ew, jw, u, problem.dt_s * behind)
+    cross = input_correlation(ew, jw, u, np.asarray(problem.dt_s * behind, dtype=float))
     rounding = bool(np.max(np.abs(r)) <= 0.5 * problem.rounding_step)  # which alone could leave these residuals
     if rounding:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
