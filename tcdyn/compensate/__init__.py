@@ -1,9 +1,8 @@
 """From what the logger wrote back to what the junction felt, with an uncertainty for every sample."""
 
 from tcdyn.compensate.before_use import BeforeUse, before_use, live_before_use, widest_bandwidth_Hz
-from tcdyn.compensate.deconvolve import Tradeoff, deconvolve
 from tcdyn.compensate.grid import Burst, Intensity
-from tcdyn.compensate.inverse import InverseFilter, invert, proper_inverse
+from tcdyn.compensate.inverse import InverseFilter, Tradeoff, deconvolve, invert, proper_inverse
 from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth, window_covariance

@@ -192,8 +192,7 @@ class _Fit:
 
 
 def _given(intensity: float | Intensity | Sequence[float | Intensity], m: int) -> list[Intensity]:
-    single = isinstance(intensity, Intensity)
-    listed = [intensity] * m if single else list(np.broadcast_to(np.asarray(intensity, dtype=object), (m,)))
+    listed = intensity if isinstance(intensity, Sequence | np.ndarray) else [intensity] * m
     return [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,28 +146,25 @@ def model_for(
     )
 
 
-def log_likelihood_terms(model: LinearModel) -> tuple[Array, Array]:
-    """Sum of log det(I + P L), and minus the squares explained, each (M, Q).
+def _filtered(model: LinearModel) -> Iterator[tuple[Array, ...]]:
+    """The information-form Kalman filter, cell by cell: P+ = (I + P L)^-1 P, m+ = m + P+ (s - L m).
 
-    -2 log likelihood is their sum, plus n log 2 pi, the log noise variances and the sum of w y2.
+    Yields, for all channels and proposals (M, Q): mean before the cell's samples, its step, covariance after them,
+    I + P L and its inverse, and the surprise s - L m.
     """
     mean, cov = model.mean0[..., None].copy(), model.cov0.copy()
-    quad = np.zeros(mean.shape[:2])
-    dets = np.empty((len(model.kind), *mean.shape[:2]))
     eye = np.eye(mean.shape[-2])
     for j, kind in enumerate(model.kind):
         cov[..., 1, 1] += model.slope_var[j]
-        info, score = model.information[j], model.score[j][..., None]
+        info = model.information[j]
         gain = cov @ info + eye
-        dets[j] = np.linalg.det(gain)
-        surprise = score - info @ mean
-        cov = np.linalg.inv(gain) @ cov
+        surprise = model.score[j][..., None] - info @ mean
+        shrink = np.linalg.inv(gain)
+        cov = shrink @ cov
         step = cov @ surprise
-        quad -= ((score + surprise) * mean + surprise * step).sum(axis=(-2, -1))
+        yield mean, step, cov, gain, shrink, surprise
         across = model.transition[kind]
-        mean = across @ (mean + step)
-        cov = across @ cov @ across.swapaxes(-1, -2)
-    return np.log(np.maximum(dets, 1e-300)).sum(axis=0), quad
+        mean, cov = across @ (mean + step), across @ cov @ across.swapaxes(-1, -2)
 
 
 def likelihood(
@@ -175,7 +172,11 @@ def likelihood(
 ) -> tuple[Array, Array]:
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
     grid = grid_for(stretch, intensities, noise_var, fine)
-    log_det, quad = log_likelihood_terms(model_for(stretch, grid, noise_var, intensities))
+    model = model_for(stretch, grid, noise_var, intensities)
+    log_det, quad = np.zeros(model.mean0.shape[:2]), np.zeros(model.mean0.shape[:2])
+    for (mean, step, _, gain, _, surprise), score in zip(_filtered(model), model.score):
+        log_det += np.log(np.maximum(np.linalg.det(gain), 1e-300))
+        quad -= ((score[..., None] + surprise) * mean + surprise * step).sum(axis=(-2, -1))
     used = (stretch.weight > 0).sum(axis=0)
     total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
     value = -0.5 * (log_det + total + (used * np.log(noise_var))[:, None])
@@ -213,24 +214,12 @@ def swept(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> tu
 
 
 def forward(model: LinearModel) -> Filtered:
-    """The information-form Kalman filter of the first proposal: P+ = (I + P L)^-1 P, m+ = m + P+ (s - L m)."""
-    mean, cov = model.mean0[:, 0, :, None].copy(), model.cov0[:, 0].copy()
-    cells, (batch, n) = len(model.kind), mean.shape[:2]
-    means, covs, shrinks = np.empty((cells, batch, n)), np.empty((cells, batch, n, n)), np.empty((cells, batch, n, n))
-    surprises = np.empty((cells, batch, n))
-    eye = np.eye(n)
-    for j, kind in enumerate(model.kind):
-        cov[:, 1, 1] += model.slope_var[j, :, 0]
-        info = model.information[j, :, 0]
-        shrink = np.linalg.inv(cov @ info + eye)
-        surprise = model.score[j, :, 0, :, None] - info @ mean
-        cov = shrink @ cov
-        mean = mean + cov @ surprise
-        means[j], covs[j], shrinks[j], surprises[j] = mean[..., 0], cov, shrink, surprise[..., 0]
-        across = model.transition[kind, :, 0]
-        mean = across @ mean
-        cov = across @ cov @ across.transpose(0, 2, 1)
-    return Filtered(means, covs, shrinks, surprises)
+    """The filter of the first proposal, kept for the smoother."""
+    cells = [
+        ((mean + step)[:, 0, :, 0], cov[:, 0], shrink[:, 0], surprise[:, 0, :, 0])
+        for mean, step, cov, _, shrink, surprise in _filtered(model)
+    ]
+    return Filtered(*(np.stack(kept) for kept in zip(*cells)))
 
 
 def backward(model: LinearModel, done: Filtered) -> Smoothed:

@@ -22,8 +22,7 @@ from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.before_use import BeforeUse, before_use
-from tcdyn.compensate.deconvolve import Criterion, deconvolve
-from tcdyn.compensate.inverse import invert, proper_inverse
+from tcdyn.compensate.inverse import Criterion, deconvolve, invert, proper_inverse
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth, window_covariance
 from tcdyn.partition.effects import with_common_u

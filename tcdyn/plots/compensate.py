@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from calibration.estimate import Z95
 from tcdyn.compensate.before_use import BeforeUse
-from tcdyn.compensate.deconvolve import Tradeoff
+from tcdyn.compensate.inverse import Tradeoff
 from tcdyn.compensate.result import Compensated
 from tcdyn.plots.style import BAND, FAST, SLOW, dressed
 
