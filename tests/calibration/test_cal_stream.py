@@ -197,6 +197,17 @@ def test_what_only_the_whole_test_shows_is_checked_at_its_end(tmp_path, rows):
             list(iter_log(path, kind, rows=rows))
 
 
+def test_pieces_can_be_gone_through_again_and_findings_say_where(tmp_path):
+    frame = at([700, 1000], "fast_e_degC", 150.0)(ehl_frame())
+    log = iter_log(write_log(frame, tmp_path / "log.csv"), "ehl", rows=700)
+    first, again = (list(log) for _ in range(2))
+    assert all(a.frame.equals(b.frame) and a.findings == b.findings for a, b in zip(first, again, strict=True))
+    (spikes,) = (f for piece in first for f in piece.findings)
+    assert (spikes.code, spikes.grade, spikes.subject) == ("spikes.removed", "note", "fast_e_degC")
+    assert spikes.numbers == {"count": 2, "row": 702, "time_s": pytest.approx(700 / 75)}
+    assert spikes.where.endswith("log.csv")
+
+
 def test_a_log_without_rows_is_refused(tmp_path):
     path = write_log(ehl_frame().iloc[:0], tmp_path / "log.csv")
     with pytest.raises(InputError, match="no table"):
