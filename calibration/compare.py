@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from calibration.finding import Finding, doubts, look
 from calibration.lines.static import apply_static, outside_range, static_u
 from calibration.record import DiskRecord, moment, now_utc
 from calibration.result import Result, jsonable
+from calibration.rig import changed_keys
 
 SIGNIFICANT = 0.05
 
@@ -96,17 +96,6 @@ def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
     before, after = (r.setup.model_dump(exclude={"columns", "logger"}) for r in (old, new))
     before["conditioning"], after["conditioning"] = (r.conditioning.model_dump() for r in (old, new))
     return [f"{key} was {was}, is {now}" for key, was, now in changed_keys(before, after)]
-
-
-def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
-    """Keys of two sets of rig tables whose values differ: (key, value before, value after).
-
-    >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
-    [('[disk] width_mm', 9.53, 10.0)]
-    """
-    one, other = (pd.json_normalize(dict(d)).to_dict("records")[0] for d in (before, after))
-    names = {key: "[{}] {}".format(*str(key).split(".", 1)) for key in one}
-    return [(names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)]
 
 
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:

@@ -146,3 +146,38 @@ class ConditioningTable(RigTable):
     def conditioning(self) -> Conditioning:
         """The filter B itself."""
         return Conditioning(self.cutoff_Hz, self.poles, self.shape)
+
+
+class ContactTable(RigTable):
+    """[contact]."""
+
+    gear_ratio: float = Field(4.24, ge=1, lt=100)
+    speed_exponent: float = Field(0.667, ge=0, le=2)
+
+
+class LoggerTable(RigTable):
+    """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
+
+    millivolts: bool = False
+    cold_junction_degC: float = Field(0.0, ge=-50, le=100)
+
+
+class UncertaintyTable(RigTable):
+    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
+
+    depth_mm: float = Field(0.1, ge=0, lt=5)
+    conductivity_rel: float = Field(0.03, ge=0, lt=0.5)
+    heat_capacity_rel: float = Field(0.02, ge=0, lt=0.5)
+    washer_rel: float = Field(0.20, ge=0, lt=1)
+    half_width_rel: float = Field(0.03, ge=0, lt=0.5)
+    friction_rel: float = Field(0.01, ge=0, lt=0.5)
+    ambient_K: float = Field(1.0, ge=0, lt=50)
+    speed_exponent_low: float = Field(0.571, ge=0, le=2)
+    speed_exponent_high: float = Field(0.8, ge=0, le=2)
+
+    @model_validator(mode="after")
+    def _exponents_in_order(self) -> UncertaintyTable:
+        low, high = self.speed_exponent_low, self.speed_exponent_high
+        if low > high:
+            raise ValueError(f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them")
+        return self

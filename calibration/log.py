@@ -18,8 +18,8 @@ from calibration.checks.temperature import LONGEST_NAN_S, Place, Thinned, check_
 from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import RowNumbers, Table, open_table, read_whole, shown
-from calibration.files.table import PIECE_ROWS
-from calibration.files.write import sha256, write_log
+from calibration.files.table import PIECE_ROWS, sha256
+from calibration.files.write import write_log
 from calibration.finding import Finding, look, sentences, with_where
 from calibration.lines.oven import oven_frame
 from calibration.lines.transducers import MillivoltTable

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration.disk import (
@@ -14,51 +16,18 @@ from calibration.disk import (
     INNER_ROW,
     OUTER_ROW,
     ConditioningTable,
+    ContactTable,
     DiskSetup,
     DiskTable,
     Junction,
     JunctionTable,
+    LoggerTable,
     RigTable,
+    UncertaintyTable,
     WasherTable,
 )
 from calibration.errors import InputError
 from calibration.result import Result
-
-
-class ContactTable(RigTable):
-    """[contact]."""
-
-    gear_ratio: float = Field(4.24, ge=1, lt=100)
-    speed_exponent: float = Field(0.667, ge=0, le=2)
-
-
-class LoggerTable(RigTable):
-    """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
-
-    millivolts: bool = False
-    cold_junction_degC: float = Field(0.0, ge=-50, le=100)
-
-
-class UncertaintyTable(RigTable):
-    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
-
-    depth_mm: float = Field(0.1, ge=0, lt=5)
-    conductivity_rel: float = Field(0.03, ge=0, lt=0.5)
-    heat_capacity_rel: float = Field(0.02, ge=0, lt=0.5)
-    washer_rel: float = Field(0.20, ge=0, lt=1)
-    half_width_rel: float = Field(0.03, ge=0, lt=0.5)
-    friction_rel: float = Field(0.01, ge=0, lt=0.5)
-    ambient_K: float = Field(1.0, ge=0, lt=50)
-    speed_exponent_low: float = Field(0.571, ge=0, le=2)
-    speed_exponent_high: float = Field(0.8, ge=0, le=2)
-
-    @model_validator(mode="after")
-    def _exponents_in_order(self) -> UncertaintyTable:
-        low, high = self.speed_exponent_low, self.speed_exponent_high
-        if low > high:
-            raise ValueError(f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them")
-        return self
-
 
 _DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
     "a": {"depth_mm": 3.0, "z_mm": 4.765, "angle_deg": 0.0},
@@ -70,32 +39,29 @@ _DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
 }
 
 
+def _default(table: type[RigTable]) -> Any:
+    return Field(default_factory=lambda: table.model_validate({}))
+
+
 class RigTables(RigTable):
     """Everything that describes one disk and its test."""
 
-    disk: DiskTable = Field(default_factory=lambda: DiskTable.model_validate({}))
-    washer: WasherTable = Field(default_factory=lambda: WasherTable.model_validate({}))
+    disk: DiskTable = _default(DiskTable)
+    washer: WasherTable = _default(WasherTable)
     thermocouples: dict[str, JunctionTable] = Field(
         default_factory=lambda: {k: JunctionTable(**v) for k, v in _DEFAULT_JUNCTIONS.items()}
     )
-    contact: ContactTable = Field(default_factory=lambda: ContactTable.model_validate({}))
-    conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
-    logger: LoggerTable = Field(default_factory=lambda: LoggerTable.model_validate({}))
-    uncertainty: UncertaintyTable = Field(default_factory=lambda: UncertaintyTable.model_validate({}))
+    contact: ContactTable = _default(ContactTable)
+    conditioning: ConditioningTable = _default(ConditioningTable)
+    logger: LoggerTable = _default(LoggerTable)
+    uncertainty: UncertaintyTable = _default(UncertaintyTable)
     columns: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")
     @classmethod
     def _fill_junctions(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("thermocouples"), dict):
-            given = data["thermocouples"]
-            merged: dict[str, Any] = {}
-            for name in {**_DEFAULT_JUNCTIONS, **given}:
-                own = given.get(name, {})
-                if isinstance(own, dict):
-                    own = {**_DEFAULT_JUNCTIONS.get(name, {}), **own}
-                merged[name] = own
-            data = {**data, "thermocouples": merged}
+            data = {**data, "thermocouples": _merge(_DEFAULT_JUNCTIONS, data["thermocouples"])}
         return data
 
     @model_validator(mode="after")
@@ -254,6 +220,17 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
         else:
             out[key] = deepcopy(value)
     return out
+
+
+def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
+    """Keys of two sets of rig tables whose values differ: (key, value before, value after).
+
+    >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
+    [('[disk] width_mm', 9.53, 10.0)]
+    """
+    one, other = (pd.json_normalize(dict(d)).to_dict("records")[0] for d in (before, after))
+    names = {key: "[{}] {}".format(*str(key).split(".", 1)) for key in one}
+    return [(names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)]
 
 
 HINTS = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -175,3 +176,12 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str
         moved = np.where(part == 0.0, v[whole], (1 - part) * v[whole] + part * v[after])
         data[name] = v[whole] if held else moved
     return at - at[0], data
+
+
+def sha256(path: str | Path) -> str:
+    """SHA-256 of the file's bytes as 64 hexadecimal digits, read in bounded memory."""
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as problem:
+        raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -61,15 +60,6 @@ def write_text(path: str | Path, text: str) -> Path:
     with atomic_path(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
-
-
-def sha256(path: str | Path) -> str:
-    """SHA-256 of the file's bytes as 64 hexadecimal digits, read in bounded memory."""
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as problem:
-        raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None
 
 
 def _umask() -> int:

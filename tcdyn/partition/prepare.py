@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.compare import changed_keys
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import sentences
 from calibration.log import COMPENSATED, Log
 from calibration.record import DiskRecord
-from calibration.rig import Rig
+from calibration.rig import Rig, changed_keys
 from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
 from tcdyn.partition.events import SETTLE_S, Events, find_events
 from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force

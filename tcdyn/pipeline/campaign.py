@@ -17,7 +17,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
-from calibration.files.write import sha256, write_text
+from calibration.files.table import sha256
+from calibration.files.write import write_text
 from calibration.finding import Finding, sentences
 from calibration.grade import findings_of
 from calibration.record import DiskRecord

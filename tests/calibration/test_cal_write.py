@@ -12,7 +12,8 @@ import pytest
 from cal_cases import ehl_frame
 
 from calibration.errors import InputError
-from calibration.files.write import atomic_path, sha256, write_text
+from calibration.files.table import sha256
+from calibration.files.write import atomic_path, write_text
 from calibration.log import write_log
 
 WRITER = """
