@@ -84,13 +84,13 @@ def lag_bank(
     rates: Array,
     hold: Literal["foh", "zoh"] = "foh",
     switches: Sequence[Switch] = (),
-    initial: Literal["equilibrium", "zero"] | Array = "equilibrium",
+    initial: Array | None = None,
 ) -> Array:
     """Exact response (N, K) of the lags 1/(1 + s/rate_k) to ``u`` (N,) sampled every ``dt_s``.
 
     Between samples ``u`` is a straight line ("foh") or held at its earlier sample ("zoh"), where ``switches`` say
-    when inside a sample a held input jumps. ``initial``: in equilibrium with ``u[0]``, zero, or the K states at
-    the first sample. The state at sample k knows nothing of what a held input does from then on.
+    when inside a sample a held input jumps. ``initial``: the K states at the first sample, by default in
+    equilibrium with it. The state at sample k knows nothing of what a held input does from then on.
 
     >>> lag_bank([0.0, 0.0, 1.0, 1.0], 1.0, np.array([2.0]), "zoh").round(4).ravel()
     array([0.    , 0.    , 0.    , 0.8647])
@@ -98,10 +98,7 @@ def lag_bank(
     u = np.asarray(u, dtype=float)
     if u.ndim != 1 or not len(u) or not np.isfinite(u).all():
         raise InputError(f"lag_bank: u must be a row of finite numbers; got shape {u.shape}")
-    if isinstance(initial, str):
-        start = np.full(len(rates), u[0] if initial == "equilibrium" else 0.0)
-    else:
-        start = np.asarray(initial, dtype=float)
+    start = np.full(len(rates), u[0]) if initial is None else np.asarray(initial, dtype=float)
     out = np.empty((len(rates), len(u)))
     out[:, 0] = start
     extra = np.array([_switch_extra(s, u, dt_s, rates) for s in switches]).reshape(len(switches), len(rates))

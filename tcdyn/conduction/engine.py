@@ -7,8 +7,7 @@ neither fields nor maps and call ``modal`` and ``bank`` themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,16 +18,13 @@ from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
 from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
 
-Start = Literal["equilibrium"] | Array  # a bank's state at its first sample
-CHUNK = 8192  # samples filtered at a time: bounds the memory of a map
-
 
 @dataclass(frozen=True)
 class Drive:
     """What drives a rim, sampled every dt_s: heat into this disk at share one [W], temperatures [degC], (N,) each.
 
     Between samples ``power_W`` is held and ``switches`` say when it jumps inside one; temperatures are straight
-    lines. ``ambient_d_side`` and ``ambient_f_side`` default to ``ambient_degC``.
+    lines.
     """
 
     dt_s: float
@@ -38,8 +34,6 @@ class Drive:
     f_degC: Array
     ambient_degC: Array
     switches: tuple[Switch, ...] = ()
-    ambient_d_side_degC: Array | None = None
-    ambient_f_side_degC: Array | None = None
 
     def __post_init__(self) -> None:
         n = np.shape(self.b_degC)
@@ -48,29 +42,15 @@ class Drive:
                 raise InputError(f"Drive: {name} has shape {np.shape(getattr(self, name))}", expected=f"{n}")
 
     @property
-    def split(self) -> bool:
-        """Whether the two sides of the disk have their own ambient."""
-        return self.ambient_d_side_degC is not None or self.ambient_f_side_degC is not None
-
-    @property
     def inputs(self) -> Array:
-        """All inputs (N, 5), or (N, 7) with split ambient, in the order of ``RimGains.inputs``."""
-        rows = [self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC]
-        if self.split:
-            for side in (self.ambient_d_side_degC, self.ambient_f_side_degC):
-                rows.append(self.ambient_degC if side is None else side)
-        return np.stack([np.asarray(r, dtype=float) for r in rows], axis=1)
+        """All inputs (N, 5) in the order of ``RimGains.inputs``."""
+        rows = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
+        return np.stack([np.asarray(row, dtype=float) for row in rows], axis=1)
 
-    def banks(self, rates: Array) -> list[Array]:
-        """The bank (N, K) of every input, in equilibrium with its first sample."""
-        return self._banks(rates, 0, len(self.b_degC), ["equilibrium"] * (7 if self.split else 5))
-
-    def _banks(self, rates: Array, start: int, stop: int, initial: Sequence[Start]) -> list[Array]:
-        """The banks of samples start..stop-1, each from its state at the first of them."""
-        inside = [replace(s, index=s.index - start) for s in self.switches if start <= s.index < stop - 1]
-        u = self.inputs[start:stop].T
-        heat = lag_bank(u[0], self.dt_s, rates, "zoh", inside, initial[0])
-        return [heat, *(lag_bank(x, self.dt_s, rates, "foh", (), at) for x, at in zip(u[1:], initial[1:], strict=True))]
+    def bank(self, k: int, rates: Array) -> Array:
+        """The bank (N, K) of input ``k``, in equilibrium with its first sample."""
+        u = self.inputs[:, k]
+        return lag_bank(u, self.dt_s, rates) if k else lag_bank(u, self.dt_s, rates, "zoh", self.switches)
 
 
 def map_beta_h(
@@ -92,24 +72,19 @@ def map_beta_h(
     """
     shares, hs = np.atleast_1d(np.asarray(share, dtype=float)), np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
     rates, u = node_rates(drive.dt_s), drive.inputs
-    films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh, drive.split) for h in hs]
+    films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
     weights = np.concatenate([g.gains for g in films], axis=1)  # (I, H P, K)
     still = np.concatenate([g.direct for g in films], axis=1)
-    n, inputs = u.shape
-    out = np.empty((len(hs), len(shares), len(points), n))
-    state: Sequence[Start] = ["equilibrium"] * inputs
-    for start in range(0, max(n - 1, 1), CHUNK):
-        stop = min(start + CHUNK + 1, n)
-        banks = drive._banks(rates, start, stop, state)
-        state = [bank[-1].copy() for bank in banks]
-        base = still[1:].T @ u[start:stop, 1:].T
-        for k in range(1, inputs):
-            base += weights[k] @ banks[k].T
-        heat = (weights[0] @ banks[0].T + np.outer(still[0], u[start:stop, 0])).reshape(len(hs), -1, stop - start)
-        base = base.reshape(heat.shape)
-        for b, s in enumerate(shares):
-            np.multiply(heat, s, out=out[:, b, :, start:stop])
-            out[:, b, :, start:stop] += base
+    out = np.empty((len(hs), len(shares), len(points), len(u)))
+    base = out[:, -1]  # what the share does not change stands where its last value will
+    base[:] = (still.T @ u.T).reshape(base.shape)
+    for k in range(1, len(INPUTS)):
+        base += (weights[k] @ drive.bank(k, rates).T).reshape(base.shape)
+    heat = (weights[0] @ drive.bank(0, rates).T).reshape(base.shape)  # the power moves no point at once
+    for b, s in enumerate(shares[:-1]):
+        np.multiply(heat, s, out=out[:, b])
+        out[:, b] += base
+    base += shares[-1] * heat
     return out
 
 
@@ -128,12 +103,11 @@ def fields_at(
     """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
     rates, at = node_rates(drive.dt_s), np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
-    scale = np.ones(7 if drive.split else 5)
-    scale[0] = share
-    banks = np.stack([b[at] for b in drive.banks(rates)]) * scale[:, None, None]  # (I, S, K)
+    banks = np.stack([drive.bank(k, rates)[at] for k in range(len(INPUTS))])  # (I, S, K)
+    banks[0] *= share
     weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
-    amplitude = np.einsum("ix,isx->sx", forcing(s, drive.split).reshape(len(scale), -1), banks @ weights.T)
-    inner = drive.inputs[at] @ boundary_shapes(s, drive.split)
+    amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(INPUTS), -1), banks @ weights.T)
+    inner = drive.inputs[at] @ boundary_shapes(s)
     return _nodal(s, amplitude.reshape(len(at), *s.rates.shape), inner)
 
 

@@ -78,7 +78,7 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
     drive = Drive(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), switches=(switch,))
     rates = node_rates(DT_S)
     window = slice(int(10 / DT_S), int(30 / DT_S))
-    banks, inputs = [x[window] for x in drive.banks(rates)], drive.inputs[window]
+    banks, inputs = [drive.bank(k, rates)[window] for k in range(5)], drive.inputs[window]
     seen = np.stack(case.read("ace"), axis=1)[window]
     rim, points = Rim.from_setup(case.disk.setup), points_of(case.disk.setup, "ace")
 
