@@ -1,7 +1,7 @@
 """One test through the modal rim: temperatures at junctions, (beta, h) maps, and whole fields.
 
 For ``tcdyn verify`` and for users of the rim model; the benchmarks time its map. The fits of ``tcdyn.partition`` need
-neither fields nor maps and call ``modal`` and ``bank`` themselves.
+neither fields nor maps and call ``modal`` and the bank themselves.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
 from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, Switch, cardinal, lag_bank, node_rates
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 The thesis's difference scheme, (3.30) in r with the outer node (3.31) and in z with the washers (section 3.4.4.3), is
 ``dT/dt = -(A_r x I + I x A_z) T + forcing``: its field is a sum of products of r-modes and z-modes, each a
 first-order lag of rate ``lambda_r + lambda_z`` driven by every input. The lags are written on the bank's fixed
-rates (``bank.cardinal``), so a record is filtered once and any (h, K, rho c, depth) is a handful of weights.
+rates (``rim.cardinal``), so a record is filtered once and any (h, K, rho c, depth) is a handful of weights.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from scipy.linalg import eigh_tridiagonal
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.conduction.bank import cardinal
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, flux_density, profile_basis
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal, flux_density, profile_basis
 
 INPUTS = ("power_W", "d", "b", "f", "ambient")
 SPLIT_INPUTS = ("power_W", "d", "b", "f", "ambient_rim", "ambient_d_side", "ambient_f_side")
@@ -196,7 +195,7 @@ def rim_gains(
     Raises InputError for points outside the rim or a rim slower than the bank.
 
     >>> from calibration.rig import load_rig
-    >>> from tcdyn.conduction.bank import node_rates
+    >>> from tcdyn.conduction.rim import node_rates
     >>> from tcdyn.conduction.rim import points_of
     >>> setup = load_rig().disk_setup("fast")
     >>> g = rim_gains(Rim.from_setup(setup), 700.0, points_of(setup, "ace"), 1.62e-3, node_rates(1 / 75))

@@ -11,7 +11,6 @@ import numpy as np
 
 from calibration.arrays import Array
 from calibration.errors import InputError
-from tcdyn.conduction.bank import cardinal
 from tcdyn.conduction.modal import (
     INPUTS,
     SPLIT_INPUTS,
@@ -24,7 +23,7 @@ from tcdyn.conduction.modal import (
     spectrum,
     surface_weight,
 )
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
 BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
 

@@ -15,9 +15,8 @@ from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from immersion.cylinder import Cylinder
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
-from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.rim import Mesh, Rim, points_of
+from tcdyn.conduction.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
 from tcdyn.plunge.parameters import stages
 

@@ -13,7 +13,7 @@ from scipy import signal
 
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from tcdyn.chain import discretised
-from tcdyn.conduction.bank import lag_bank
+from tcdyn.conduction.rim import lag_bank
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import GRADIENT_STEP_M, OUTER, DiskWindow, Perturbation
 from tcdyn.traces import DiskTraces

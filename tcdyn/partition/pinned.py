@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from tcdyn.conduction.bank import cardinal, cardinal_slope
+from tcdyn.conduction.rim import cardinal, cardinal_slope
 from tcdyn.partition.joint_solve import LONGEST, SHAPE_SD, Point, Side, nuisance_columns, powered
 from tcdyn.partition.prepare import EhlTest
 

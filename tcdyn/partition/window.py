@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.bank import Switch, lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains, rim_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.traces import DiskTraces
 

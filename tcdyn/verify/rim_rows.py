@@ -7,11 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
 from tcdyn.conduction.referees import explicit_growth, explicit_limit_s, penetration_depth_m
-from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
+from tcdyn.conduction.rim import MESHES, Mesh, correction_factor, node_rates
 from tcdyn.contact import hertz_contact, surface_speed_m_s
 from tcdyn.verify import studies
 from tcdyn.verify.row import LOADS_N, HALF_WIDTHS_mm, VerifyRow, numbers, row, within

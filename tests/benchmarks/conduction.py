@@ -20,11 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.rig import load_rig
-from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.engine import Drive, map_beta_h
 from tcdyn.conduction.modal import rim_gains, spectrum
 from tcdyn.conduction.referees import CrankNicolson, scheme
-from tcdyn.conduction.rim import Mesh, Rim, points_of
+from tcdyn.conduction.rim import Mesh, Rim, node_rates, points_of
 
 DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3
 FILMS, SHARES = np.linspace(100, 1200, 12), np.linspace(0.1, 1.0, 10)

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from tcdyn.conduction.bank import Switch, node_rates
 from tcdyn.conduction.engine import Drive
 from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.rim import Mesh, Profile, Rim, points_of
+from tcdyn.conduction.rim import Mesh, Profile, Rim, Switch, node_rates, points_of
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.truth import DiskTruth, draw_truth

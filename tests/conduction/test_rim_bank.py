@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.errors import InputError
-from tcdyn.conduction.bank import Switch, cardinal, lag_bank, node_rates
+from tcdyn.conduction.rim import Switch, cardinal, lag_bank, node_rates
 
 DT = 1 / 75
 

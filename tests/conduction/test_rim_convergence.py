@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.engine import free_decay, step_fields
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.referees import product_decay_K, ring_steady_degC, ring_transient_degC
-from tcdyn.conduction.rim import Mesh
+from tcdyn.conduction.rim import Mesh, node_rates
 
 H = 700.0
 

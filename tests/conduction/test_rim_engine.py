@@ -7,11 +7,10 @@ import pytest
 from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, respond, run_reference, simulate_rim
 
 from calibration.errors import InputError
-from tcdyn.conduction.bank import Switch, node_rates
 from tcdyn.conduction.engine import Drive, fields_at, map_beta_h
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.referees import scheme, steady_field
-from tcdyn.conduction.rim import Mesh, Rim
+from tcdyn.conduction.rim import Mesh, Rim, Switch, node_rates
 
 DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
 

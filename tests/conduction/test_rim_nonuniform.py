@@ -5,11 +5,10 @@ import pytest
 from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, respond, run_reference
 
 from calibration.errors import InputError
-from tcdyn.conduction.bank import node_rates
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
 from tcdyn.conduction.referees import scheme
-from tcdyn.conduction.rim import Mesh
+from tcdyn.conduction.rim import Mesh, node_rates
 
 DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
 from tcdyn.chain import equalised
-from tcdyn.conduction.bank import lag_bank, node_rates
 from tcdyn.conduction.modal import RimGains
-from tcdyn.conduction.rim import Mesh, Rim
+from tcdyn.conduction.rim import Mesh, Rim, lag_bank, node_rates
 from tcdyn.partition.effects import Prediction, depths
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import (
