@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
-from calibration.arrays import Array
+from calibration.arrays import Array, Flags
 from tcdyn.chain import Chain, Sensor
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
@@ -91,19 +92,19 @@ class Intensity:
 
 @dataclass(frozen=True)
 class Grid:
-    """``knots_s (J+1,)``; ``kind (J,)``, an ``example`` cell of each; ``event (J,)``: number of the event at a knot."""
+    """``knots_s (J+1,)``; ``kind (J,)``, an ``example`` cell of each; ``event (J,)``: whether a knot is an event."""
 
     knots_s: Array
     kind: NDArray[np.intp]
     example: NDArray[np.intp]
-    event: NDArray[np.intp]
+    event: Flags
 
     @property
     def cells(self) -> int:
         """Number of cells."""
         return len(self.kind)
 
-    def cell_at(self, t: Array, dt_s: float) -> NDArray[np.intp]:
+    def cell_at(self, t: NDArray[np.floating[Any]], dt_s: float) -> NDArray[np.intp]:
         """The cell that each time of ``t`` (N,) [s] lies in; a sample on a knot belongs to the cell after it."""
         return np.clip(np.searchsorted(self.knots_s, t + 1e-6 * dt_s, side="right") - 1, 0, self.cells - 1)
 
@@ -123,13 +124,12 @@ def make_grid(
     ``cell_s(t)`` is the longest cell wanted at time t [s]; cells grow by at most a half from one to the next.
     """
     inside = sorted(t for t in set(events_s) if start_s < t < end_s)
-    knots, events = [start_s], [0]
+    knots = [start_s]
     size = len(STEPS) - 1
     for number, stop in enumerate([*inside, end_s + 0.5 * dt_s], start=1):
         index = int(np.floor(knots[-1] / dt_s + 1 + 1e-6))
         if number > 1:
             knots.append(index * dt_s)
-            events.append(0)
             size = 0
         else:
             index -= 1
@@ -138,18 +138,15 @@ def make_grid(
             size = min(size + 1, most)
             index += int(STEPS[size])
             knots.append(index * dt_s)
-            events.append(0)
         if number <= len(inside):
             while knots[-1] > stop - 1e-6 * dt_s:
                 knots.pop()
-                events.pop()
             knots.append(stop)
-            events.append(number)
     t = np.array(knots)
     keys = np.round(np.column_stack([np.diff(t) / dt_s, (t[:-1] / dt_s) % 1.0]), 6)
     keys[:, 1] %= 1.0
     _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return Grid(t, kind.reshape(-1), example, np.array(events[:-1]))
+    return Grid(t, kind.reshape(-1), example, np.isin(t[:-1], inside))
 
 
 def transitions(grid: Grid, sensors: Sequence[Sensor]) -> Array:

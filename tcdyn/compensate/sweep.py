@@ -133,7 +133,7 @@ def model_for(
         cov0.append(ramp * wide @ ramp.T + before[:, None, None] * scatter)
         inside = np.stack([q.between(grid.knots_s) for q in intensities[c]], axis=1)
         at_knot = 0.5 * (inside + np.concatenate([np.zeros_like(inside[:1]), inside[:-1]]))
-        at_knot[grid.event > 0] += wide[1]
+        at_knot[grid.event] += wide[1]
         slope_var.append(at_knot)
     return LinearModel(
         np.array(mean0),

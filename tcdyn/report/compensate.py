@@ -23,6 +23,11 @@ from tcdyn.report.page import Section, write_page
 from tcdyn.traces import record_chains
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
+BOTH_WAYS = (
+    "The smoother used here looks both ways and leaves no shift. The causal inverse is stated for comparison, at the "
+    f"widest bandwidth at which its noise is at most {GAIN:g} times the trace's."
+)
+CAUSAL = "The causal inverse used here is late by its remaining shift; its band holds what that costs."
 AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows
 
 
@@ -101,18 +106,19 @@ def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
 
 def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskRecord) -> Section:
     dt = float(np.median(np.diff(result.time_s)))
-    rows, worst = [], None
+    rows, worst, causal = [], None, done.way.method == "inverse"
     for i, chain in enumerate(record_chains(record, record.disk_setup())):
         noise = float(result.noise_sd[i])
-        widest = widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
-        report = before_use(proper_inverse(chain, dt, widest), noise, GAIN * noise)
+        band = done.way.bandwidth_Hz if causal else widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
+        report = before_use(proper_inverse(chain, dt, band), noise, GAIN * noise)
+        over = np.nan if causal else smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
         rows.append(
             {
                 "channel": CHANNELS[i],
                 "lag, record [s]": f"{chain.lag_s:.3f}",
                 "noise [K]": f"{noise:.3f}",
                 "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
-                "smoother hands over at [Hz]": f"{smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i]):.2f}",
+                "smoother hands over at [Hz]": "" if causal else f"{over:.2f}",
                 "causal inverse: bandwidth [Hz]": f"{report.bandwidth_Hz:.2f}",
                 "its noise gain": f"{report.noise_gain:.2f}",
                 "its remaining shift [s]": f"{report.remaining_shift_s:.3f}",
@@ -125,10 +131,9 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
     draw_before_use(worst, ax)
     return Section(
         f"{disk} disk: before use",
-        f"The smoother used here looks both ways and leaves no shift. The causal inverse is stated for comparison, at "
-        f"the widest bandwidth at which its noise is at most {GAIN:g} times the trace's.\n\n"
-        f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample. "
-        "Hands over: above this frequency the smoother no longer follows, except at events.",
+        f"{CAUSAL if causal else BOTH_WAYS}\n\n"
+        f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample."
+        + ("" if causal else " Hands over: above this frequency the smoother no longer follows, except at events."),
         table=pd.DataFrame(rows),
         figure=picture,
         caption="Channel e: a step at the junction through the chain alone, and through chain and causal inverse.",

@@ -156,10 +156,11 @@ def test_other_compensators_give_a_second_opinion(
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     """Away from the entry all three agree within what they say of themselves; before use the inverse says its price."""
-    log, out = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv"
+    log, out, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv", tmp_path / "page.html"
     late = reference["time_s"] > reference["time_s"].iloc[-1] - 4
     for words in (["--method", "deconvolve", "--criterion", "discrepancy"], ["--method", "inverse"]):
-        assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 0
+        assert tcdyn("compensate", log, *fast(campaign), "--out", out, "--report", page, *words) == 0
+        assert ("looks both ways" in page.read_text(encoding="utf-8")) == ("inverse" not in words)
         done = pd.read_csv(out, comment="#")
         z = (done["e_degC"] - reference["e_degC"]) / np.hypot(done["e_u_K"], reference["e_u_K"])
         assert np.mean(np.abs(z[late]) < 1.96) > 0.9
