@@ -33,16 +33,6 @@ def is_note(sentence: str) -> bool:
     return MENDED.search(sentence) is not None
 
 
-def graded(sentences: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Warnings and notes among ``sentences``, each in their order.
-
-    >>> graded(["x.csv, row 9, column e_degC: 2 spike(s); taken as missing", "the switch never moved"])
-    (['the switch never moved'], ['x.csv, row 9, column e_degC: 2 spike(s); taken as missing'])
-    """
-    told = list(sentences)
-    return [s for s in told if not is_note(s)], [s for s in told if is_note(s)]
-
-
 def as_findings(sentences: Iterable[str]) -> tuple[Finding, ...]:
     """What rooms that speak in sentences have noticed, as findings that carry them."""
     return tuple(note("said", text=s) if is_note(s) else look("said", text=s) for s in sentences)

@@ -13,6 +13,8 @@ from typing import Any
 from calibration.estimate import rounded, with_u
 
 Words = str | Callable[..., str]
+# what sentences name as a caller in Python would write it; a command line puts its own options there
+SPOKEN = ("structure=", "loss=huber", "initial=", "models=", "narx=True", "gain=", "records=")
 
 
 def told(code: str, where: str, subject: str, numbers: dict[str, Any]) -> str:
@@ -236,7 +238,7 @@ def _structure(
             f"(chi-square lower by {chi_square[0] - chi_square[1]:.0f}) and gives a common lag of "
             f"{lags[1]} instead of {lags[0]}"
         )
-        remedy = f"; calibrate with --structure {structures[1]}"
+        remedy = f"; calibrate with structure={structures[1]}"
     elif len(structures) == 1:
         text = f"of {candidates} chain structures the plunges speak for {named[0]} ({percent(probability[0])})"
     else:
@@ -288,12 +290,12 @@ def _coloured_residuals(subject: str, p_white: float, p_input: float, noise_mode
 
 
 def _spikes(count: int, robust: bool, **_: Any) -> str:
-    remedy = ", held down by the robust loss" if robust else "; fit with --robust (loss='huber')"
+    remedy = ", held down by the robust loss" if robust else "; fit with loss=huber"
     return f"{count} sample{'s stand' if count > 1 else ' stands'} out as spikes{remedy}."
 
 
 REMEDIES = {  # of what is wrong with the record from which a model was to be identified
-    "record.off_equilibrium": "let the runs start off equilibrium (--initial estimated)",
+    "record.off_equilibrium": "let the runs start off equilibrium (initial=estimated)",
     "record.drift": "take the drift out of the output",
     "record.coarse": "log the output in finer steps",
     "record.feedback": "see whether the input answers the output (a closed loop)",
@@ -309,7 +311,7 @@ def _none(
     subject: str, why: str, against: str, fit_percent: float, untried: list[str], troubles: list[str], **more: Any
 ) -> str:
     first = [REMEDIES[code] for code in troubles]
-    first.append(f"compare others (--models {','.join(untried)})" if untried else "ask --narx whether it is linear")
+    first.append(f"compare others (models={','.join(untried)})" if untried else "ask narx=True whether it is linear")
     repeats = (
         f" It repeats the held-out part to {more['held_out_percent']:.1f} %." if "held_out_percent" in more else ""
     )
@@ -325,7 +327,7 @@ def _but_first(troubles: list[str]) -> str:
 
 def _undetermined(subject: str, why: str, remark: str, troubles: list[str], **_: Any) -> str:
     return (
-        f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known (--gain)."
+        f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known (gain=K)."
         + _but_first(troubles)
     )
 
@@ -380,7 +382,7 @@ IDENTIFY: dict[str, Words] = {
     "residuals.spikes": _spikes,
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
     "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
-    "rms: fit with --initial estimated (initial='estimated').",
+    "rms: fit with initial=estimated.",
     "record.drift": "The residuals drift (correlation with time {correlation:.2f}): take the trend out of the output "
     "first.",
     "record.coarse": "The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include "
@@ -433,7 +435,7 @@ PIPELINE: dict[str, Words] = {
     ),
     "verify.differs": "{source}: {subject}: {ours} for {published}",
     "compensate.one_disk": "no record of the {subject} disk was given: its columns are as logged, and the lag common "
-    "to the {other} disk is the record's, which an unloading would tell better; add --record {subject}.disk.json",
+    "to the {other} disk is the record's, which an unloading would tell better; add records={subject}.disk.json",
     "compensate.unrefined": "the common lags are the records': the unloading could not be used ({problem})",
     "follow.dead": "column {subject} shows nothing: it is left empty",
     "follow.spikes": "{count} spikes were taken as missing",

@@ -154,7 +154,8 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
             f"rig.toml states {_filter_text(setup.conditioning)}",
             expected="the filter that the disk was calibrated with",
-            remedy="give --rig the rig file of the calibration, or calibrate again",
+            remedy="give the rig file of the calibration, rig=rig.toml, or calibrate again",
+            parameters=("rig=rig.toml",),
         )
     return tuple(Chain(**record.chain.channels[c].parameters, conditioning=own) for c in CHANNELS)
 

@@ -9,11 +9,11 @@ import typer
 
 from calibration.files.write import write_text
 from calibration.finding import once, sentences
-from calibration.grade import findings_of
 from calibration.log import read_log
 from calibration.record import write_record
 from calibration.rig import load_rig
-from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, bounded, dump, say, spare_inputs, stages, warn
+from calibration.words import SPOKEN
+from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, bounded, dump, in_options, say, spare_inputs, stages, warn
 
 
 def calibrate(
@@ -64,7 +64,7 @@ def calibrate(
         print(run.record.to_json(), end="")
         return
     warn(run.findings, quiet)
-    say(run.summary(), quiet)
+    say(in_options(run.summary(), SPOKEN), quiet)
     say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)
 
 
@@ -102,7 +102,7 @@ def hole(
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
-    noticed = once((*untold(table, found.entry), *findings_of(found)))
+    noticed = once((*untold(table, found.entry), *found.findings))
     content = {**found.to_dict(), "warnings": list(sentences(noticed))}
     if out is not None:
         write_text(out, dump(content))

@@ -28,8 +28,12 @@ from rich.table import Table
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade, once
 from calibration.result import jsonable
+from calibration.words import SPOKEN
 
-OPTIONS = {"records": "record", "dt_s": "dt", "resample_s": "resample"}  # where it is not the name with dashes
+OPTIONS = {  # of parameters, where it is not the name with dashes
+    "records": "--record", "dt_s": "--dt", "resample_s": "--resample", "start_s": "--covariance-from-s",
+    "loss=huber": "--robust",
+}  # fmt: skip
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
 OwnRigFile = Annotated[
     Path | None, typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
@@ -124,14 +128,21 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
 def in_options(text: str, parameters: Iterable[str]) -> str:
     """A sentence with each of its ``parameters``, named as a caller in Python writes them, as an option of a command.
 
+    A parameter that ends with its "=" stands before any value.
+
     >>> in_options("ask for window_s=4.2, or go on with sensor_check=False", ["window_s=4.2", "sensor_check=False"])
     'ask for --window-s 4.2, or go on with --no-sensor-check'
+    >>> in_options("compare others (models=P3,P3D)", ["models="])
+    'compare others (--models P3,P3D)'
     """
     for parameter in parameters:
         name, _, value = parameter.partition("=")
-        option = OPTIONS.get(name, name.replace("_", "-"))
-        flag = f"--no-{option}" if value == "False" else f"--{option} {value.strip(chr(39))}".rstrip()
-        text = text.replace(parameter, flag)
+        option = OPTIONS.get(parameter) or OPTIONS.get(name) or f"--{name.replace('_', '-')}"
+        if value == "False":
+            option = option.replace("--", "--no-", 1)
+        elif parameter not in OPTIONS and value != "True":
+            option = f"{option} {value}"
+        text = text.replace(parameter, option if parameter.endswith("=") else option.rstrip())
     return text
 
 
@@ -144,7 +155,7 @@ def say(text: str, quiet: bool = False) -> None:
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     """Print each finding on standard error; what was mended on the way is a note."""
     for found in () if quiet else once(findings):
-        sentence = in_options(found.sentence, found.numbers.get("parameters", ()))
+        sentence = in_options(found.sentence, SPOKEN)
         print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
 
 

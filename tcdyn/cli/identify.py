@@ -10,8 +10,9 @@ import typer
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.files.write import write_text
+from calibration.words import SPOKEN
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, say, spare_inputs, within
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, in_options, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, compare, from_csv, read_identified
 from tcdyn.identify.advice import as_chain
 
@@ -94,7 +95,7 @@ def identify(
     with counted(len(structures), quiet or json_) as progress:
         comparison = compare(record, structures, held_out=held_out, progress=progress, loss=loss, check=check, **begun)
     if not (quiet or json_):
-        typer.echo(comparison.summary())
+        typer.echo(in_options(comparison.summary(), SPOKEN))
         say(as_chain(comparison.best.identified, filter_))
     content = comparison.best.identified.to_dict()
     level = ""

@@ -58,7 +58,8 @@ def from_frame(
             raise InputError(
                 "no time column found",
                 where=where,
-                remedy="name it (time, --time) or give the sampling interval in seconds (dt_s, --dt)",
+                remedy="name it (time=COLUMN) or give the sampling interval (dt_s=SECONDS)",
+                parameters=("time=COLUMN", "dt_s=SECONDS"),
             )
     groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
     interval = dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
@@ -181,7 +182,8 @@ def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str,
             f"{dt_s:g} s grid",
             where=where,
             expected="one sampling interval",
-            remedy=f"resample it (--resample {dt_s:.3g}, resample_s={dt_s:.3g})",
+            remedy=f"resample it (resample_s={dt_s:.3g})",
+            parameters=(f"resample_s={dt_s:.3g}",),
         )
     n = index[-1] + 1
     if n == len(t):

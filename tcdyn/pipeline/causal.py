@@ -258,7 +258,8 @@ def begin(
         raise InputError(
             f"{len(steps) + 1} samples in the first {settings.learn_s:g} s",
             expected=f"at least {LEAST_SAMPLES + 1}",
-            remedy="raise --learn-s",
+            remedy="raise learn_s",
+            parameters=("learn_s",),
         )
     noise, first, dead = {}, [], []
     for disk in _channels(kind, records, rig):

@@ -137,7 +137,8 @@ class CompensatedLog(Result):
             raise InputError(
                 "the covariance begins at the last event, and there is none",
                 where=self.raw.path.name,
-                remedy="say from when on: --covariance-from-s or start_s",
+                remedy="say from when on: start_s",
+                parameters=("start_s",),
             )
         time = self.frame["time_s"].to_numpy(dtype=float)
         begin = events[-1][0] if start_s is None else start_s - time[0]
@@ -181,7 +182,9 @@ def compensate_log(
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
-        raise InputError("no record was given", remedy="add --record DISK.disk.json")
+        raise InputError(
+            "no record was given", remedy="add records=DISK.disk.json", parameters=("records=DISK.disk.json",)
+        )
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)

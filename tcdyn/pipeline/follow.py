@@ -74,11 +74,15 @@ def follow(
     """
     log, out, rig, settings = Path(log), Path(out), rig or rig_of(records), settings or Settings()
     if not records:
-        raise InputError("no record was given", remedy="add --record DISK.disk.json")
+        raise InputError(
+            "no record was given", remedy="add records=DISK.disk.json", parameters=("records=DISK.disk.json",)
+        )
     if out.suffix.lower() != ".csv":
         raise InputError(f"ending {out.suffix!r}", where=str(out), expected=".csv: only a text file grows in place")
     if log.resolve() == out.resolve():
-        raise InputError("log and output are the same file", where=str(out), remedy="name another --out")
+        raise InputError(
+            "log and output are the same file", where=str(out), remedy="name another out", parameters=("out",)
+        )
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
     source = _header(log, rig, records, patience)
     if source is None:
@@ -220,7 +224,8 @@ def _learnt(
             raise InputError(
                 f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
                 where=shown(source.table.path),
-                remedy="follow a longer log, or lower --learn-s",
+                remedy="follow a longer log, or lower learn_s",
+                parameters=("learn_s",),
             )
     inside = [r for r in rows if not r[at] - rows[0][at] > settings.learn_s]
     return (*begin(names, np.array(inside), source.kind, records, rig, settings), rows)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from calibration.disk import Conditioning
 from calibration.estimate import rounded, with_u
-from calibration.grade import as_findings, findings_of
+from calibration.finding import look
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, IOData, percent_times
@@ -120,9 +120,9 @@ def write_identify_report(
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
-    alarms = list(findings_of(model))
+    alarms = list(model.findings)
     if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
-        alarms = [*as_findings([model.sentence]), *alarms]
+        alarms = [look("said", text=model.sentence), *alarms]
     write_page(
         path,
         f"{model.input_name} to {model.output_name}: {model.model.name}",

@@ -99,7 +99,7 @@ def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
 
 def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) -> None:
     done = compensate_log(campaign.files.ehl["B3"], {"slow": campaign.records["slow"]}, campaign.rig)
-    assert any(w.startswith("no record of the fast disk") and "--record fast.disk.json" in w for w in done.warnings)
+    assert any(w.startswith("no record of the fast disk") and "records=fast.disk.json" in w for w in done.warnings)
     assert done.frame["fast_e_degC"].equals(done.raw.frame["fast_e_degC"])
     assert " s, from the record" in done.metadata["slow_common_lag_s"]
 

@@ -13,8 +13,10 @@ import pandas as pd
 import pytest
 import typer
 
+from calibration.finding import look
 from calibration.log import read_log
 from tcdyn.cli.app import COMMANDS, load_command
+from tcdyn.cli.common import warn
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
@@ -249,3 +251,9 @@ def test_a_number_that_cannot_be_is_refused_in_one_sentence(
 def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn("design", "--lag-s", "0.05") == 2
     assert "the conditioning alone lags by 0.0796 s" in capsys.readouterr().err
+
+
+def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:
+    told = "the entry into the bath came late, initial split of the gain; calibrate with structure=P3"
+    warn([look("said", text=told)])
+    assert capsys.readouterr().err == f"warning: {told.removesuffix('structure=P3')}--structure P3\n"

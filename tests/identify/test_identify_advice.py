@@ -47,8 +47,8 @@ def test_none_is_recommended_where_all_miss_dynamics() -> None:
     said = told(row("P1", 0.0, p_input=1e-6), row("P2", 5.0, p_input=1e-3), untried=("P3", "P3D"))
     assert said.startswith("None of these models is good enough")
     assert "Recommended" not in said
-    assert "--models P3,P3D" in said
-    assert "--narx" in told(row("P1", 0.0, p_input=1e-6))  # nothing left to try among the linear ones
+    assert "models=P3,P3D" in said
+    assert "narx=True" in told(row("P1", 0.0, p_input=1e-6))  # nothing left to try among the linear ones
 
 
 def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
@@ -154,7 +154,7 @@ def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated
     assert found.best.estimates["Tp1"].value == pytest.approx(3.0, abs=4 * found.best.estimates["Tp1"].u)
     asked = compare(off_equilibrium(), ["P1", "P2", "P2Z"], initial="equilibrium")
     assert "Recommended" not in asked.advice
-    assert "--initial estimated" in asked.advice
+    assert "initial=estimated" in asked.advice
     assert "spikes" not in asked.best.identified.sentence
 
 
@@ -177,7 +177,7 @@ def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are
     said = compare(data, CANDIDATES[:2]).advice
     assert said.startswith("None of these models")
     table = pd.DataFrame([row(name, 0.0, p_input=1e-9) for name in CANDIDATES])
-    assert "--models P1I" in replace(compare(data, ["P1"]), table=table).advice
+    assert "models=P1I" in replace(compare(data, ["P1"]), table=table).advice
 
 
 def test_each_model_is_told_before_it_is_fitted() -> None:

@@ -164,7 +164,7 @@ def test_runs_may_be_named_by_words(tmp_path):
 
 
 def test_a_missing_time_column_names_the_options_of_both_ways_in():
-    with pytest.raises(InputError, match=r"--time.*dt_s, --dt"):
+    with pytest.raises(InputError, match=r"time=COLUMN.*dt_s=SECONDS"):
         from_frame(table()[["u", "y"]], input="u", output="y")
 
 
@@ -175,10 +175,10 @@ def test_a_run_that_starts_away_from_equilibrium_is_told():
     y = np.where(t < 200, 10 - 50 * np.exp(-t / 20), 10 * np.exp(-(t - 200) / 20))
     y = y + np.random.default_rng(0).normal(0, 0.1, len(t))
     data = IOData.from_arrays(u, y, 1.0)
-    assert "--initial estimated" in fit(data, "P1").identified.sentence
-    assert "--initial estimated" not in fit(data, "P1", initial="estimated").identified.sentence
+    assert "initial=estimated" in fit(data, "P1").identified.sentence
+    assert "initial=estimated" not in fit(data, "P1", initial="estimated").identified.sentence
     settled = IOData.from_arrays(u[200 - 20 :], y[200 - 20 :], 1.0)
-    assert "--initial estimated" not in fit(settled, "P1").identified.sentence
+    assert "initial=estimated" not in fit(settled, "P1").identified.sentence
 
 
 def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
@@ -213,7 +213,7 @@ def test_a_lag_between_the_trial_lags_is_not_taken_for_an_output_that_moves_firs
         data = single_step(float(tau))
         fit(data, "P1", intervals="quadratic")
         run = data.runs[0]
-        with pytest.raises(InputError, match=r"before the input.*closed loop.*--no-check"):
+        with pytest.raises(InputError, match=r"before the input.*closed loop.*check=False"):
             fit(IOData.from_arrays(run.y, run.u, 1 / 75), "P1", intervals="quadratic")
 
 

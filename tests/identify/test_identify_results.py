@@ -242,7 +242,7 @@ def test_command_writes_model_and_page(tmp_path, capsys):
     assert "Residuals" in page
     assert page.count("data:image/png") == 3
     swapped = {"input": "y", "output": "u", "hold": "zoh", "models": "P1D", "quiet": True}
-    with pytest.raises(InputError, match="--no-check"):
+    with pytest.raises(InputError, match="check=False"):
         identify(path, **swapped)
     identify(path, **swapped, check=False)
     with pytest.raises(InputError, match="--hold"):

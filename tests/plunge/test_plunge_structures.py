@@ -45,7 +45,7 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
     assert after.findings[0] == finding
     assert (finding.code, finding.grade, finding.numbers["structures"]) == ("plunge.structure", "look", ("P1", "P2"))
     warning = finding.sentence
-    for word in ("contradict", "P1", "P2", "chi-square lower by", "instead of", "--structure P2"):
+    for word in ("contradict", "P1", "P2", "chi-square lower by", "instead of", "structure=P2"):
         assert word in warning
     held = {r.structure: r.held_out for r in found.rows}
     assert held["P1"] > held["P2"] + 6.0  # the held-out plunge agrees: twenty times as probable, at least
@@ -95,14 +95,14 @@ def test_two_lags_behind_a_dead_time_are_covered_though_no_one_asked_for_them() 
     assert after.structures is not None
     assert after.structures.best.structure == "P2D"
     assert after.structures.contradicted
-    assert "--structure P2D" in after.structures.sentence
+    assert "structure=P2D" in after.structures.sentence
 
 
 def test_three_lags_are_offered_where_they_fit_best_for_a_record_holds_any_number() -> None:
     found = comparison("P2", row("P2", 1.3, 1e-6, 60.0), row("P3", 0.9, 0.999999))
     assert found.contradicted
     assert found.verdict.numbers["structures"] == ("P2", "P3")
-    assert "calibrate with --structure P3" in found.sentence
+    assert "calibrate with structure=P3" in found.sentence
 
 
 def test_evidence_integrated_over_the_lag_is_near_laplace_s_where_the_lag_is_nearly_normal() -> None:
