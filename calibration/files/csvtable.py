@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -51,7 +51,7 @@ class CsvTable:
             dialect = replace(dialect, separator="\t")
             body = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body or path.read_bytes())
             body = re.sub(rb"[ \t]+", b"\t", body)
-        return cls(path, where, dialect, _named(dialect, where), dialect.metadata, body)
+        return cls(path, where, dialect, dialect.columns(where), dialect.metadata, body)
 
     def stream(self) -> IO[bytes]:
         """The text from its first byte."""
@@ -72,7 +72,7 @@ class CsvTable:
         From the first cell on that is no number where numbers were, every column is read as text.
         """
         number = RowNumbers(self.dialect.skip + 1, self.found.blank)
-        texts = {name: TextColumn(name, self.dialect.decimal, self.where) for name in wanted}
+        texts: dict[str, TextColumn] = {}
         line = max(len(self.dialect.first_row) * 4, sum(len(cell) + 1 for cell in self.dialect.first_row))
         block_bytes = min(max(rows * line, 1 << 16), BLOCK_BYTES)
         done = 0
@@ -85,7 +85,7 @@ class CsvTable:
                         skip -= batch.num_rows - part.num_rows
                         if part.num_rows:
                             at = number.after(done)
-                            yield Columns(_numbers(part, wanted, at, texts), (), at)
+                            yield Columns(self._numbers(part, wanted, at, texts), (), at)
                             done += part.num_rows
                 break
             except pa.ArrowInvalid as problem:
@@ -93,8 +93,8 @@ class CsvTable:
                     text = str(problem).splitlines()[0][:160]
                     raise InputError(f"the table cannot be read ({text})", where=self.where) from None
                 for name in wanted:
-                    if done and not self._is_text(name):
-                        texts[name].clock = False  # numbers so far
+                    if done and not self._is_text(name):  # numbers so far: no clock
+                        texts[name] = TextColumn(name, self.dialect.decimal, self.where, clock=False)
         findings = (*(f for column in texts.values() for f in column.judge(done)), *self.found.findings)
         if findings:
             yield Columns({name: np.empty(0) for name in wanted}, findings, number.after(done))
@@ -124,35 +124,22 @@ class CsvTable:
         cell = self.dialect.first_row[at] if at < len(self.dialect.first_row) else ""
         return not is_number(cell, self.dialect.decimal) and cell.lower() not in ABSENT
 
-
-def _numbers(
-    batch: pa.RecordBatch, wanted: Sequence[str], rows: RowNumbers, texts: Mapping[str, TextColumn]
-) -> dict[str, Array]:
-    data: dict[str, Array] = {}
-    for name, column in zip(wanted, batch.columns):
-        if pa.types.is_floating(column.type):
-            data[name] = np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-        else:
+    def _numbers(
+        self, batch: pa.RecordBatch, wanted: Sequence[str], rows: RowNumbers, texts: dict[str, TextColumn]
+    ) -> dict[str, Array]:
+        data: dict[str, Array] = {}
+        for name, column in zip(wanted, batch.columns):
+            if pa.types.is_floating(column.type):
+                data[name] = np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+                continue
+            if name not in texts:
+                texts[name] = TextColumn(name, self.dialect.decimal, self.where)
             data[name] = texts[name].numbers([_decoded(v) for v in column.cast(pa.binary()).to_pylist()], rows)
-    return data
+        return data
 
 
 def _decoded(value: bytes | None) -> str:
     return "" if value is None else value.decode("utf-8", errors="replace").strip().strip('"').strip()
-
-
-def _named(dialect: Dialect, where: str) -> tuple[str, ...]:
-    names = list(dialect.names)
-    while len(names) > dialect.fields and not names[-1]:
-        names.pop()
-    if len(names) > dialect.fields or dialect.fields > len(names) + 1:
-        raise InputError(
-            f"the header has {len(names)} names but row {dialect.skip + 1} has {dialect.fields} fields",
-            where=where,
-            expected="one name for each column",
-            remedy="decimal commas need semicolons or tabs between columns" if dialect.separator == "," else "",
-        )
-    return tuple(names + [""] * (dialect.fields - len(names)))
 
 
 @dataclass(frozen=True)

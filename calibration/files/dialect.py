@@ -44,6 +44,20 @@ class Dialect:
     first_row: tuple[str, ...]
     metadata: dict[str, str] = field(default_factory=dict)
 
+    def columns(self, where: str) -> tuple[str, ...]:
+        """A name for each column, empty where the header has none. Raises InputError where they do not fit the rows."""
+        names = list(self.names)
+        while len(names) > self.fields and not names[-1]:
+            names.pop()
+        if len(names) > self.fields or self.fields > len(names) + 1:
+            raise InputError(
+                f"the header has {len(names)} names but row {self.skip + 1} has {self.fields} fields",
+                where=where,
+                expected="one name for each column",
+                remedy="decimal commas need semicolons or tabs between columns" if self.separator == "," else "",
+            )
+        return tuple(names + [""] * (self.fields - len(names)))
+
 
 def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
     """The dialect of a text log from its first bytes.
