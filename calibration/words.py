@@ -7,6 +7,7 @@ put in front, with a colon), and ``{place}``, which is "column X, row N (T s)" a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -421,8 +422,44 @@ TRACES: dict[str, Words] = {
     ),
 }
 
+
 # tcdyn/partition
-PARTITION: dict[str, Words] = {}
+def as_known(x: float | None, u: float) -> str:
+    """``x`` with the decimals that two digits of the standard uncertainty ``u`` have; None is "open".
+
+    >>> as_known(0.70151, 0.0042), as_known(None, 1.0)
+    ('0.7015', 'open')
+    """
+    return "open" if x is None else f"{x:.{max(0, 1 - math.floor(math.log10(u)))}f}"
+
+
+JOINT_NUMBERS = {
+    "beta": ("beta", ""),
+    "h": ("h", " W/m2K"),
+    "lag_s": ("the lag", " s"),
+    "h_fast": ("h of the fast disk", " W/m2K"),
+    "h_slow": ("h of the slow disk", " W/m2K"),
+    "exponent": ("the exponent", ""),
+}
+
+
+def _interval(subject: str, parameter: str, u: float, low95: float | None, high95: float | None, **n: Any) -> str:
+    fit = "both disks" if subject == "both" else f"{subject} disk"
+    what, unit = JOINT_NUMBERS[parameter]
+    ends = ((low95, "below", n["low_seen"]), (high95, "above", n["high_seen"]))
+    left = [f"from {word} (followed to {as_known(seen, u)}{unit})" for end, word, seen in ends if end is None]
+    if left:
+        return f"Joint fit, {fit}: the data do not bound {what} {' nor '.join(left)}."
+    return (
+        f"Joint fit, {fit}: 95 % of {what} reaches from {as_known(low95, u)} to {as_known(high95, u)}{unit} by its "
+        f"profile, and from {as_known(n['normal_low95'], u)} to {as_known(n['normal_high95'], u)}{unit} by its "
+        "standard uncertainty."
+    )
+
+
+PARTITION: dict[str, Words] = {
+    "joint.interval": _interval,
+}
 
 # tcdyn/pipeline
 PIPELINE: dict[str, Words] = {

@@ -23,8 +23,7 @@ from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
 from tcdyn.partition.crosscheck import CrossCheck, Tension, cross_check, tensions
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_length_s, refined_chains
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.profile import joint_profiles
-from tcdyn.partition.profile_interval import profiles_file
+from tcdyn.partition.profile import joint_profiles, profiles_file
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
 from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.steady import EQUAL_WEIGHTS, DiskLine, SpeedLawPoint, at_one_radius, steady_lines
@@ -69,7 +68,7 @@ class Partition:
     @cached_property
     def profiles(self) -> pd.DataFrame:
         """How much worse the joint fits become away from their best numbers; see ``tcdyn.partition.profile``."""
-        return joint_profiles(self.test, self.joint, self.both)
+        return joint_profiles(self.joint, self.both)
 
     def estimate(self, key: str, value: float) -> Estimate:
         """``value`` with the uncertainty of the budget's draws of ``key``."""

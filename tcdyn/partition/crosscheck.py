@@ -11,7 +11,8 @@ from scipy import stats
 
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
-from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
+from tcdyn.partition.joint import BothFit, DiskFit
+from tcdyn.partition.posterior import LEAST_LAG_U_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.check import SensorCheck, Suspect
 from tcdyn.partition.sensors.faults import chance_of, largest_pulls
@@ -154,8 +155,11 @@ def tensions(
     """
     depths = _depths(sensors)
     judged = {d for d in DISKS if sensors is not None and d in sensors.depths}
-    pulls = {n: z for n, z in both.pulls.items() if not any(n.startswith("depth") and d in n for d in judged)}
-    others = [(WORDS.get(name, name), z) for name, z in pulls.items()]
+    others = [
+        (WORDS.get(p.what.name, f"{p.what.name} of the {p.disk} disk" if p.disk else p.what.name), p.z)
+        for p in both.pulls
+        if not (p.what.source == "junction depth" and p.disk in judged)
+    ]
     for name, fit in joint.items():
         disk = test.disks[name]
         lag = fit.estimates["lag_s"]

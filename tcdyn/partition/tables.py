@@ -10,11 +10,21 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded, with_u
+from calibration.words import as_known
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_fit
+from tcdyn.partition.profile import intervals
 from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.window import stretch_of
 
+HEADINGS = {
+    "beta": "β [1]",
+    "h": "h [W/m²K]",
+    "lag_s": "lag [s]",
+    "h_fast": "h, fast [W/m²K]",
+    "h_slow": "h, slow [W/m²K]",
+    "exponent": "exponent n [1]",
+}
 LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
 TWO_SIGMA = 2.0
 
@@ -187,4 +197,22 @@ def referee_table(partition: Partition) -> pd.DataFrame:
                     "agree": bool(abs(z) < TWO_SIGMA),
                 }
             )
+    return pd.DataFrame(rows)
+
+
+def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
+    """Every number of the joint fits with both intervals, and a sentence where they part."""
+    rows = []
+    for i in intervals(profiles):
+        e = i.estimate
+        rows.append(
+            {
+                "joint fit": "both disks" if i.fit == "both" else f"{i.fit} disk",
+                "number": HEADINGS[i.parameter],
+                "value": str(e),
+                "95 %, normal": " … ".join(as_known(end, e.u) for end in (e.low95, e.high95)),
+                "95 %, profile": " … ".join(as_known(end, e.u) for end in (i.low95, i.high95)),
+                "remark": i.sentence,
+            }
+        )
     return pd.DataFrame(rows)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
-from tcdyn.partition.profile_interval import LEVEL, intervals
+from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, dressed
 

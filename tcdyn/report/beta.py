@@ -10,10 +10,10 @@ from calibration.estimate import rounded
 from calibration.finding import Finding, with_where
 from calibration.grade import findings_of
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.profile_interval import interval_table
 from tcdyn.partition.tables import (
     budget_table,
     cooling_by_window,
+    interval_table,
     junctions_table,
     referee_table,
     test_table,

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.joint import joint_fits
-from tcdyn.partition.joint_solve import Point, _covariance
-from tcdyn.partition.pinned import joint_surface, minimum, table_of
-from tcdyn.partition.profile import theta_of
+from tcdyn.fitting import minimise
+from tcdyn.partition.joint import joint_fits, told
+from tcdyn.partition.posterior import joint_problem
+from tcdyn.partition.profile import rim_table
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.simulate.truth import RigTruth, draw_truth
@@ -57,37 +57,31 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
     The sum of squares is within 0.05 of its least by another minimiser on a table of the model (that of the table is
     0.01): a twentieth of a standard uncertainty squared.
     """
-    made = study_rig(1002, "D4")
-    _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
-    fits, _ = joint_fits(made.test, speed.starts, 0.2)
+    fits, _ = joint_fits(*_started(), 0.2)
     for fit in fits.values():
-        tau = (float(np.log(fit.chain.taus_s[0])), float(np.log(fit.chain.taus_s[1])))
-        at = Point(fit.share, float(np.log(fit.h_W_m2K)), tau)
-        table = table_of(made.test, fit.side, [at], fit.estimates["h"].u, fit.estimates["lag_s"].u)
-        surface = joint_surface([fit.side], [table])
-        start = theta_of(at)
-        here = surface.rows(start)
-        best = minimum(surface, start, np.zeros((0, 4)), np.zeros(0))
-        assert here is not None
-        assert best is not None
-        assert here[0] @ here[0] < best[1] + 0.05
+        e = fit.estimates
+        table = rim_table(fit.side, [fit.theta], e["h"].u, e["lag_s"].u)
+        problem = joint_problem([fit.side], [table])
+        nothing = np.zeros(problem.size - 4)
+        here = minimise(problem, np.concatenate([fit.theta, nothing]), fixed=np.eye(problem.size)[:4])
+        best = minimise(problem, np.concatenate([fit.theta, nothing]))
+        assert here.cost < best.cost + 0.05
 
 
-def test_covariance_survives_columns_that_are_nearly_one() -> None:
-    """Columns that differ by 1e-6 of themselves: relative error of the covariance 1e-16 * 1e6 times a margin of 1e3.
-
-    Through the normal equations, whose condition is 1e12, it would be 1e-4.
-    """
-    one, other = np.eye(4)[:2]
-    rows = np.stack([one, one + 1e-6 * other], axis=1)
-    exact = np.array([[1 + 1e12, -1e12], [-1e12, 1e12]])
-    np.testing.assert_allclose(_covariance(rows), exact, rtol=1e-7)
-
-
-def test_columns_that_are_one_are_refused_in_words() -> None:
-    one = np.arange(1.0, 5.0)
+def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
+    """Without friction power the share does nothing: its column is another's."""
+    fit = joint_fits(*_started())[0]["fast"]
+    problem = joint_problem([fit.side], [fit.side])
+    best = minimise(problem, np.concatenate([fit.theta, np.zeros(problem.size - 4)]), limit=0)
+    jacobian = best.jacobian.copy()
+    jacobian[:, 0] = jacobian[:, 1]
     with pytest.raises(InputError, match="does not tell heat partition from heat transfer coefficient"):
-        _covariance(np.stack([one, 2 * one], axis=1))
+        told(replace(best, jacobian=jacobian), [fit.side], 1.0)
+
+
+def _started() -> Any:
+    made = study_rig(1002, "D4")
+    return made.test, steady_lines(made.test, stretch_of(made.test, 10.0))[1].starts
 
 
 def moved(truth: RigTruth, what: str) -> RigTruth:
