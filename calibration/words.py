@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from calibration.estimate import rounded, with_u
+from calibration.estimate import Estimate, rounded, with_u
 
 Words = str | Callable[..., str]
 # what sentences name as a caller in Python would write it; a command line puts its own options there
@@ -457,7 +457,126 @@ def _interval(subject: str, parameter: str, u: float, low95: float | None, high9
     )
 
 
+def _other_disk(subject: str, keys: Sequence[str], record: Sequence[str], rig: Sequence[str], **_: Any) -> str:
+    differs = [f"{key} = {now} (record: {was})" for key, was, now in zip(keys, record, rig)]
+    more = f" and {len(differs) - 3} more" if len(differs) > 3 else ""
+    return f"{subject} disk: rig.toml is used, and is not what the record was made with: {', '.join(differs[:3])}{more}"
+
+
+def _fault(said: str) -> Callable[..., str]:
+    """A fault of one disk that explains its readings better than a sound disk does."""
+
+    def words(subject: str, channels: Sequence[str], log_odds: float, rivals: Sequence[str] = (), **n: Any) -> str:
+        size = n.get("size")
+        way = "" if size is None else "deeper" if size > 0 else "nearer the surface"
+        off = "" if size is None else f"{abs(size) * 1e3:.1f} mm {way}" if "mm" in said else f"{size:+.1f} K"
+        text = said.replace("{mm}", off).replace("{K}", off).replace("{by}", f" by {off}" if off else "")
+        text = text.format(names=" and ".join(channels), all=", ".join(channels))
+        also = "; or " + ", ".join(rivals) if rivals else ""
+        return f"{subject} disk: {text} (log-odds {log_odds:.0f} against a sound disk){also}"
+
+    return words
+
+
+def _swapped(subject: str, channels: Sequence[str], log_odds: float, **n: Any) -> str:
+    if subject != "both":
+        return _fault("channels {names} look swapped")(subject, channels, log_odds, **n)
+    one, other = (c.rpartition("_")[2] for c in channels)
+    return (
+        f"channels {one} of the fast disk and {other} of the slow disk look swapped (log-odds {log_odds:.0f} against "
+        "the best fault of each disk by itself)"
+    )
+
+
+def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
+    said = f"{subject} disk: no swapped, dead, misplaced or offset channel found; {illogical} of {pairs} pairs illogical"
+    return said + (f"; a swap of {', '.join(blind)} could not have been told" if blind else "")
+
+
+def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_: Any) -> str:
+    way = "deeper" if deeper_mm > 0 else "nearer the surface"
+    size = Estimate.normal(abs(deeper_mm), u_mm)
+    return f"the depth of junction {channel} of the {subject} disk (by this test {size} mm {way} than stated)"
+
+
+def _stated_value(subject: str, name: str, **_: Any) -> str:
+    if name == "parting":
+        return "the instant of parting, or the chain's shape (a dead time, a third lag)"
+    return f"{name} of the {subject} disk" if subject else name
+
+
+def _blame(suspects: Sequence[str], suspects_z: Sequence[float]) -> str:
+    return "; ".join(f"{what} ({z:.1f} standard deviations)" for what, z in zip(suspects, suspects_z))
+
+
+def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **_: Any) -> str:
+    words = {one, other}
+    if words == {"joint fast", "joint slow"}:
+        usual = "a junction depth, a static line or the friction scale: the two disks' shares do not add to one"
+    elif any(w.startswith("cooling") for w in words) and any(w.startswith("joint") for w in words):
+        usual = "the chain's lag or the instant of parting: compensated and commuted forms should give the same"
+    elif any(w.startswith("cooling") for w in words):
+        usual = "the lag that was compensated, or the speed exponent"
+    else:
+        usual = "the speed exponent, or a junction depth"
+    return (
+        f"The ways to beta do NOT agree: {one} and {other} differ by {apart:.3f}, {z:.1f} standard deviations of their "
+        f"difference; suspect {_blame(suspects, suspects_z) or usual}."
+    )
+
+
+def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any) -> str:
+    said = (
+        f"The ways to beta agree: {low:.3f} to {high:.3f}, speed law {Estimate.normal(n['steady'], n['steady_u'])}; the "
+        f"largest difference, {one} against {other}, is {apart:.3f} or {z:.1f} standard deviations"
+    )
+    if "strained" not in n:
+        return f"{said}."
+    return (
+        f"{said}. The stated value that the data pull most is {n['strained']}: {n['strained_z']:.1f} standard "
+        f"deviations, no contradiction (one sound test in {1 / n['chance']:.0f} shows as much)."
+    )
+
+
 PARTITION: dict[str, Words] = {
+    "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} time(s)): taken as a "
+    "switch that fails, not as an unloading",
+    "contact.bounced": "the contact switch bounced ({count} changes shorter than {shorter_s} s were bridged)",
+    "parting.switch_alone": "neither friction nor load shows a clear fall at unloading: the contact switch alone gives "
+    "the instant",
+    "parting.no_friction": "the friction shows no clear fall at unloading: load cell and contact switch give the "
+    "instant",
+    "parting.disagree": "contact switch and {subject} disagree on the parting by {late_s:+.3f} s; the {subject} is "
+    "used",
+    "speeds.ratio": "the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {stated:.3f}: the log is "
+    "used",
+    "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
+    "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",
+    "record.other_disk": _other_disk,
+    "sensors.dead": "{subject} disk: channel {channels[0]} is dead: it rises by {rise_K:.1f} K under load and falls by "
+    "{fall_K:.1f} K after unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
+    "sensors.swapped": _swapped,
+    "sensors.misplaced": _fault("junction {names} looks {mm} than rig.toml says"),
+    "sensors.offset": _fault("channel {names} reads {K} off: its static line or reference junction"),
+    "sensors.side": _fault("the side of {all} is hotter than the other{by}, as in section 6.4.3"),
+    "sensors.unknown": "{subject} disk: its six junctions do not read as the rim model says (chi-square {chi2:.0f} for "
+    "{dof} data), and no single swap, misplacement or offset explains it",
+    "sensors.sound": _sound,
+    "stated.depth": _stated_depth,
+    "stated.value": _stated_value,
+    "stated.lag": "the lag of the {subject} disk: record {record_s:.3f} s, unloading {unloading_s:.3f} s",
+    "stated.exponent": lambda assumed, implied, u, **_: (
+        f"the speed exponent: {assumed:.3f} assumed, {Estimate.normal(implied, u)} implied by the two disks"
+    ),
+    "stated.sensors": lambda subject, kind, columns, **_: (
+        f"{' and '.join(columns) or f'the junctions of the {subject} disk'} ({kind})"
+    ),
+    "ways.agree": _ways_agree,
+    "ways.apart": _ways_apart,
+    "ways.contradicted": lambda low, high, suspects, suspects_z, **_: (
+        f"The ways to beta lie together ({low:.3f} to {high:.3f}), but the data contradict what was stated: suspect "
+        f"{_blame(suspects, suspects_z)}. Do NOT trust beta before that is cleared up."
+    ),
     "joint.interval": _interval,
 }
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.grade import findings_of
+from calibration.finding import Finding, Grade, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.budget import Budget, SurfaceMaxima, monte_carlo, surface_temperatures
 from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
-from tcdyn.partition.crosscheck import CrossCheck, Tension, cross_check, tensions
+from tcdyn.partition.crosscheck import CrossCheck, cross_check, tensions
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_length_s, refined_chains
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
@@ -31,7 +31,6 @@ from tcdyn.partition.window import DiskWindow, stretch_of
 
 SCHEMA = "tcdyn.beta/1"
 WINDOW_S = 5.0
-FATAL_FAULTS = ("dead", "swapped")
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,12 @@ class Partition:
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
     @property
     def ways(self) -> dict[str, float]:
@@ -100,12 +104,12 @@ def analyse(
         )
     test = at_one_radius(test)
     rows = stretch_of(test, max(window_s, joint_length_s(test)))
-    warnings = list(test.warnings)
+    findings = list(test.findings)
     sensors = None
     if sensor_check:
         progress("sensor map")
         sensors = check_sensors(test)
-        warnings += _sensor_warnings(sensors)
+        findings += _suspected(sensors)
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
@@ -142,20 +146,20 @@ def analyse(
     return Partition(
         test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains,
         {d: one.done for d, one in cooled.items()}, windows, sensors,
-        tuple(warnings),
+        tuple(findings),
     )  # fmt: skip
 
 
-def _sensor_warnings(check: SensorCheck) -> list[str]:
-    """Sentences for what the sensor map suspects; a dead or swapped channel stops the analysis by name."""
+def _suspected(check: SensorCheck) -> list[Finding]:
+    """What the sensor map suspects; a dead or swapped channel stops the analysis by name."""
     for suspect in check.suspects:
-        if suspect.kind in FATAL_FAULTS:
+        if suspect.finding.grade is Grade.REFUSE:
             raise InputError(
-                suspect.sentence,
+                suspect.finding.sentence,
                 expected="six living junctions where rig.toml says",
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with --no-sensor-check",
             )
-    return list(check.warnings)
+    return [suspect.finding for suspect in check.suspects]
 
 
 def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
@@ -212,15 +216,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "both": {k: v.model_dump() for k, v in p.both.estimates.items()},
             "profiles": profiles_file(p.profiles),
         },
-        "crosscheck": {
-            "z": p.crosscheck.z,
-            "agree": p.crosscheck.agree,
-            "sentence": p.crosscheck.sentence,
-            "p_value": p.crosscheck.p_value,
-            "suspects": [_tension(t) for t in p.crosscheck.suspects],
-            "strained": None if p.crosscheck.strained is None else _tension(p.crosscheck.strained),
-            "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in p.crosscheck.pairs],
-        },
+        "crosscheck": p.crosscheck.to_dict(),
         "budget": [
             {
                 "source": row.source,
@@ -234,15 +230,11 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "slow_max_degC": est("surface slow", p.surface.slow_max_degC),
             "delta_T_us": est("delta_T_us", p.surface.delta_T_us),
         },
-        "sensors": {} if p.sensors is None else dict(p.sensors.verdicts),
+        "sensors": {} if p.sensors is None else p.sensors.said,
         "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
-        "findings": [found.to_dict() for found in findings_of(p)],
+        "findings": [found.to_dict() for found in p.findings],
         "warnings": list(p.warnings),
     }
-
-
-def _tension(t: Tension) -> dict[str, Any]:
-    return {"what": t.what, "z": t.z, "chance": t.chance}
 
 
 def _junctions(t: DepthTest) -> dict[str, Any]:

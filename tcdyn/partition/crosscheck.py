@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,14 @@ from scipy import stats
 
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note
 from tcdyn.partition.joint import BothFit, DiskFit
 from tcdyn.partition.posterior import LEAST_LAG_U_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.check import SensorCheck, Suspect
 from tcdyn.partition.sensors.faults import chance_of, largest_pulls
 
-WORDS = {"parting": "the instant of parting, or the chain's shape (a dead time, a third lag)"}
+Array = NDArray[np.float64]
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
 OTHER_ALARM = 0.01
 LEAST_CHANCE = 1e-12
@@ -27,13 +29,13 @@ NOTED_CHANCE = 0.5
 
 @dataclass(frozen=True)
 class Tension:
-    """A stated value that the data pull: what it is in words, and by how many standard deviations.
+    """A ``stated`` value that the data pull by ``z`` standard deviations.
 
     ``chance``: how often a sound test shows as much somewhere among the values of this kind; ``alarm``: the chance
     below which it is a contradiction.
     """
 
-    what: str
+    stated: Finding
     z: float
     chance: float
     alarm: float
@@ -43,28 +45,54 @@ class Tension:
         """Whether chance would bring so large a tension too rarely to believe it."""
         return self.chance < self.alarm
 
+    def to_dict(self) -> dict[str, Any]:
+        """As ``beta.json`` keeps it."""
+        return {"what": self.stated.sentence, "z": self.z, "chance": self.chance}
+
 
 @dataclass(frozen=True)
 class CrossCheck:
     """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference.
 
     ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first; ``strained`` is
-    the one that they pull most, where half of all sound tests show less, though it is no contradiction.
+    the one that they pull most, where half of all sound tests show less, though it is no contradiction. ``finding``
+    says it: "ways.agree", "ways.apart" or "ways.contradicted".
     """
 
     z: float
-    agree: bool
-    sentence: str
+    finding: Finding
     pair: tuple[str, str]
     p_value: float
     pairs: tuple[tuple[str, str, float, float], ...]
     suspects: tuple[Tension, ...]
     strained: Tension | None
 
+    @property
+    def agree(self) -> bool:
+        """Whether the ways lie together and nothing contradicts what was stated."""
+        return self.finding.code == "ways.agree"
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        return self.finding.sentence
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``beta.json`` keeps it."""
+        return {
+            "z": self.z,
+            "agree": self.agree,
+            "sentence": self.sentence,
+            "p_value": self.p_value,
+            "suspects": [t.to_dict() for t in self.suspects],
+            "strained": None if self.strained is None else self.strained.to_dict(),
+            "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in self.pairs],
+        }
+
 
 def cross_check(
     values: dict[str, float],
-    draws: dict[str, NDArray[np.float64]],
+    draws: dict[str, Array],
     steady: Estimate,
     tensions: Sequence[Tension] = (),
 ) -> CrossCheck:
@@ -90,54 +118,22 @@ def cross_check(
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
     suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
-    agree = worst[3] < SUSPECT_Z and not suspects
     most = min(tensions, key=lambda t: t.chance, default=None)
     strained = most if most is not None and most.chance < NOTED_CHANCE else None
-    sentence = _sentence(worst, values, steady, suspects, strained)
-    return CrossCheck(worst[3], agree, sentence, (worst[0], worst[1]), p, tuple(pairs), suspects, strained)
-
-
-def _sentence(
-    worst: tuple[str, str, float, float],
-    values: dict[str, float],
-    steady: Estimate,
-    suspects: Sequence[Tension],
-    strained: Tension | None,
-) -> str:
-    one, other, gap, z = worst
-    spread = f"{min(values.values()):.3f} to {max(values.values()):.3f}"
-    blame = "; ".join(f"{t.what} ({abs(t.z):.1f} standard deviations)" for t in suspects[:3])
-    if z >= SUSPECT_Z:
-        return (
-            f"The ways to beta do NOT agree: {one} and {other} differ by {abs(gap):.3f}, {z:.1f} standard deviations "
-            f"of their difference; suspect {blame or _suspect(one, other)}."
-        )
-    if suspects:
-        return (
-            f"The ways to beta lie together ({spread}), but the data contradict what was stated: suspect {blame}. "
-            "Do NOT trust beta before that is cleared up."
-        )
-    return (
-        f"The ways to beta agree: {spread}, speed law {steady}; the largest "
-        f"difference, {one} against {other}, is {abs(gap):.3f} or {z:.1f} standard deviations"
-        + (
-            f". The stated value that the data pull most is {strained.what}: {abs(strained.z):.1f} standard "
-            f"deviations, no contradiction (one sound test in {1 / strained.chance:.0f} shows as much)."
-            if strained
-            else "."
-        )
-    )
-
-
-def _suspect(one: str, other: str) -> str:
-    words = {one, other}
-    if words == {"joint fast", "joint slow"}:
-        return "a junction depth, a static line or the friction scale: the two disks' shares do not add to one"
-    if any(w.startswith("cooling") for w in words) and any(w.startswith("joint") for w in words):
-        return "the chain's lag or the instant of parting: compensated and commuted forms should give the same"
-    if any(w.startswith("cooling") for w in words):
-        return "the lag that was compensated, or the speed exponent"
-    return "the speed exponent, or a junction depth"
+    numbers: dict[str, Any] = {
+        "one": worst[0], "other": worst[1], "apart": abs(worst[2]), "z": worst[3], "low": min(values.values()),
+        "high": max(values.values()), "steady": steady.value, "steady_u": steady.u,
+        "suspects": [t.stated.sentence for t in suspects[:3]], "suspects_z": [abs(t.z) for t in suspects[:3]],
+    }  # fmt: skip
+    if worst[3] >= SUSPECT_Z:
+        finding = look("ways.apart", **numbers)
+    elif suspects:
+        finding = look("ways.contradicted", **numbers)
+    else:
+        if strained is not None:
+            numbers |= {"strained": strained.stated.sentence, "strained_z": abs(strained.z), "chance": strained.chance}
+        finding = note("ways.agree", **numbers)
+    return CrossCheck(worst[3], finding, (worst[0], worst[1]), p, tuple(pairs), suspects, strained)
 
 
 def tensions(
@@ -156,7 +152,7 @@ def tensions(
     depths = _depths(sensors)
     judged = {d for d in DISKS if sensors is not None and d in sensors.depths}
     others = [
-        (WORDS.get(p.what.name, f"{p.what.name} of the {p.disk} disk" if p.disk else p.what.name), p.z)
+        (note("stated.value", subject=p.disk, name=p.what.name, source=p.what.source), p.z)
         for p in both.pulls
         if not (p.what.source == "junction depth" and p.disk in judged)
     ]
@@ -165,13 +161,12 @@ def tensions(
         lag = fit.estimates["lag_s"]
         prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
         told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
-        words = f"the lag of the {name} disk: record {disk.common_lag_s:.3f} s, unloading {lag.value:.3f} s"
-        others.append((words, float((lag.value - disk.common_lag_s) / told)))
+        stated = note("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
+        others.append((stated, float((lag.value - disk.common_lag_s) / told)))
     n = both.estimates["exponent"]
     outside = n.value - float(np.clip(n.value, *test.exponent_range))
-    words = f"the speed exponent: {test.speed_exponent:.3f} assumed, {n} implied by the two disks"
-    others.append((words, outside / n.u))
-    out = [Tension(what, z, _chance(z, len(others)), OTHER_ALARM) for what, z in others]
+    others.append((note("stated.exponent", assumed=test.speed_exponent, implied=n.value, u=n.u), outside / n.u))
+    out = [Tension(stated, z, _chance(z, len(others)), OTHER_ALARM) for stated, z in others]
     named = [] if sensors is None else [_named(s) for s in sensors.suspects]
     return (*depths, *out, *named)
 
@@ -190,16 +185,13 @@ def _depths(sensors: SensorCheck | None) -> list[Tension]:
     out = []
     for t in tests:
         for (channel, deeper), z in zip(t.deeper_m.items(), t.pull):
-            mm = Estimate.normal(1e3 * deeper.value, 1e3 * deeper.u)
-            way = "deeper" if mm.value > 0 else "nearer the surface"
-            size = Estimate.normal(abs(mm.value), mm.u)
-            words = f"the depth of junction {channel} of the {t.disk} disk (by this test {size} mm {way} than stated)"
+            place = {"channel": channel, "deeper_mm": 1e3 * deeper.value, "u_mm": 1e3 * deeper.u}
             chance = max(chance_of(float(z), largest, count), LEAST_CHANCE)
-            out.append(Tension(words, float(z), chance, DEPTH_ALARM))
+            out.append(Tension(note("stated.depth", subject=t.disk, **place), float(z), chance, DEPTH_ALARM))
     return out
 
 
 def _named(suspect: Suspect) -> Tension:
-    what = f"{' and '.join(suspect.columns) or 'the junctions of the ' + suspect.disk + ' disk'} ({suspect.kind})"
     z = float(np.sqrt(2.0 * max(suspect.log_odds, 0.0)))
-    return Tension(what, z, LEAST_CHANCE, OTHER_ALARM)
+    fault = note("stated.sensors", subject=suspect.disk, kind=suspect.kind, columns=suspect.columns)
+    return Tension(fault, z, LEAST_CHANCE, OTHER_ALARM)

@@ -1,4 +1,4 @@
-"""When the disks met and when they parted, from contact switch, friction and load together."""
+"""When the disks met and parted, from contact switch, friction and load together, and the force between the two."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from calibration.errors import InputError
+from calibration.finding import Finding, look
+from calibration.noise import MAD_TO_SD, white_noise_sd
 
+Array = NDArray[np.float64]
 SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5
@@ -21,6 +25,10 @@ STEP_REACH_S = 60.0  # as far from the switch as the force's step is looked for
 INDICATOR_U_S = 0.05 / 12**0.5  # section 5.3: the signals differ by 0.05 s
 STRAIGHT_FALL = 0.8  # the 90-10 % time of a straight fall over the whole of it
 TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
+SMOOTH_S = 4.0  # straight line of this length; longer where the noise asks for it, up to
+LONGEST_SMOOTH_S = 40.0
+NOISE_LEFT = 0.002  # of the force at the parting: a fifth of the transducer's own uncertainty
+LEAST_ZERO = 10  # samples of an unloaded stretch that give a zero
 
 
 @dataclass(frozen=True)
@@ -35,7 +43,7 @@ class Events:
     unload_s: float
     unload_u_s: float
     parting_s: float
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     @property
     def fall_s(self) -> float:
@@ -60,13 +68,10 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     t = frame["time_s"].to_numpy(dtype=float)
     contact = frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5
     starts, stops, bounced = _stretches(t, contact)
-    warnings: list[str] = []
+    found: list[Finding] = []
     starts, stops, dropped_s = _through_dropouts(t, frame["load_N"].to_numpy(dtype=float), contact, starts, stops)
     if dropped_s:
-        warnings.append(
-            f"contact goes to 0 under load (first at time_s {dropped_s[0]:.3f}, {len(dropped_s)} time(s)): taken as a "
-            "switch that fails, not as an unloading"
-        )
+        found.append(look("contact.dropout", subject="contact", first_s=dropped_s[0], count=len(dropped_s)))
     if not len(starts):
         raise InputError(
             "contact never goes to 1",
@@ -90,17 +95,17 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
     if bounced:
-        warnings.append(f"the contact switch bounced ({bounced} changes shorter than {BOUNCE_S} s were bridged)")
+        found.append(look("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
     unload, u, parting, said = _parting(t, frame, 0.5 * float(t[last] + t[last + 1]), float(t[first]))
-    warnings += said
+    found += said
     load_on = 0.5 * (t[first - 1] + t[first]) if first else t[0]
-    return Events(float(load_on), float(unload), float(u), float(parting), tuple(warnings))
+    return Events(float(load_on), float(unload), float(u), float(parting), tuple(found))
 
 
 def _parting(
-    t: NDArray[np.float64], frame: pd.DataFrame, switch_s: float, contact_s: float
-) -> tuple[float, float, float, list[str]]:
-    """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and warnings.
+    t: Array, frame: pd.DataFrame, switch_s: float, contact_s: float
+) -> tuple[float, float, float, list[Finding]]:
+    """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and what was noticed.
 
     Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3); those that agree are
     averaged. A switch that differs from the friction by more is not believed: the friction is the heat. A friction too
@@ -110,20 +115,15 @@ def _parting(
     falls = [_far_fall(t, frame[c].to_numpy(dtype=float), switch_s, contact_s) for c in ("friction_N", "load_N")]
     named = [(name, fall) for name, fall in zip(("friction", "load cell"), falls) if fall is not None]
     if not named:
-        unclear = (
-            "neither friction nor load shows a clear fall at unloading: the contact switch alone gives the instant"
-        )
-        return switch_s, INDICATOR_U_S, 0.0, [unclear]
-    said: list[str] = []
+        return switch_s, INDICATOR_U_S, 0.0, [look("parting.switch_alone")]
+    said: list[Finding] = []
     if falls[0] is None:
-        said.append("the friction shows no clear fall at unloading: load cell and contact switch give the instant")
+        said.append(look("parting.no_friction"))
     (witness, (at, parting)), *others = named
     instants_of_others = (switch_s, *(fall[0] for _, fall in others))
     near = [x for x in instants_of_others if abs(x - at) <= max(AGREE_S, 0.5 * parting)]
     if switch_s not in near:
-        said.append(
-            f"contact switch and {witness} disagree on the parting by {at - switch_s:+.3f} s; the {witness} is used"
-        )
+        said.append(look("parting.disagree", subject=witness, late_s=at - switch_s))
     if parting > AGREE_S:  # a slow fall: switch and load cell do not say when the heat was half gone
         return at, float(np.hypot(INDICATOR_U_S, 0.05 * parting)), parting, said
     instants = [at, *near]
@@ -131,7 +131,7 @@ def _parting(
     return float(np.mean(instants)), float(np.hypot(spread, dt / np.sqrt(12)) / np.sqrt(len(instants))), parting, said
 
 
-def _stretches(t: NDArray[np.float64], contact: NDArray[np.bool_]) -> tuple[list[int], list[int], int]:
+def _stretches(t: Array, contact: NDArray[np.bool_]) -> tuple[list[int], list[int], int]:
     """First and last rows of each contact, short changes bridged."""
     edges = np.flatnonzero(np.diff(contact.astype(int))) + 1
     bounds = [0, *edges.tolist(), len(t)]
@@ -146,7 +146,7 @@ def _stretches(t: NDArray[np.float64], contact: NDArray[np.bool_]) -> tuple[list
 
 
 def _through_dropouts(
-    t: NDArray[np.float64], load: NDArray[np.float64], contact: NDArray[np.bool_], starts: list[int], stops: list[int]
+    t: Array, load: Array, contact: NDArray[np.bool_], starts: list[int], stops: list[int]
 ) -> tuple[list[int], list[int], list[float]]:
     """The contacts with those joined between which the load never went, and the instants [s] of such dropouts."""
     if len(starts) < 2:
@@ -160,7 +160,7 @@ def _through_dropouts(
 
 
 def _far_fall(
-    t: NDArray[np.float64], force: NDArray[np.float64], switch_s: float, contact_s: float
+    t: Array, force: Array, switch_s: float, contact_s: float
 ) -> tuple[float, float] | None:
     """``_fall`` about the switch, or about the force's own step where that lies too far from the switch."""
     step = _step(t, force, max(switch_s - STEP_REACH_S, contact_s), switch_s + STEP_REACH_S)
@@ -169,7 +169,7 @@ def _far_fall(
     return _fall(t, force, switch_s)
 
 
-def _step(t: NDArray[np.float64], force: NDArray[np.float64], start_s: float, stop_s: float) -> float | None:
+def _step(t: Array, force: Array, start_s: float, stop_s: float) -> float | None:
     """Where the force steps down in (start, stop): the cut whose two levels explain most, or None if it never falls."""
     rows = np.flatnonzero((t > start_s) & (t < stop_s) & np.isfinite(force))
     if len(rows) < 20:
@@ -183,7 +183,7 @@ def _step(t: NDArray[np.float64], force: NDArray[np.float64], start_s: float, st
     return 0.5 * float(t[rows[cut]] + t[rows[cut + 1]]) if explained[cut] > 0 else None
 
 
-def _fall(t: NDArray[np.float64], friction: NDArray[np.float64], about_s: float) -> tuple[float, float] | None:
+def _fall(t: Array, friction: Array, about_s: float) -> tuple[float, float] | None:
     """Instant at which the friction passes half its level and its 90-10 % time, or None where it is not clear."""
     before = friction[(t > about_s - 3.0) & (t < about_s - 1.6)]
     after = friction[(t > about_s + 1.6) & (t < about_s + 3.0)]
@@ -204,7 +204,7 @@ def _fall(t: NDArray[np.float64], friction: NDArray[np.float64], about_s: float)
     return middle, max(end - start, 0.0)
 
 
-def _crossing(t: NDArray[np.float64], level: NDArray[np.float64], at: float) -> float | None:
+def _crossing(t: Array, level: Array, at: float) -> float | None:
     """Where ``level`` falls through ``at``: the cut that misplaces the fewest samples, then a straight line.
 
     None where that is not clear, or where samples are missing at that place.
@@ -219,3 +219,46 @@ def _crossing(t: NDArray[np.float64], level: NDArray[np.float64], at: float) -> 
     a, b = level[cut], level[cut + 1]
     part = np.clip((a - at) / (a - b), 0.0, 1.0) if a != b else 0.5
     return float(t[cut] + part * (t[cut + 1] - t[cut]))
+
+
+def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
+    """Force while the disks touch [N], zero elsewhere; ``raw_N`` as logged, both of shape (N,).
+
+    The zero is the median before loading and after unloading, drifting straight between the two (section 2.9). Under
+    load the force is a running straight line, spikes left out, that never looks across a switching instant: an average
+    smeared over the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long
+    as ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).
+    """
+    on, off = events.load_on_s, events.unload_s
+    quiet = events.parting_s + SETTLE_S
+    zero = _zero(t, raw_N, on - SETTLE_S, off + quiet)
+    inside = (t > on + SETTLE_S) & (t < off - quiet)
+    level = _line_through((raw_N - zero)[inside], float(np.median(np.diff(t))))
+    force = np.interp(t, t[inside], level)
+    ramp_s = events.fall_s
+    if ramp_s > 4 * float(np.median(np.diff(t))):
+        share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
+    else:
+        share = (t < off).astype(float)
+    return np.where(t >= on, force * share, 0.0)
+
+
+def _line_through(raw: Array, dt_s: float) -> Array:
+    """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
+    level = pd.Series(raw)
+    short = max(int(round(0.5 * SMOOTH_S / dt_s)), 3)
+    away = (level - level.rolling(short, center=True, min_periods=1).median()).abs()
+    filled = level.mask(away > 6 * MAD_TO_SD * away.median()).interpolate(limit_direction="both").to_numpy()
+    left = 2 * float(white_noise_sd(filled)) / max(NOISE_LEFT * abs(float(np.median(filled))), 1e-12)
+    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, len(filled))
+    window = max(2 * int((count - 1) // 2) + 1, 1)
+    return np.asarray(savgol_filter(filled, window, min(1, window - 1), mode="interp"))
+
+
+def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
+    """The transducer's zero at each instant, from the unloaded stretches."""
+    early, late = t < before_s, (t > after_s) & (t < after_s + 60.0)
+    points = [(float(np.mean(t[m])), float(np.nanmedian(raw[m]))) for m in (early, late) if m.sum() >= LEAST_ZERO]
+    if not points:
+        return np.zeros_like(t)
+    return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]))

@@ -10,16 +10,28 @@ from numpy.typing import NDArray
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.finding import sentences
+from calibration.finding import Finding, look
 from calibration.log import COMPENSATED, Log
 from calibration.record import DiskRecord
 from calibration.rig import Rig, changed_keys
 from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
-from tcdyn.partition.events import SETTLE_S, Events, find_events
-from tcdyn.partition.friction import LEAST_ZERO, NOTHING_ADDED, FrictionAdded, contact_force
+from tcdyn.partition.events import LEAST_ZERO, SETTLE_S, Events, contact_force, find_events
 from tcdyn.traces import DiskTraces, bridged, disk_traces, gathered
 
+Array = NDArray[np.float64]
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+
+
+@dataclass(frozen=True)
+class FrictionAdded:
+    """What the transducer does not see of the contact's friction, its standard uncertainty, and what to say of it."""
+
+    value_N: float
+    u_N: float
+    findings: tuple[Finding, ...] = ()
+
+
+NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -31,11 +43,11 @@ class EhlTest:
     far n may lie from ``speed_exponent``.
     """
 
-    time_s: NDArray[np.float64]
+    time_s: Array
     dt_s: float
     events: Events
-    power_W: NDArray[np.float64]
-    ambient_degC: NDArray[np.float64]
+    power_W: Array
+    ambient_degC: Array
     load_N: float
     friction_N: float
     speeds_m_s: tuple[float, float]
@@ -43,7 +55,7 @@ class EhlTest:
     speed_exponent: float
     exponent_half_range: float
     disks: Mapping[str, DiskTraces]
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     added: FrictionAdded = NOTHING_ADDED
 
     @property
@@ -97,7 +109,7 @@ def prepare(
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
-    warnings = [*sentences(gathered(log.findings)), *events.warnings]
+    found = [*gathered(log.findings), *events.findings]
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
     rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
@@ -111,13 +123,11 @@ def prepare(
         )
     ratio, nominal = speeds[0] / speeds[1], rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
-        warnings.append(
-            f"the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {nominal:.3f}: the log is used"
-        )
+        found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
     load = contact_force(t, frame["load_N"].to_numpy(dtype=float), events)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
-        warnings.append("the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen")
+        found.append(look("forces.one_zero"))
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
     if load_N <= 0 or friction_N <= 0:
@@ -128,17 +138,17 @@ def prepare(
         )
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
     friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N
-    warnings += sentences(added.findings)
+    found += added.findings
     if not 0.002 < friction_N / load_N < 0.2:
-        warnings.append(f"the friction coefficient {friction_N / load_N:.4f} is unlike an EHL contact: check units")
+        found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     half_width = half_width_m(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
     disks = {}
     for d in DISKS:
-        warnings += _other_disk(rig, d, records[d])
+        found += _other_disk(rig, d, records[d])
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where)
-        warnings += sentences((*traces.findings, *traces.outside_lines(f"{d} disk", steady)))
+        found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
         disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
     return EhlTest(
@@ -154,19 +164,18 @@ def prepare(
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks=disks,
-        warnings=tuple(warnings),
+        findings=tuple(found),
         added=added,
     )
 
 
-def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[str]:
+def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
     if "setup" not in record.model_fields_set:
         return []
     stated = rig.tables(disk).model_dump(include=MADE_OF)
     changed = changed_keys(record.setup.model_dump(include=MADE_OF), stated)
-    differs = [f"{key} = {now} (record: {was})" for key, was, now in changed]
-    if not differs:
+    if not changed:
         return []
-    words = ", ".join(differs[:3]) + (f" and {len(differs) - 3} more" if len(differs) > 3 else "")
-    return [f"{disk} disk: rig.toml is used, and is not what the record was made with: {words}"]
+    keys, was, now = ([str(x) for x in column] for column in zip(*changed))
+    return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]

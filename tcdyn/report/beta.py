@@ -160,7 +160,7 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
         matrix = p.sensors.matrix(disk).rename_axis("junction").reset_index()
         matrix = matrix.iloc[:-1].drop(columns=matrix.columns[1])  # each pair stands once
         words = (
-            f"{p.sensors.verdicts[disk]} Bulk temperature {p.sensors.bulk_degC[disk]:.1f} degC.\n\nOf each pair: "
+            f"{p.sensors.said[disk]} Bulk temperature {p.sensors.bulk_degC[disk]:.1f} degC.\n\nOf each pair: "
             "logical where the two differ as their places say they must, weak within two standard uncertainties, "
             "illogical where they differ the other way, N.A. where their places do not tell which is hotter."
         )

@@ -10,15 +10,23 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
+from calibration.finding import note
 from calibration.log import read_log
 from tcdyn.partition.crosscheck import DEPTH_ALARM, OTHER_ALARM, Tension, cross_check, tensions
-from tcdyn.partition.friction import FrictionAdded
-from tcdyn.partition.prepare import EhlTest, prepare
+from tcdyn.partition.prepare import EhlTest, FrictionAdded, prepare
 from tcdyn.partition.sensors.check import check_sensors
 from tcdyn.partition.sensors.faults import DepthTest, chance_of, largest_pulls
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere
+
+
+DEPTH_E = note("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=0.1)
+
+
+def of_depth(t: Tension) -> bool:
+    """Whether it is about a junction's depth, by the sensor map or by the joint fit."""
+    return t.stated.code == "stated.depth" or t.stated.numbers.get("source") == "junction depth"
 
 
 @pytest.fixture(scope="module")
@@ -70,14 +78,16 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
     draws = {n: np.random.default_rng(k).normal(0.66, 0.01, 5000) for k, n in enumerate(("speed law", "joint fast"))}
     values = {"speed law": 0.66, "joint fast": 0.665}
     steady = Estimate.normal(0.66, 0.01)
-    remark = cross_check(values, draws, steady, [Tension("depth e", 2.4, 0.2, DEPTH_ALARM)])
+    remark = cross_check(values, draws, steady, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_ALARM)])
     assert remark.agree
     assert remark.strained is not None
-    assert "depth e: 2.4 standard deviations, no contradiction (one sound test in 5 shows as much)" in remark.sentence
-    alarm = cross_check(values, draws, steady, [Tension("depth e", 3.4, 0.008, DEPTH_ALARM)])
+    assert (remark.finding.numbers["strained_z"], remark.finding.numbers["chance"]) == (2.4, 0.2)
+    assert "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)" in remark.sentence
+    alarm = cross_check(values, draws, steady, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_ALARM)])
     assert not alarm.agree
-    assert "suspect depth e" in alarm.sentence
-    quiet = cross_check(values, draws, steady, [Tension("depth e", 1.4, 0.9, DEPTH_ALARM)])
+    assert alarm.finding.code == "ways.contradicted"
+    assert alarm.finding.numbers["suspects"] == (DEPTH_E.sentence,)
+    quiet = cross_check(values, draws, steady, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_ALARM)])
     assert quiet.strained is None
 
 
@@ -89,13 +99,13 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     assert with_map.sensors is not None
     mapped = tensions(b3, with_map.joint, with_map.both, with_map.sensors)
     bare = tensions(b3, with_map.joint, with_map.both)
-    assert sum("depth" in t.what for t in mapped) == sum("depth" in t.what for t in bare) == 12
+    assert sum(of_depth(t) for t in mapped) == sum(of_depth(t) for t in bare) == 12
     assert len(mapped) == len(bare)
-    assert {t.alarm for t in mapped if "depth" in t.what} == {DEPTH_ALARM}
+    assert {t.alarm for t in mapped if of_depth(t)} == {DEPTH_ALARM}
     assert {t.alarm for t in bare} == {OTHER_ALARM}
     # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
     elsewhere = replace(b3, speed_exponent=1.0)
-    (steep,) = [t for t in tensions(elsewhere, with_map.joint, with_map.both) if "exponent" in t.what]
+    (steep,) = [t for t in tensions(elsewhere, with_map.joint, with_map.both) if t.stated.code == "stated.exponent"]
     assert steep.contradicts
     assert not any(t.contradicts for t in mapped)
     # the added friction's own uncertainty widens the budget's row of friction as the two combine

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.events import find_events
-from tcdyn.partition.friction import contact_force
+from tcdyn.partition.events import Events, contact_force, find_events
 
 DT = 1 / 75
 
@@ -20,6 +19,10 @@ def log(off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0
     return pd.DataFrame(
         {"time_s": t, "contact": contact, "friction_N": 0.3 + 20 * loaded + noise, "load_N": 1850 * loaded}
     )
+
+
+def codes(events: Events) -> set[str]:
+    return {f.code for f in events.findings}
 
 
 def test_a_step_is_placed_within_its_sample() -> None:
@@ -45,7 +48,7 @@ def test_a_late_switch_moves_the_mean_by_its_third_and_widens_the_uncertainty() 
 def test_a_switch_that_is_far_off_is_not_believed() -> None:
     events = find_events(log(switch_late_s=0.5))
     assert abs(events.unload_s - 80.0073) < DT
-    assert any("disagree" in w for w in events.warnings)
+    assert "parting.disagree" in codes(events)
 
 
 @pytest.mark.parametrize("late_s", [-4.0, 2.0, 8.0])
@@ -54,7 +57,7 @@ def test_a_switch_that_is_seconds_off_does_not_hide_the_fall_of_the_friction(lat
     frame["contact"] = ((frame["time_s"] >= 10.0) & (frame["time_s"] < 80.0073 + late_s)).astype(int)
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT
-    assert any("disagree" in w for w in events.warnings)
+    assert "parting.disagree" in codes(events)
 
 
 def test_a_friction_too_noisy_to_show_its_fall_leaves_the_word_to_the_load_cell() -> None:
@@ -62,7 +65,7 @@ def test_a_friction_too_noisy_to_show_its_fall_leaves_the_word_to_the_load_cell(
     frame["friction_N"] += 5.0 * np.random.default_rng(1).standard_normal(len(frame))
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT
-    assert any("load cell" in w for w in events.warnings)
+    assert "parting.no_friction" in codes(events)
 
 
 def test_a_friction_with_a_gap_at_its_fall_leaves_the_word_to_the_load_cell() -> None:
@@ -79,7 +82,7 @@ def test_a_contact_that_drops_out_under_load_is_no_unloading() -> None:
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) <= DT
     assert events.load_on_s == pytest.approx(10.0, abs=DT)
-    assert any("contact goes to 0 under load" in w for w in events.warnings)
+    assert "contact.dropout" in codes(events)
 
 
 def test_two_contacts_with_an_unloading_between_stay_two() -> None:
@@ -89,7 +92,7 @@ def test_two_contacts_with_an_unloading_between_stay_two() -> None:
     assert abs(events.unload_s - 80.0073) <= DT
     both = find_events(pd.concat([log(off_s=30.0), second], ignore_index=True))
     assert both.load_on_s == pytest.approx(110.0, abs=DT)  # the longer of the two
-    assert not any("under load" in w for w in both.warnings)
+    assert "contact.dropout" not in codes(both)
 
 
 def test_a_slow_parting_has_a_kink_at_each_end_and_a_quick_one_a_single_kink() -> None:
@@ -103,7 +106,7 @@ def test_a_bouncing_contact_is_bridged_and_said() -> None:
     frame = log()
     frame.loc[3000:3005, "contact"] = 0
     events = find_events(frame)
-    assert any("bounced" in w for w in events.warnings)
+    assert "contact.bounced" in codes(events)
     assert abs(events.unload_s - 80.0073) <= DT
 
 

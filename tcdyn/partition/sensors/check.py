@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW
 from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.faults import MISPLACED_M, DepthTest, Fault, Verdict, depth_test, hypotheses, judge
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
@@ -25,6 +27,7 @@ DEAD_REL = 0.25  # of the median rise of the disk's channels
 LEAST_RISE_K = 3.0
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
+FATAL = ("dead", "swapped")
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Suspect:
 
     A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
     ``size``: how much deeper the junction lies than stated [m], or how much it or the side reads too high [K];
-    ``log_odds`` against a sound disk.
+    ``log_odds`` against a sound disk; ``numbers``: what else its words tell.
     """
 
     disk: str
@@ -41,17 +44,28 @@ class Suspect:
     channels: tuple[str, ...]
     size: Estimate | None
     log_odds: float
-    sentence: str
+    numbers: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def columns(self) -> tuple[str, ...]:
         """The suspected channels as the log names them."""
         return tuple(f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels)
 
+    @property
+    def finding(self) -> Finding:
+        """The fault to be told; a dead or swapped channel is not to be used."""
+        grade = refuse if self.kind in FATAL else look
+        told = {} if self.kind == "dead" else {"log_odds": self.log_odds}
+        size = {} if self.size is None else {"size": self.size.value, "size_u": self.size.u}
+        return grade(
+            f"sensors.{self.kind}", subject=self.disk, channels=self.channels, columns=self.columns,
+            **told, **size, **self.numbers,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """``table``: a row for each pair of junctions of each disk; ``verdicts``: a sentence for each disk.
+    """``table``: a row for each pair of junctions of each disk; ``verdicts``: what is found of each disk.
 
     ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``asymmetry_K``: d less f; ``side_K``: how much hotter
     the second group of ``groups`` reads than the first, beyond what conduction explains; ``responses``: steady level,
@@ -60,9 +74,8 @@ class SensorCheck:
     """
 
     table: pd.DataFrame
-    verdicts: dict[str, str]
+    verdicts: dict[str, tuple[Finding, ...]]
     suspects: tuple[Suspect, ...]
-    warnings: tuple[str, ...]
     bulk_degC: dict[str, float]
     asymmetry_K: dict[str, Estimate]
     groups: dict[str, tuple[tuple[str, ...], ...]]
@@ -76,6 +89,11 @@ class SensorCheck:
     def sound(self) -> bool:
         """Whether no channel is suspected."""
         return not self.suspects
+
+    @property
+    def said(self) -> dict[str, str]:
+        """What is found of each disk, in words."""
+        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.verdicts.items()}
 
     def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
         """The pairs of one disk as the thesis prints them (table 6.2); ``column``: "steady" or "unloading"."""
@@ -110,7 +128,6 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         table=pairs,
         verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
         suspects=suspects,
-        warnings=tuple(s.sentence for s in suspects),
         bulk_degC={d: float(f.levels[f.of("steady")][0].mean()) for d, f in features.items()},
         asymmetry_K={d: _asymmetry(pairs, d) for d in DISKS},
         groups={d: angle_groups(test.disks[d].setup) for d in DISKS},
@@ -137,13 +154,13 @@ def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
         ranked = sorted(found, key=lambda v: -v.log_likelihood)
         best = odds[ranked[0].fault]
         rivals = [v for v in ranked[1:] if odds[v.fault] > best - RIVAL_LOG_ODDS]
-        return _DiskCheck((_named(disk.name, ranked[0], best, rivals),), side, (), None, ranked[0].log_likelihood)
+        fault, size = ranked[0].fault, ranked[0].size
+        also = {"rivals": [f"{r.fault.kind} {'-'.join(r.fault.channels)}" for r in rivals[:3]]}
+        named = Suspect(disk.name, fault.kind, fault.channels, size, best, also)
+        return _DiskCheck((named,), side, (), None, ranked[0].log_likelihood)
     if sound.p_value < UNSOUND_P:
-        words = (
-            f"{disk.name} disk: its six junctions do not read as the rim model says (chi-square {sound.chi2:.0f} for "
-            f"{sound.dof} data), and no single swap, misplacement or offset explains it"
-        )
-        return _DiskCheck((Suspect(disk.name, "unknown", (), None, best, words),), side, (), None, sound.log_likelihood)
+        unknown = Suspect(disk.name, "unknown", (), None, best, {"chi2": sound.chi2, "dof": sound.dof})
+        return _DiskCheck((unknown,), side, (), None, sound.log_likelihood)
     blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
     return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
 
@@ -165,11 +182,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mappin
     if odds < RIVAL_LOG_ODDS:
         return None
     names = (f"fast_{CHANNELS[i]}", f"slow_{CHANNELS[j]}")
-    words = (
-        f"channels {CHANNELS[i]} of the fast disk and {CHANNELS[j]} of the slow disk look swapped (log-odds {odds:.0f} "
-        "against the best fault of each disk by itself)"
-    )
-    return Suspect("both", "swapped", names, None, odds, words)
+    return Suspect("both", "swapped", names, None, odds)
 
 
 def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
@@ -203,42 +216,18 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:
     for i, c in enumerate(CHANNELS):
         usual, fall = float(np.median(rise)), float(np.median(falls))
         if usual > LEAST_RISE_K and rise[i] < DEAD_REL * usual and falls[i] < DEAD_REL * fall:
-            words = (
-                f"{disk.name} disk: channel {c} is dead: it rises by {rise[i]:.1f} K under load and falls by "
-                f"{falls[i]:.1f} K after unloading, the others by {usual:.1f} K and {fall:.1f} K"
-            )
-            out.append(Suspect(disk.name, "dead", (c,), None, np.inf, words))
+            moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
+            out.append(Suspect(disk.name, "dead", (c,), None, np.inf, {k: float(v) for k, v in moved.items()}))
     return out
 
 
-def _named(disk: str, v: Verdict, log_odds: float, rivals: list[Verdict]) -> Suspect:
-    names = " and ".join(v.fault.channels)
-    size = v.size
-    if v.fault.kind == "swapped":
-        words = f"channels {names} look swapped"
-    elif v.fault.kind == "misplaced" and size is not None:
-        deeper = "deeper" if size.value > 0 else "nearer the surface"
-        words = f"junction {names} looks {abs(size.value) * 1e3:.1f} mm {deeper} than rig.toml says"
-    elif v.fault.kind == "offset" and size is not None:
-        words = f"channel {names} reads {size.value:+.1f} K off: its static line or reference junction"
-    else:
-        shown = f" by {size.value:+.1f} K" if size is not None else ""
-        words = f"the side of {', '.join(v.fault.channels)} is hotter than the other{shown}, as in section 6.4.3"
-    sentence = f"{disk} disk: {words} (log-odds {log_odds:.0f} against a sound disk)"
-    if rivals:
-        sentence += "; or " + ", ".join(f"{r.fault.kind} {'-'.join(r.fault.channels)}" for r in rivals[:3])
-    return Suspect(disk, v.fault.kind, v.fault.channels, size, log_odds, sentence)
-
-
-def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> str:
+def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> tuple[Finding, ...]:
     if check.suspects:
-        return " ".join(s.sentence + "." for s in check.suspects)
+        return tuple(s.finding for s in check.suspects)
     own = pairs[pairs["disk"] == disk]
     wrong = int((own["steady"] == "illogical").sum())
-    said = f"{disk} disk: no swapped, dead, misplaced or offset channel found; {wrong} of {len(own)} pairs illogical"
-    if check.blind:
-        said += "; a swap of " + ", ".join("-".join(p) for p in check.blind) + " could not have been told"
-    return said + "."
+    blind = ["-".join(pair) for pair in check.blind]
+    return (note("sensors.sound", subject=disk, illogical=wrong, pairs=len(own), blind=blind),)
 
 
 def _asymmetry(pairs: pd.DataFrame, disk: str) -> Estimate:
