@@ -489,7 +489,9 @@ def _swapped(subject: str, channels: Sequence[str], log_odds: float, **n: Any) -
 
 
 def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
-    said = f"{subject} disk: no swapped, dead, misplaced or offset channel found; {illogical} of {pairs} pairs illogical"
+    said = (
+        f"{subject} disk: no swapped, dead, misplaced or offset channel found; {illogical} of {pairs} pairs illogical"
+    )
     return said + (f"; a swap of {', '.join(blind)} could not have been told" if blind else "")
 
 
@@ -526,8 +528,9 @@ def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, sus
 
 
 def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any) -> str:
+    steady = Estimate.normal(n["steady"], n["steady_u"])
     said = (
-        f"The ways to beta agree: {low:.3f} to {high:.3f}, speed law {Estimate.normal(n['steady'], n['steady_u'])}; the "
+        f"The ways to beta agree: {low:.3f} to {high:.3f}, speed law {steady}; the "
         f"largest difference, {one} against {other}, is {apart:.3f} or {z:.1f} standard deviations"
     )
     if "strained" not in n:

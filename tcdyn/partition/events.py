@@ -159,9 +159,7 @@ def _through_dropouts(
     return joined_starts, joined_stops, [float(t[a + 1]) for a, h in zip(stops, held) if h]
 
 
-def _far_fall(
-    t: Array, force: Array, switch_s: float, contact_s: float
-) -> tuple[float, float] | None:
+def _far_fall(t: Array, force: Array, switch_s: float, contact_s: float) -> tuple[float, float] | None:
     """``_fall`` about the switch, or about the force's own step where that lies too far from the switch."""
     step = _step(t, force, max(switch_s - STEP_REACH_S, contact_s), switch_s + STEP_REACH_S)
     if step is not None and abs(step - switch_s) > NEAR_S and (far := _fall(t, force, step)) is not None:

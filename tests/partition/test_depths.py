@@ -20,7 +20,6 @@ from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere
 
-
 DEPTH_E = note("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=0.1)
 
 
