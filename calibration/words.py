@@ -463,29 +463,36 @@ def _other_disk(subject: str, keys: Sequence[str], record: Sequence[str], rig: S
     return f"{subject} disk: rig.toml is used, and is not what the record was made with: {', '.join(differs[:3])}{more}"
 
 
-def _fault(said: str) -> Callable[..., str]:
-    """A fault of one disk that explains its readings better than a sound disk does."""
-
-    def words(subject: str, channels: Sequence[str], log_odds: float, rivals: Sequence[str] = (), **n: Any) -> str:
-        size = n.get("size")
-        way = "" if size is None else "deeper" if size > 0 else "nearer the surface"
-        off = "" if size is None else f"{abs(size) * 1e3:.1f} mm {way}" if "mm" in said else f"{size:+.1f} K"
-        text = said.replace("{mm}", off).replace("{K}", off).replace("{by}", f" by {off}" if off else "")
-        text = text.format(names=" and ".join(channels), all=", ".join(channels))
-        also = "; or " + ", ".join(rivals) if rivals else ""
-        return f"{subject} disk: {text} (log-odds {log_odds:.0f} against a sound disk){also}"
-
-    return words
+FAULTS = {
+    "dead": "channel {names} is dead: it rises by {rise_K:.1f} K under load and falls by {fall_K:.1f} K after "
+    "unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
+    "swapped": "channels {names} look swapped",
+    "misplaced": "junction {names} looks {mm:.1f} mm {way} than rig.toml says",
+    "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
+    "side": "the side of {all} is hotter than the other{by}, as in section 6.4.3",
+    "unknown": "its six junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
+    "single swap, misplacement or offset explains it",
+}
 
 
-def _swapped(subject: str, channels: Sequence[str], log_odds: float, **n: Any) -> str:
-    if subject != "both":
-        return _fault("channels {names} look swapped")(subject, channels, log_odds, **n)
-    one, other = (c.rpartition("_")[2] for c in channels)
-    return (
-        f"channels {one} of the fast disk and {other} of the slow disk look swapped (log-odds {log_odds:.0f} against "
-        "the best fault of each disk by itself)"
+def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float | None = None, **n: Any) -> str:
+    if subject == "both":
+        one, other = (c.rpartition("_")[2] for c in channels)
+        return (
+            f"channels {one} of the fast disk and {other} of the slow disk look swapped (log-odds {log_odds:.0f} "
+            "against the best fault of each disk by itself)"
+        )
+    size = n.get("size") or 0.0
+    said = FAULTS[kind].format(
+        names=" and ".join(channels),
+        all=", ".join(channels),
+        mm=abs(size) * 1e3,
+        way="deeper" if size > 0 else "nearer the surface",
+        by="" if n.get("size") is None else f" by {size:+.1f} K",
+        **n,
     )
+    odds = "" if log_odds is None else f" (log-odds {log_odds:.0f} against a sound disk)"
+    return f"{subject} disk: {said}{odds}" + ("; or " + ", ".join(n["rivals"]) if n.get("rivals") else "")
 
 
 def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
@@ -556,14 +563,7 @@ PARTITION: dict[str, Words] = {
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",
     "record.other_disk": _other_disk,
-    "sensors.dead": "{subject} disk: channel {channels[0]} is dead: it rises by {rise_K:.1f} K under load and falls by "
-    "{fall_K:.1f} K after unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
-    "sensors.swapped": _swapped,
-    "sensors.misplaced": _fault("junction {names} looks {mm} than rig.toml says"),
-    "sensors.offset": _fault("channel {names} reads {K} off: its static line or reference junction"),
-    "sensors.side": _fault("the side of {all} is hotter than the other{by}, as in section 6.4.3"),
-    "sensors.unknown": "{subject} disk: its six junctions do not read as the rim model says (chi-square {chi2:.0f} for "
-    "{dof} data), and no single swap, misplacement or offset explains it",
+    "sensors.suspect": _suspected,
     "sensors.sound": _sound,
     "stated.depth": _stated_depth,
     "stated.value": _stated_value,

@@ -27,7 +27,6 @@ DEAD_REL = 0.25  # of the median rise of the disk's channels
 LEAST_RISE_K = 3.0
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
-FATAL = ("dead", "swapped")
 
 
 @dataclass(frozen=True)
@@ -54,13 +53,12 @@ class Suspect:
     @property
     def finding(self) -> Finding:
         """The fault to be told; a dead or swapped channel is not to be used."""
-        grade = refuse if self.kind in FATAL else look
-        told = {} if self.kind == "dead" else {"log_odds": self.log_odds}
+        odds = {} if self.kind in ("dead", "unknown") else {"log_odds": self.log_odds}
         size = {} if self.size is None else {"size": self.size.value, "size_u": self.size.u}
-        return grade(
-            f"sensors.{self.kind}", subject=self.disk, channels=self.channels, columns=self.columns,
-            **told, **size, **self.numbers,
-        )  # fmt: skip
+        told = {"kind": self.kind, "channels": self.channels, "columns": self.columns, **odds, **size, **self.numbers}
+        if self.kind in ("dead", "swapped"):
+            return refuse("sensors.suspect", subject=self.disk, **told)
+        return look("sensors.suspect", subject=self.disk, **told)
 
 
 @dataclass(frozen=True)
