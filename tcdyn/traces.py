@@ -53,7 +53,7 @@ class DiskTraces(DiskChannels):
     channel; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,): standard
     uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody measured,
     rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b (see
-    :mod:`tcdyn.partition.inner_row`); ``findings``: what was noticed.
+    :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed.
     """
 
     name: str
