@@ -124,18 +124,7 @@ def analyse(
         fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K)
         shifts[d] = fit.shift(one.errors(fit.share, fit.h_W_m2K), lines[d])
     windows = {d: one.window for d, one in cooled.items()}
-    budget = monte_carlo(
-        {d: lines[d].line for d in DISKS},
-        {d: lines[d].shift for d in DISKS},
-        {d: (cooling[d].share, cooling[d].h_W_m2K) for d in DISKS},
-        shifts,
-        {d: (joint[d].share, joint[d].h_W_m2K) for d in DISKS},
-        {d: joint[d].shift for d in DISKS},
-        test.speed_ratio,
-        test.speed_exponent,
-        test.exponent_range,
-        seed,
-    )
+    budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     ways = {"speed law": speed.beta}
     ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
     ways |= {f"joint {d}": joint[d].beta for d in DISKS}

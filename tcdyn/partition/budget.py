@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.partition.cooling import CoolingShift
+from calibration.disk import DISKS
+from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.effects import FitShift, Unmeasured
+from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.steady import SpeedLawPoint, SteadyLine, speed_law_beta
+from tcdyn.partition.steady import DiskLine, SpeedLawPoint, speed_law_beta
 from tcdyn.partition.window import DiskWindow
 
 Array = NDArray[np.float64]
@@ -40,73 +42,57 @@ class Budget:
     @property
     def together(self) -> tuple[float, float]:
         """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk, of all sources."""
-        cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in ("fast", "slow")]
+        cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in DISKS]
         return float(np.std(self.draws["speed law"])), max(cooling)
 
 
 def monte_carlo(
-    lines: Mapping[str, SteadyLine],
-    shifts: Mapping[str, FitShift],
-    cooling: Mapping[str, tuple[float, float]],
+    test: EhlTest,
+    lines: Mapping[str, DiskLine],
+    cooling: Mapping[str, CoolingFit],
     cooling_shifts: Mapping[str, CoolingShift],
-    joint: Mapping[str, tuple[float, float]],
-    joint_shifts: Mapping[str, FitShift],
-    speed_ratio: float,
-    exponent: float,
-    exponent_range: tuple[float, float],
+    joint: Mapping[str, DiskFit],
     seed: int = 0,
-    draws: int = DRAWS,
 ) -> Budget:
     """Draw all sources, push them through lines, speed law and transient fits, and read off each source's part.
 
-    ``lines``: steady line of "fast" and "slow"; ``cooling`` and ``joint``: (share, h) of each disk. Shared nuisances
-    move both disks together. The exponent n is drawn evenly from its range; everything else is normal.
+    What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
     """
-    names = sorted({_key(what, d) for d, s in shifts.items() for what in s.of})
-    names += [(d, own) for d in ("fast", "slow") for own in ("common lag", "lag shape", "model form")]
+    names = sorted({_key(what, d) for d in DISKS for what in lines[d].shift.of})
+    names += [(d, own) for d in DISKS for own in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
-    normal = {key: rng.standard_normal(draws) for key in names}
-    uniform = rng.uniform(*exponent_range, draws)
-    noise = {d: rng.standard_normal((draws, 7)) for d in ("fast", "slow")}
+    normal = {key: rng.standard_normal(DRAWS) for key in names}
+    uniform = rng.uniform(*test.exponent_range, DRAWS)
+    noise = {d: rng.standard_normal((DRAWS, 7)) for d in DISKS}
 
     def run(active: str | None) -> dict[str, Array]:
-        n = uniform if active in (None, "speed exponent") else np.full(draws, exponent)
-        moved: dict[str, Array] = {}
-        coefficient = {}
-        for d in ("fast", "slow"):
-            change = _errors(shifts[d], d, active, normal, noise[d][:, :2])
-            line = lines[d]
-            coefficient[d] = (line.intercept + change[:, 0], line.slope + change[:, 1])
-            grow = 1 + MODEL_FORM_REL * normal[(d, "model form")]
-            if active in (None, "rim model form"):
-                coefficient[d] = (coefficient[d][0] * grow, coefficient[d][1] * grow)
-            off = _errors(joint_shifts[d], d, active, normal, noise[d][:, 4:])
-            late = off[:, 2:] * cooling_shifts[d].by_lag
-            cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4]) + late
-            for kind, centre, value in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
-                grown = centre[0] * (grow - 1.0) if active in (None, "rim model form") else 0.0
-                share = centre[0] + value[:, 0] + grown
-                moved[f"{kind} {d}"] = share if d == "fast" else 1 - share
-                moved[f"h {kind} {d}"] = centre[1] + value[:, 1]
+        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(DRAWS, test.speed_exponent)}
+        for d in DISKS:
+            line, form = lines[d].line, active in (None, "rim model form")
+            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * form
+            change = _errors(lines[d].shift, d, active, normal, noise[d][:, :2])
+            moved[f"{d} intercept"] = (line.intercept + change[:, 0]) * grow
+            moved[f"{d} slope"] = (line.slope + change[:, 1]) * grow
+            off = _errors(joint[d].shift, d, active, normal, noise[d][:, 4:])
+            cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4])
+            cool += off[:, 2:] * cooling_shifts[d].by_lag
+            for way, at, error in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
+                share = at.share * grow + error[:, 0]
+                moved[f"{way} {d}"] = share if d == "fast" else 1 - share
+                moved[f"h {way} {d}"] = at.h_W_m2K + error[:, 1]
             moved[f"lag {d}"] = off[:, 2]
-        (a, b), (c, dd) = coefficient["fast"], coefficient["slow"]
-        moved["speed law"] = np.asarray(speed_law_beta(a, b, c, dd, speed_ratio**n))  # type: ignore[arg-type]
-        moved["h_fast"] = (moved["speed law"] - a) / b
-        moved["h_slow"] = (1 - moved["speed law"] - c) / dd
-        moved["exponent"] = n
-        moved["fast intercept"], moved["fast slope"], moved["slow intercept"], moved["slow slope"] = a, b, c, dd
-        return moved
+        a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
+        beta = moved["speed law"] = np.asarray(speed_law_beta(a, b, c, slope, test.speed_ratio ** moved["exponent"]))
+        return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
-    everything = run(None)
-    known = {what.source for s in (*shifts.values(), *joint_shifts.values()) for what in s.of}
-    sources = sorted(known | {"speed exponent", "noise", "rim model form"})
+    known = {what.source for d in DISKS for shift in (lines[d].shift, joint[d].shift) for what in shift.of}
     rows = []
-    for source in sources:
+    for source in sorted(known | {"speed exponent", "noise", "rim model form"}):
         one = run(source)
-        transient = [float(np.std(one[f"cooling {d}"])) for d in ("fast", "slow") if f"cooling {d}" in one]
-        rows.append(BudgetRow(source, float(np.std(one["speed law"])), max(transient, default=0.0)))
+        transient = max(float(np.std(one[f"cooling {d}"])) for d in DISKS)
+        rows.append(BudgetRow(source, float(np.std(one["speed law"])), transient))
     rows.sort(key=lambda r: -max(r.u_beta_steady, r.u_beta_transient))
-    return Budget(tuple(rows), everything)
+    return Budget(tuple(rows), run(None))
 
 
 def _errors(
@@ -151,22 +137,20 @@ class SurfaceMaxima:
 
     def draws(self, speed: SpeedLawPoint, drawn: Mapping[str, Array], sliding_m_s: float) -> dict[str, Array]:
         """Monte Carlo draws of the three numbers, from those of beta, h_fast and h_slow."""
-        move = drawn["speed law"] - speed.beta
-        fast = (
-            self.fast_max_degC
-            + self.slopes["fast"][0] * move
-            + self.slopes["fast"][1] * (drawn["h_fast"] - speed.h_fast)
-        )
-        slow = (
-            self.slow_max_degC
-            - self.slopes["slow"][0] * move
-            + self.slopes["slow"][1] * (drawn["h_slow"] - speed.h_slow)
-        )
+        hottest = []
+        for d, sign, at, h in (
+            ("fast", 1, self.fast_max_degC, speed.h_fast),
+            ("slow", -1, self.slow_max_degC, speed.h_slow),
+        ):
+            by_share, by_h = self.slopes[d]
+            more = sign * by_share * (drawn["speed law"] - speed.beta) + by_h * (drawn[f"h_{d}"] - h)
+            hottest.append(at + more)
+        fast, slow = hottest
         return {"surface fast": fast, "surface slow": slow, "delta_T_us": (fast - slow) * sliding_m_s}
 
 
 def surface_temperatures(test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow]) -> SurfaceMaxima:
-    """SurfaceMaxima maxima over the last seconds under load; the centre of the track is the hottest place."""
+    """Surface maxima over the last seconds under load; the centre of the track is the hottest place."""
     found, slopes = {}, {}
     for disk, h, share in (("fast", speed.h_fast, speed.beta), ("slow", speed.h_slow, 1 - speed.beta)):
         last = windows[disk].between(test.events.unload_s - LAST_S, test.events.unload_s - 0.2)

@@ -78,7 +78,6 @@ class CoolingFit:
     share: float
     window_s: float
     misfit_K: float
-    residual_K: Array
     slope: Array
     power: Array
     inside: NDArray[np.bool_]
@@ -169,17 +168,6 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
     residual = target - matched(predicted)
     s = slope[inside]
     scatter = np.sqrt(((s * weight) ** 2 / weight * noise_K**2).sum()) / (weight * s * s).sum()
-    return CoolingFit(
-        window.disk,
-        h,
-        line.at(h),
-        window_s,
-        float(np.sqrt((weight * residual[inside] ** 2).sum() / (3 * weight.sum()))),
-        residual,
-        slope,
-        power,
-        inside,
-        weight[:, 0],
-        before,
-        float(scatter),
-    )
+    misfit = float(np.sqrt((weight * residual[inside] ** 2).sum() / (3 * weight.sum())))
+    at = (window.disk, h, line.at(h), window_s, misfit)
+    return CoolingFit(*at, slope, power, inside, weight[:, 0], before, float(scatter))

@@ -61,7 +61,6 @@ class CrossCheck:
 
     z: float
     finding: Finding
-    pair: tuple[str, str]
     p_value: float
     pairs: tuple[tuple[str, str, float, float], ...]
     suspects: tuple[Tension, ...]
@@ -133,7 +132,7 @@ def cross_check(
         if strained is not None:
             numbers |= {"strained": strained.stated.sentence, "strained_z": abs(strained.z), "chance": strained.chance}
         finding = note("ways.agree", **numbers)
-    return CrossCheck(worst[3], finding, (worst[0], worst[1]), p, tuple(pairs), suspects, strained)
+    return CrossCheck(worst[3], finding, p, tuple(pairs), suspects, strained)
 
 
 def tensions(

@@ -58,8 +58,6 @@ class DiskFit:
     theta: Array
     chain: Chain
     covariance: Array
-    rms_K: float
-    window_s: float
     shift: FitShift
     pulls: tuple[Pull, ...]
     inflation: float
@@ -234,14 +232,11 @@ def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s:
     jac[0, SHARE], jac[1, LOG_H], jac[2, LOG_LAGS] = 1.0, np.exp(theta[LOG_H]), np.exp(theta[LOG_LAGS])
     of = (*side.unmeasured.of, Unmeasured("common lag", "chain"), Unmeasured("lag shape", "chain"))
     shift = FitShift(of, (jac @ known.per_sd).T, jac @ known.noise @ jac.T)
-    residual = best.residual[: side.window.y.size] / side.window.weight.ravel()
     return DiskFit(
         disk=disk.name,
         theta=theta[:4],
         chain=with_lags(disk.mean_chain, lags(theta)),
         covariance=jac @ known.covariance @ jac.T,
-        rms_K=float(np.sqrt(np.mean(residual**2))),
-        window_s=window_s,
         shift=shift,
         pulls=pulls(best, [side]),
         inflation=inflation,

@@ -138,10 +138,10 @@ def _logarithm(toward: Array, rest: float = 0.0) -> Number:
 
 
 def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
-    """Profiles of all numbers of the joint fits: fit, parameter, value, deviance, gaussian, estimate, u.
+    """Profiles of all numbers of the joint fits: fit, parameter, value, deviance, estimate, u.
 
-    ``deviance``: sum of squares above its least, all else refitted [1]; ``gaussian`` = ((value - estimate)/u)^2. The
-    fits' own windows serve, nothing is filtered again.
+    ``deviance``: sum of squares above its least, all else refitted [1]. The fits' own windows serve,
+    nothing is filtered again.
     """
     together = {d: both.theta[4 * i : 4 * i + 4] for i, d in enumerate(DISKS)}
     tables, found = {}, []
@@ -185,13 +185,7 @@ def _profiles(
             best, toward, u=e.u, scale=float(n.toward @ stated @ n.toward / (n.toward @ white @ n.toward)),
             step=STEP_U, drop=TOP, reach=FARTHEST_U, value=n.value, at=n.at, within=n.within, tolerance=ENOUGH,
         )  # fmt: skip
-        columns = {
-            "value": walk.value,
-            "deviance": walk.deviance,
-            "gaussian": ((walk.value - e.value) / e.u) ** 2,
-            "estimate": e.value,
-            "u": e.u,
-        }
+        columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
         frames.append(pd.DataFrame({"fit": fit, "parameter": name, **columns}))
     return pd.concat(frames, ignore_index=True)
 

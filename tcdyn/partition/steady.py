@@ -45,16 +45,14 @@ class SteadyLine:
 class SteadyMap:
     """Misfit of one disk over a grid of shares and h, and the line of least misfit.
 
-    ``mean_abs_K`` and ``rms_K`` have shape (n_h, n_share); ``best_share`` is, for each h, the share of least squares.
+    ``mean_abs_K`` has shape (n_h, n_share); ``best_share`` is, for each h, the share of least squares.
     """
 
     h_W_m2K: Array
     share: Array
     mean_abs_K: Array
-    rms_K: Array
     best_share: Array
     line: SteadyLine
-    thesis_line: SteadyLine
 
 
 @dataclass(frozen=True)
@@ -134,13 +132,13 @@ def steady_map(
     share: Array = SHARE_GRID,
     weights: Array | None = None,
 ) -> SteadyMap:
-    """Misfit over (h, share) and the line of least misfit, the thesis's way and directly.
+    """Misfit over (h, share) and the line of least misfit.
 
     ``y``: measured outer row, (rows, P) [degC]; ``boundary``: model with no frictional heat, (n_h, rows, P) [degC];
     ``per_share``: model response to a share of one, (n_h, rows, P) [K]; ``weights``: of the P junctions, (7.1) gives
     each the same, (7.2) a double one to ``a``. The model is linear in the share, so for each h the best share is one
-    division, and the map costs no further model run. The thesis's line fits a parabola to the error along each h
-    (figure 4.10) and then a straight line through the minima.
+    division, and the map costs no further model run. (The thesis fits a parabola to the error along each h, figure
+    4.10, and then a straight line through the minima.)
     """
     w = np.ones(y.shape[1]) if weights is None else np.asarray(weights, dtype=float)
     w = w / w.sum()
@@ -148,28 +146,8 @@ def steady_map(
     best = np.einsum("hrp,hrp,p->h", gap, per_share, w) / np.einsum("hrp,hrp,p->h", per_share, per_share, w)
     misfit = gap[:, None] - share[None, :, None, None] * per_share[:, None]
     mean_abs = np.einsum("hsrp,p->hs", np.abs(misfit), w) / y.shape[0]
-    rms = np.sqrt(np.einsum("hsrp,hsrp,p->hs", misfit, misfit, w) / y.shape[0])
     slope, intercept = np.polyfit(h_W_m2K, best, 1)
-    thesis_best = np.array([_parabola_minimum(share, row) for row in mean_abs])
-    inside = (thesis_best >= share[0]) & (thesis_best <= share[-1])
-    use = inside if inside.sum() >= 3 else np.ones_like(inside)
-    t_slope, t_intercept = np.polyfit(h_W_m2K[use], thesis_best[use], 1)
-    return SteadyMap(
-        h_W_m2K,
-        share,
-        mean_abs,
-        rms,
-        best,
-        SteadyLine(float(intercept), float(slope)),
-        SteadyLine(float(t_intercept), float(t_slope)),
-    )
-
-
-def _parabola_minimum(x: Array, error: Array) -> float:
-    """Where the parabola through the least error and its neighbours is least."""
-    k = int(np.clip(np.argmin(error), 2, len(x) - 3))
-    c2, c1, _ = np.polyfit(x[k - 2 : k + 3], error[k - 2 : k + 3], 2)
-    return float(-c1 / (2 * c2)) if c2 > 0 else float(x[np.argmin(error)])
+    return SteadyMap(h_W_m2K, share, mean_abs, best, SteadyLine(float(intercept), float(slope)))
 
 
 @dataclass(frozen=True)

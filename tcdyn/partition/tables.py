@@ -31,33 +31,24 @@ TWO_SIGMA = 2.0
 
 def ways_table(p: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way: standard uncertainties, and beta's 95 % interval."""
-    rows: list[tuple[str, float, str, float, str, str | None]] = [
-        ("speed law, fast disk", p.speed.beta, "speed law", p.speed.h_fast, "h_fast", None),
-        ("speed law, slow disk", p.speed.beta, "speed law", p.speed.h_slow, "h_slow", None),
-    ]
-    for d in DISKS:
-        cool = p.cooling[d]
-        rows.append((f"cooling fit, {d} disk", cool.beta, f"cooling {d}", cool.h_W_m2K, f"h cooling {d}", None))
-    for d in DISKS:
-        joint = p.joint[d]
-        rows.append((f"joint fit, {d} disk", joint.beta, f"joint {d}", joint.h_W_m2K, f"h joint {d}", d))
     table = []
-    for word, beta, key, h, h_key, disk in rows:
-        lag = p.joint[disk].estimates["lag_s"] if disk else None
-        hh = p.estimate(h_key, h)
-        row = _way(word, p.estimate(key, beta), with_u(hh.value, hh.u))
-        table.append({**row, "lag [s]": with_u(lag.value, lag.u) if lag else "", "exponent n [1]": ""})
+
+    def way(word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None) -> None:
+        low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
+        row = {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}"}
+        more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
+        table.append(row | {key: with_u(e.value, e.u) if e else "" for key, e in more.items()})
+
+    for d, h in zip(DISKS, (p.speed.h_fast, p.speed.h_slow)):
+        way(f"speed law, {d} disk", p.estimate("speed law", p.speed.beta), p.estimate(f"h_{d}", h))
+    for kind, fits in (("cooling", p.cooling), ("joint", p.joint)):
+        for d, fit in fits.items():
+            beta, h_fit = p.estimate(f"{kind} {d}", fit.beta), p.estimate(f"h {kind} {d}", fit.h_W_m2K)
+            way(f"{kind} fit, {d} disk", beta, h_fit, p.joint[d].estimates["lag_s"] if kind == "joint" else None)
     both = p.both.estimates
     for d in DISKS:
-        h_both, n = both[f"h_{d}"], both["exponent"]
-        row = _way(f"joint fit of both, {d} disk", both["beta"], with_u(h_both.value, h_both.u))
-        table.append({**row, "lag [s]": "", "exponent n [1]": with_u(n.value, n.u)})
+        way(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=both["exponent"])
     return pd.DataFrame(table)
-
-
-def _way(word: str, beta: Estimate, h: str) -> dict[str, str]:
-    low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
-    return {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}", "h [W/m²K]": h}
 
 
 def budget_table(p: Partition) -> pd.DataFrame:

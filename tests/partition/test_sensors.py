@@ -14,6 +14,7 @@ from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
+from tcdyn.partition.sensors.features import disk_features
 from tcdyn.partition.sensors.pairs import angle_groups, demand
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
@@ -59,11 +60,12 @@ def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck
     assert sound.bulk_degC["fast"] > sound.bulk_degC["slow"]  # figure 6.17
 
 
-def test_nearer_the_surface_answers_sooner_and_more(sound: SensorCheck) -> None:
-    for disk in ("fast", "slow"):
-        own = sound.responses[sound.responses["disk"] == disk].set_index("channel")
-        for answer in ("fall_after_unloading_K", "rise_after_loading_K"):
-            assert own[answer]["e"] > own[answer]["a"] > own[answer]["c"] > own[answer]["b"]
+def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
+    for disk in b3.disks.values():
+        f = disk_features(b3, disk)
+        for answer in (-f.levels[f.of("unloading")][1], f.levels[f.of("loading")][0]):  # fall and rise of a..f
+            a, b, c, _, e, _ = answer
+            assert e > a > c > b
 
 
 @pytest.mark.parametrize("disk", ["fast", "slow"])
@@ -110,9 +112,8 @@ def test_a_hotter_side_is_told_from_a_single_bad_channel(b3: EhlTest) -> None:
     check = check_sensors(with_readings(b3, "slow", {c: column(b3, "slow", c) + slow_rise for c in "bef"}))
     (suspect,) = check.suspects
     assert (suspect.kind, suspect.channels) == ("side", ("b", "e", "f"))
-    side = check.side_K["slow"]
-    assert side is not None
-    assert side.value == pytest.approx(6.0, abs=1.0)
+    assert suspect.size is not None
+    assert suspect.size.value == pytest.approx(6.0, abs=1.0)
     assert "illogical" in set(check.table.query("disk == 'slow' and not same_group")["steady"])
     assert "illogical" not in set(check.table.query("disk == 'slow' and same_group")["steady"])
 

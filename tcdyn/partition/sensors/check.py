@@ -65,9 +65,7 @@ class Suspect:
 class SensorCheck:
     """``table``: a row for each pair of junctions of each disk; ``verdicts``: what is found of each disk.
 
-    ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``asymmetry_K``: d less f; ``side_K``: how much hotter
-    the second group of ``groups`` reads than the first, beyond what conduction explains; ``responses``: steady level,
-    rise after loading and fall after unloading of each junction; ``blind``: swaps that this test could not tell;
+    ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
     ``depths``: where the test places the junctions of each disk that shows no fault.
     """
 
@@ -75,10 +73,6 @@ class SensorCheck:
     verdicts: dict[str, tuple[Finding, ...]]
     suspects: tuple[Suspect, ...]
     bulk_degC: dict[str, float]
-    asymmetry_K: dict[str, Estimate]
-    groups: dict[str, tuple[tuple[str, ...], ...]]
-    side_K: dict[str, Estimate | None]
-    responses: pd.DataFrame
     blind: dict[str, tuple[tuple[str, str], ...]]
     depths: dict[str, DepthTest]
     disks: Mapping[str, DiskTraces]
@@ -101,7 +95,6 @@ class SensorCheck:
 @dataclass(frozen=True)
 class _DiskCheck:
     suspects: tuple[Suspect, ...]
-    side: Estimate | None
     blind: tuple[tuple[str, str], ...]
     depths: DepthTest | None
     log_likelihood: float
@@ -127,10 +120,6 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
         suspects=suspects,
         bulk_degC={d: float(f.levels[f.of("steady")][0].mean()) for d, f in features.items()},
-        asymmetry_K={d: _asymmetry(pairs, d) for d in DISKS},
-        groups={d: angle_groups(test.disks[d].setup) for d in DISKS},
-        side_K={d: checks[d].side for d in DISKS},
-        responses=pd.concat([_responses(test.disks[d], features[d]) for d in DISKS], ignore_index=True),
         blind={d: checks[d].blind for d in DISKS},
         depths={d: t for d in DISKS if (t := checks[d].depths) is not None},
         disks=test.disks,
@@ -140,10 +129,9 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
     dead = _dead(test, disk, f)
     if dead:
-        return _DiskCheck(tuple(dead), None, (), None, np.inf)
+        return _DiskCheck(tuple(dead), (), None, np.inf)
     sound = judge(f, disk, Fault("none"))
     found = [judge(f, disk, h) for h in hypotheses(angle_groups(disk.setup))]
-    side = next((v.size for v in found if v.fault.kind == "side"), None)
     odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
     best = max(odds.values())
     if best > NAMED_LOG_ODDS:
@@ -155,12 +143,12 @@ def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
         fault, size = ranked[0].fault, ranked[0].size
         also = {"rivals": [f"{r.fault.kind} {'-'.join(r.fault.channels)}" for r in rivals[:3]]}
         named = Suspect(disk.name, fault.kind, fault.channels, size, best, also)
-        return _DiskCheck((named,), side, (), None, ranked[0].log_likelihood)
+        return _DiskCheck((named,), (), None, ranked[0].log_likelihood)
     if sound.p_value < UNSOUND_P:
         unknown = Suspect(disk.name, "unknown", (), None, best, {"chi2": sound.chi2, "dof": sound.dof})
-        return _DiskCheck((unknown,), side, (), None, sound.log_likelihood)
+        return _DiskCheck((unknown,), (), None, sound.log_likelihood)
     blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
-    return _DiskCheck((), side, tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
+    return _DiskCheck((), tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
 
 
 def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck]) -> Suspect | None:
@@ -226,29 +214,3 @@ def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> tuple[Finding
     wrong = int((own["steady"] == "illogical").sum())
     blind = ["-".join(pair) for pair in check.blind]
     return (note("sensors.sound", subject=disk, illogical=wrong, pairs=len(own), blind=blind),)
-
-
-def _asymmetry(pairs: pd.DataFrame, disk: str) -> Estimate:
-    row = pairs[(pairs["disk"] == disk) & (pairs["one"] == "d") & (pairs["other"] == "f")].iloc[0]
-    return Estimate.normal(float(row["steady_difference_K"]), float(row["steady_u_K"]))
-
-
-def _responses(disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
-    """Steady level and first answers of each junction, deepest last."""
-    x = {event: f.levels[f.of(event)] for event in ("steady", "unloading", "loading")}
-    middle = 0.5 * disk.setup.width_m
-    rows = []
-    for i, c in enumerate(CHANNELS):
-        place = disk.setup.junctions[c]
-        rows.append(
-            {
-                "disk": disk.name,
-                "channel": c,
-                "depth_mm": place.depth_m * 1e3,
-                "off_centre_mm": (place.z_m - middle) * 1e3,
-                "steady_degC": float(x["steady"][0, i]),
-                "fall_after_unloading_K": float(-x["unloading"][min(1, len(x["unloading"]) - 1), i]),
-                "rise_after_loading_K": float(x["loading"][0, i]) if len(x["loading"]) else np.nan,
-            }
-        )
-    return pd.DataFrame(rows).sort_values(["depth_mm", "channel"], ignore_index=True)
