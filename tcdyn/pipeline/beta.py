@@ -19,8 +19,7 @@ from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse, beta_file
-from tcdyn.partition.prepare import FrictionAdded
-from tcdyn.partition.prepare import prepare
+from tcdyn.partition.prepare import FrictionAdded, prepare
 from tcdyn.partition.tables import ways_table
 from tcdyn.traces import rig_of
 
