@@ -18,15 +18,22 @@ from calibration.finding import Finding, Grade, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.budget import Budget, SurfaceMaxima, monte_carlo, surface_temperatures
 from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
-from tcdyn.partition.crosscheck import CrossCheck, cross_check, tensions
+from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_length_s, refined_chains
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
 from tcdyn.partition.sensors.faults import DepthTest
-from tcdyn.partition.steady import EQUAL_WEIGHTS, DiskLine, SpeedLawPoint, at_one_radius, steady_lines
+from tcdyn.partition.steady import (
+    EQUAL_WEIGHTS,
+    DiskLine,
+    SpeedLawPoint,
+    SurfaceMaxima,
+    at_one_radius,
+    steady_lines,
+    surface_temperatures,
+)
 from tcdyn.partition.window import DiskWindow, stretch_of
 
 SCHEMA = "tcdyn.beta/1"

@@ -1,4 +1,8 @@
-"""Do the ways to beta agree, their correlations counted, and what that was stated do the data of a test contradict?"""
+"""Where the uncertainty of beta comes from, whether the ways to it agree, and what of the stated the data contradict.
+
+Monte Carlo by source over both ways and both disks (GUM Supplement 1): its draws hold every quantity with its
+correlations, by which the ways are compared.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +17,14 @@ from scipy import stats
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
+from tcdyn.partition.cooling import CoolingFit, CoolingShift
+from tcdyn.partition.effects import FitShift
 from tcdyn.partition.joint import BothFit, DiskFit
 from tcdyn.partition.posterior import LEAST_LAG_U_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.check import SensorCheck, Suspect
 from tcdyn.partition.sensors.faults import chance_of, largest_pulls
+from tcdyn.partition.steady import DiskLine, speed_law_beta
 
 Array = NDArray[np.float64]
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
@@ -25,6 +32,104 @@ OTHER_ALARM = 0.01
 LEAST_CHANCE = 1e-12
 SUSPECT_Z = 3.0
 NOTED_CHANCE = 0.5
+DRAWS = 4000
+MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk, symmetric
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """One source of uncertainty and its standard uncertainty of beta by the speed law and by the cooling fit."""
+
+    source: str
+    u_beta_steady: float
+    u_beta_transient: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """``rows`` by source; ``draws`` of every quantity, all sources together, each (draws,)."""
+
+    rows: tuple[BudgetRow, ...]
+    draws: dict[str, Array]
+
+    @property
+    def together(self) -> tuple[float, float]:
+        """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk, of all sources."""
+        cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in DISKS]
+        return float(np.std(self.draws["speed law"])), max(cooling)
+
+
+def monte_carlo(
+    test: EhlTest,
+    lines: Mapping[str, DiskLine],
+    cooling: Mapping[str, CoolingFit],
+    cooling_shifts: Mapping[str, CoolingShift],
+    joint: Mapping[str, DiskFit],
+    seed: int = 0,
+) -> Budget:
+    """Draw all sources, push them through lines, speed law and transient fits, and read off each source's part.
+
+    What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
+    """
+    names = sorted({what.of(d) for d in DISKS for what in lines[d].shift.of})
+    names += [(d, own) for d in DISKS for own in ("common lag", "lag shape", "model form")]
+    rng = np.random.default_rng(seed)
+    normal = {key: rng.standard_normal(DRAWS) for key in names}
+    uniform = rng.uniform(*test.exponent_range, DRAWS)
+    noise = {d: rng.standard_normal((DRAWS, 7)) for d in DISKS}
+
+    def run(active: str | None) -> dict[str, Array]:
+        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(DRAWS, test.speed_exponent)}
+        for d in DISKS:
+            line, form = lines[d].line, active in (None, "rim model form")
+            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * form
+            change = _errors(lines[d].shift, d, active, normal, noise[d][:, :2])
+            moved[f"{d} intercept"] = (line.intercept + change[:, 0]) * grow
+            moved[f"{d} slope"] = (line.slope + change[:, 1]) * grow
+            off = _errors(joint[d].shift, d, active, normal, noise[d][:, 4:])
+            cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4])
+            cool += off[:, 2:] * cooling_shifts[d].by_lag
+            for way, at, error in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
+                share = at.share * grow + error[:, 0]
+                moved[f"{way} {d}"] = share if d == "fast" else 1 - share
+                moved[f"h {way} {d}"] = at.h_W_m2K + error[:, 1]
+            moved[f"lag {d}"] = off[:, 2]
+        a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
+        at = (a, b, c, slope, test.speed_ratio ** moved["exponent"])
+        beta = moved["speed law"] = np.asarray(speed_law_beta(*at))  # type: ignore[arg-type]
+        return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
+
+    known = {what.source for d in DISKS for shift in (lines[d].shift, joint[d].shift) for what in shift.of}
+    rows = []
+    for source in sorted(known | {"speed exponent", "noise", "rim model form"}):
+        one = run(source)
+        transient = max(float(np.std(one[f"cooling {d}"])) for d in DISKS)
+        rows.append(BudgetRow(source, float(np.std(one["speed law"])), transient))
+    rows.sort(key=lambda r: -max(r.u_beta_steady, r.u_beta_transient))
+    return Budget(tuple(rows), run(None))
+
+
+def _errors(
+    shift: FitShift,
+    disk: str,
+    active: str | None,
+    normal: Mapping[tuple[str, str], Array],
+    noise: Array,
+) -> Array:
+    """Drawn errors (draws, k) of one fit, of all sources or of the ``active`` one."""
+    out = np.zeros((len(noise), shift.per_sd.shape[1]))
+    for what, per_sd in zip(shift.of, shift.per_sd):
+        if active in (None, what.source):
+            out += normal[what.of(disk)][:, None] * per_sd
+    if active in (None, "noise"):
+        out += noise @ _root(shift.noise).T
+    return out
+
+
+def _root(covariance: Array) -> Array:
+    """A square root of a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from tcdyn.chain import discretised
 from tcdyn.conduction.rim import lag_bank
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import GRADIENT_STEP_M, OUTER, DiskWindow, Perturbation
+from tcdyn.partition.window import GRADIENT_STEP_M, NOMINAL, OUTER, DiskWindow, Perturbation
 from tcdyn.traces import DiskTraces
 
 Array = NDArray[np.float64]
@@ -34,6 +34,10 @@ class Unmeasured:
     name: str
     source: str
     shared: bool = False
+
+    def of(self, disk: str) -> tuple[str, str]:
+        """Whose it is, both disks' or one's, and its name."""
+        return "both" if self.shared else disk, self.name
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ def stated(at: Prediction, disk: DiskTraces, static_u_K: Array, lag_u_s: Array) 
         yield Unmeasured(f"depth {c}", "junction depth"), u.depth_mm * 1e-3, at.deeper(c)
         yield Unmeasured(f"lag {c}", "chain"), float(lag), at.reading(c, -at.rate(c))
     for key in MATERIALS:
-        change = at.moved(Perturbation(**{key: MATERIAL_STEP})) / MATERIAL_STEP
+        change = at.moved(replace(NOMINAL, **{key: MATERIAL_STEP})) / MATERIAL_STEP
         name = NAMES.get(key, key)
         yield Unmeasured(name, name, True), float(getattr(u, f"{key}_rel")), change
     yield Unmeasured("ambient", "ambient", True), u.ambient_K, -at.reading("ambient", at.lasts)

@@ -30,8 +30,13 @@ LOG_H_STEP = 1e-3
 class Answers(Protocol):
     """What a disk shows, in standard deviations of its noise, and what the rim answers: itself, or a table of it."""
 
-    y: Array  # (m,)
-    effect: Array  # (m, Q)
+    @property
+    def y(self) -> Array:
+        """What was seen, (m,)."""
+
+    @property
+    def effect(self) -> Array:
+        """What nobody measured makes of it, by a standard uncertainty of each, (m, Q)."""
 
     def model(self, p: Array) -> tuple[Array, Array] | None:
         """Prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``; None where there is none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,17 +13,19 @@ from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import FitShift, effects, prediction
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import deeper_than_b_m, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 Array = NDArray[np.float64]
 
-H_GRID_W_M2K: Array = np.arange(100.0, 1201.0, 100.0)  # section 4.3
-SHARE_GRID: Array = np.arange(0.1, 1.01, 0.1)
+H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
+SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
 END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
 LEAST_H_W_M2K = 50.0
 LEVELLED_S = 20.0  # of cooling that any fit looks at
+LAST_S = 10.0
+SURFACE_DEPTH_M = 0.0
 ROUNDS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
 
 
@@ -222,3 +225,51 @@ def _levelled(
     whole[rows] = prediction(test, lagged_window(test, disk, rows), share, h_W_m2K).gradient * deeper_m
     whole[rows.stop :] = whole[rows.stop - 1]
     return replace(disk, inner_K=whole)
+
+
+@dataclass(frozen=True)
+class SurfaceMaxima:
+    """Maximum of the running track's mean temperature [degC] and (T_fast - T_slow) u_s [K m/s] (figure 7.18).
+
+    ``slopes``: of each disk's maximum by share [K] and by h [K per W/m2K], for the budget.
+    """
+
+    fast_max_degC: float
+    slow_max_degC: float
+    delta_T_us: float
+    slopes: Mapping[str, tuple[float, float]]
+
+    def draws(self, speed: SpeedLawPoint, drawn: Mapping[str, Array], sliding_m_s: float) -> dict[str, Array]:
+        """Monte Carlo draws of the three numbers, from those of beta, h_fast and h_slow."""
+        hottest = []
+        for d, sign, at, h in (
+            ("fast", 1, self.fast_max_degC, speed.h_fast),
+            ("slow", -1, self.slow_max_degC, speed.h_slow),
+        ):
+            by_share, by_h = self.slopes[d]
+            more = sign * by_share * (drawn["speed law"] - speed.beta) + by_h * (drawn[f"h_{d}"] - h)
+            hottest.append(at + more)
+        fast, slow = hottest
+        return {"surface fast": fast, "surface slow": slow, "delta_T_us": (fast - slow) * sliding_m_s}
+
+
+def surface_temperatures(test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow]) -> SurfaceMaxima:
+    """Surface maxima over the last seconds under load; the centre of the track is the hottest place."""
+    found, slopes = {}, {}
+    for disk, h, share in (("fast", speed.h_fast, speed.beta), ("slow", speed.h_slow, 1 - speed.beta)):
+        last = windows[disk].between(test.events.unload_s - LAST_S, test.events.unload_s - 0.2)
+        rest, power = _track(windows[disk], max(h, 0.0), last)
+        hottest = int(np.argmax(rest + share * power))
+        step = 0.01 * max(h, 10.0)
+        rest_up, power_up = _track(windows[disk], max(h, 0.0) + step, last)
+        found[disk] = float(rest[hottest] + share * power[hottest])
+        moved = float(rest_up[hottest] + share * power_up[hottest])
+        slopes[disk] = (float(power[hottest]), (moved - found[disk]) / step)
+    return SurfaceMaxima(found["fast"], found["slow"], (found["fast"] - found["slow"]) * test.sliding_speed_m_s, slopes)
+
+
+def _track(window: DiskWindow, h: float, last: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Mean surface temperature without heat and per share at nine places across the track."""
+    extra = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * window.rim.setup.width_m)
+    rest, power = window.rim.answer(h, extra=extra)
+    return rest[last, 3:].mean(axis=0), power[last, 3:].mean(axis=0)

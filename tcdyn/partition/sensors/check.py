@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS, OUTER_ROW
+from calibration.disk import CHANNELS, DISKS, OUTER_ROW, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensors.faults import MISPLACED_M, DepthTest, Fault, Verdict, depth_test, hypotheses, judge
+from tcdyn.partition.sensors.faults import (
+    MISPLACED_M,
+    DepthTest,
+    Fault,
+    Verdict,
+    angle_groups,
+    depth_test,
+    hypotheses,
+    judge,
+)
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
-from tcdyn.partition.sensors.pairs import angle_groups, pair_matrix, pair_table
 from tcdyn.traces import DiskTraces
 
 NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
@@ -27,6 +35,10 @@ DEAD_REL = 0.25  # of the median rise of the disk's channels
 LEAST_RISE_K = 3.0
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
+SAME_PLACE_M = 0.15e-3
+SURE_Z = 2.0
+ASYMMETRY_Z = 3.0
+LAG_U_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -214,3 +226,72 @@ def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> tuple[Finding
     wrong = int((own["steady"] == "illogical").sum())
     blind = ["-".join(pair) for pair in check.blind]
     return (note("sensors.sound", subject=disk, illogical=wrong, pairs=len(own), blind=blind),)
+
+
+def demand(setup: DiskSetup, one: str, other: str) -> int | None:
+    """1 when ``one`` must be the hotter, -1 when ``other`` must, 0 when neither by symmetry, None when it depends.
+
+    Under contact heat flows in at the centre of the track and away from it: nearer the surface and nearer the centre
+    is hotter (section 6.4.2).
+    """
+    i, j = setup.junctions[one], setup.junctions[other]
+    middle = 0.5 * setup.width_m
+    steps = (j.depth_m - i.depth_m, abs(j.z_m - middle) - abs(i.z_m - middle))
+    signs = {0 if abs(s) < SAME_PLACE_M else int(np.sign(s)) for s in steps}
+    if signs == {0}:
+        return 0
+    signs.discard(0)
+    return signs.pop() if len(signs) == 1 else None
+
+
+def said_of(wanted: int | None, difference_K: float, u_K: float) -> str:
+    """ "logical", "weak", "illogical" or "N.A." for a pair that reads ``difference_K`` apart.
+
+    >>> said_of(1, 3.0, 0.3), said_of(1, 0.2, 0.3), said_of(1, -3.0, 0.3), said_of(None, 3.0, 0.3)
+    ('logical', 'weak', 'illogical', 'N.A.')
+    """
+    if wanted is None:
+        return "N.A."
+    if wanted == 0:
+        return "logical" if abs(difference_K) <= ASYMMETRY_Z * u_K else "weak"
+    z = wanted * difference_K / u_K
+    return "logical" if z > SURE_Z else "illogical" if z < -SURE_Z else "weak"
+
+
+def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
+    """A row for each pair: steady difference and that of the fall after unloading, what each says, and the groups.
+
+    A steady level is known as its static line is, and its depth in the mean gradient; a fall as noise and lag are.
+    """
+    s = disk.setup
+    power = float(test.power_W[test.rows(test.events.unload_s - 20.0, test.events.unload_s - 1.0)].mean())
+    gradient = 0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)  # of half the heat
+    after = np.flatnonzero(f.of("unloading"))
+    k = int(after[min(1, len(after) - 1)])  # one to two seconds after it
+    noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
+    levels = {
+        "steady": (f.levels[f.of("steady")][0], np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3)),
+        "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
+    }
+    groups = angle_groups(disk.setup)
+    rows = []
+    for one, other in combinations(CHANNELS, 2):
+        i, j = CHANNELS.index(one), CHANNELS.index(other)
+        wanted = demand(disk.setup, one, other)
+        row: dict[str, object] = {
+            "disk": disk.name, "one": one, "other": other,
+            "same_group": any(one in g and other in g for g in groups),
+        }  # fmt: skip
+        for name, (level, u) in levels.items():
+            gap, spread = float(level[i] - level[j]), float(np.hypot(u[i], u[j]))
+            row |= {f"{name}_difference_K": gap, f"{name}_u_K": spread, name: said_of(wanted, gap, spread)}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def pair_matrix(table: pd.DataFrame, disk: DiskTraces, column: str = "steady") -> pd.DataFrame:
+    """The upper triangle as the thesis prints it (tables 6.2 to 6.4), channels in their groups."""
+    order = [c for g in angle_groups(disk.setup) for c in g]
+    said = {frozenset((r["one"], r["other"])): r[column] for _, r in table[table["disk"] == disk.name].iterrows()}
+    body = [[said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)] for i, r in enumerate(order)]
+    return pd.DataFrame(body, index=order, columns=order)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -18,7 +19,7 @@ from scipy import special, stats
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
-from calibration.disk import CHANNELS
+from calibration.disk import CHANNELS, DiskSetup
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import differential_lag_u_s, stated
 from tcdyn.partition.sensors.features import DiskFeatures, FeaturePrediction, Order, predicted
@@ -37,6 +38,7 @@ MODEL_K = 0.03
 DRAWS = 20_000
 LEAST_TOLD = 0.02
 LEAST_SEEN = 20
+SAME_GROUP_DEG = 60.0
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
@@ -89,6 +91,25 @@ class Verdict:
         return float(stats.chi2.sf(self.chi2, self.dof))
 
 
+def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
+    """Channels by where they sit round the disk: neighbours within 60 degrees belong together, largest angle gap first.
+
+    >>> from calibration.rig import load_rig
+    >>> angle_groups(load_rig().disk_setup("slow"))
+    (('a', 'c', 'd'), ('b', 'e', 'f'))
+    """
+    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in CHANNELS}
+    order = sorted(CHANNELS, key=lambda c: angles[c])
+    gaps = [(angles[order[(k + 1) % 6]] - angles[c]) % 360.0 for k, c in enumerate(order)]
+    cuts = [k for k, gap in enumerate(gaps) if gap > SAME_GROUP_DEG]
+    if len(cuts) < 2:
+        return (CHANNELS,)
+    groups = []
+    for one, other in zip(cuts, [*cuts[1:], cuts[0] + len(order)]):
+        groups.append(tuple(sorted(order[k % 6] for k in range(one + 1, other + 1))))
+    return tuple(sorted(groups))
+
+
 def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[Fault]:
     """All faults that are looked for; ``sides`` are the groups of channels by angle."""
     for pair in combinations(CHANNELS, 2):
@@ -129,8 +150,8 @@ def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests:
             break
         at = nearest
         h = float(H_GRID_W_M2K[at])
-        e = f.remember((order, h, share), lambda h=h: predicted(f, order, h, share))  # most hypotheses share them
-        cov = f.remember((order, h, share, mixed), lambda e=e: covariance(e, disk, mixed))
+        e = f.remember((order, h, share), partial(predicted, f, order, h, share))  # most hypotheses share them
+        cov = f.remember((order, h, share, mixed), partial(covariance, e, disk, mixed))
         sd, effect = _freedom(e, fault)
         if effect is not None:
             cov = cov + np.outer(sd * effect[seen], sd * effect[seen])
