@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
@@ -19,7 +20,6 @@ from tcdyn.partition.steady import DiskLine, SteadyLine
 from tcdyn.partition.window import OUTER, DiskWindow, disk_window
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
@@ -26,14 +26,13 @@ from tcdyn.partition.sensors.check import SensorCheck, Suspect
 from tcdyn.partition.sensors.faults import chance_of, largest_pulls
 from tcdyn.partition.steady import DiskLine, speed_law_beta
 
-Array = NDArray[np.float64]
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
 OTHER_ALARM = 0.01
 LEAST_CHANCE = 1e-12
 SUSPECT_Z = 3.0
 NOTED_CHANCE = 0.5
 DRAWS = 4000
-MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk, symmetric
+MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,8 @@ def monte_carlo(
                 moved[f"h {way} {d}"] = at.h_W_m2K + error[:, 1]
             moved[f"lag {d}"] = off[:, 2]
         a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
-        at = (a, b, c, slope, test.speed_ratio ** moved["exponent"])
-        beta = moved["speed law"] = np.asarray(speed_law_beta(*at))  # type: ignore[arg-type]
+        chi = test.speed_ratio ** moved["exponent"]
+        beta = moved["speed law"] = np.asarray(speed_law_beta(a, b, c, slope, chi))  # type: ignore[arg-type]
         return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
     known = {what.source for d in DISKS for shift in (lines[d].shift, joint[d].shift) for what in shift.of}
@@ -289,7 +288,7 @@ def _depths(sensors: SensorCheck | None) -> list[Tension]:
     out = []
     for t in tests:
         for (channel, deeper), z in zip(t.deeper_m.items(), t.pull):
-            place = {"channel": channel, "deeper_mm": 1e3 * deeper.value, "u_mm": 1e3 * deeper.u}
+            place: dict[str, Any] = {"channel": channel, "deeper_mm": 1e3 * deeper.value, "u_mm": 1e3 * deeper.u}
             chance = max(chance_of(float(z), largest, count), LEAST_CHANCE)
             out.append(Tension(note("stated.depth", subject=t.disk, **place), float(z), chance, DEPTH_ALARM))
     return out

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from tcdyn.chain import discretised
 from tcdyn.conduction.rim import lag_bank
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import GRADIENT_STEP_M, NOMINAL, OUTER, DiskWindow, Perturbation
+from tcdyn.partition.window import GRADIENT_STEP_M, OUTER, DiskWindow, Perturbation
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 MATERIAL_STEP = 0.01
 MATERIALS = ("conductivity", "heat_capacity", "washer", "half_width")
 NAMES = {"heat_capacity": "heat capacity", "half_width": "half-width"}
@@ -150,7 +150,8 @@ def stated(at: Prediction, disk: DiskTraces, static_u_K: Array, lag_u_s: Array) 
         yield Unmeasured(f"depth {c}", "junction depth"), u.depth_mm * 1e-3, at.deeper(c)
         yield Unmeasured(f"lag {c}", "chain"), float(lag), at.reading(c, -at.rate(c))
     for key in MATERIALS:
-        change = at.moved(replace(NOMINAL, **{key: MATERIAL_STEP})) / MATERIAL_STEP
+        step: dict[str, Any] = {key: MATERIAL_STEP}
+        change = at.moved(Perturbation(**step)) / MATERIAL_STEP
         name = NAMES.get(key, key)
         yield Unmeasured(name, name, True), float(getattr(u, f"{key}_rel")), change
     yield Unmeasured("ambient", "ambient", True), u.ambient_K, -at.reading("ambient", at.lasts)

@@ -10,11 +10,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from calibration.arrays import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 from calibration.noise import MAD_TO_SD, white_noise_sd
 
-Array = NDArray[np.float64]
 SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
@@ -39,7 +39,6 @@ from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 JOINT_WINDOW_S = 10.0

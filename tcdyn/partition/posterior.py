@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile
 from tcdyn.fitting import Problem
@@ -17,7 +17,6 @@ from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, RimResponse, disk_window, power_bank, stretch_of
 from tcdyn.traces import DiskTraces, white_noise
 
-Array = NDArray[np.float64]
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
 SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
 LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, look
@@ -18,7 +18,6 @@ from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
 from tcdyn.partition.events import LEAST_ZERO, SETTLE_S, Events, contact_force, find_events
 from tcdyn.traces import DiskTraces, bridged, disk_traces, gathered
 
-Array = NDArray[np.float64]
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 
 

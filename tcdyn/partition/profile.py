@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note
@@ -27,7 +27,6 @@ from tcdyn.fitting import crossing, least, minimise, profile
 from tcdyn.partition.joint import BothFit, DiskFit, told
 from tcdyn.partition.posterior import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, Side, joint_problem
 
-Array = NDArray[np.float64]
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
 REACH_FOLD = 8.0  # but no farther than this factor
 H_NODES, SHAPE_NODES = 13, 9

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
@@ -15,8 +16,6 @@ from tcdyn.partition.effects import FitShift, effects, prediction
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
-
-Array = NDArray[np.float64]
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)

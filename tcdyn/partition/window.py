@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
@@ -20,7 +21,6 @@ from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, no
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 STEADY_S = 150.0  # section 4.3
 FORGET_S = 20.0
 STEADY_BLOCK_S = 1.0

@@ -14,11 +14,11 @@ from functools import partial
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import differential_lag_u_s, stated
@@ -26,7 +26,6 @@ from tcdyn.partition.sensors.features import DiskFeatures, FeaturePrediction, Or
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 SHARE_SD = 0.12  # about each of the shares that are looked at
 MIXED_LINES_K = 0.7  # swapped channels carry each other's static lines
 MIXED_LAGS_S = 0.06

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Array
 from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
 from tcdyn.chain import equalised
 from tcdyn.conduction.modal import RimGains
@@ -30,7 +31,6 @@ from tcdyn.partition.window import (
 )
 from tcdyn.traces import DiskTraces
 
-Array = NDArray[np.float64]
 Order = tuple[int, ...]
 T = TypeVar("T")
 
