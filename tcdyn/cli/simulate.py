@@ -37,7 +37,7 @@ from tcdyn.simulate.campaign import (
     write_traces,
 )
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_hole, simulate_plunge
 from tcdyn.simulate.truth import CLEAN, RigTruth, draw_truth
 

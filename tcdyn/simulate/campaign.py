@@ -23,7 +23,7 @@ from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml
 from tcdyn.simulate.bath import FluidName
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict

@@ -11,7 +11,7 @@ from calibration.lines.static import fit_static_lines
 from immersion.fluids import fluid
 from tcdyn.contact import YOUNG_Pa, contact_conductance_W_m2K, hertz_contact, interference_pressure_Pa
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.verify.row import HALF_WIDTHS_mm, VerifyRow, numbers, row, within

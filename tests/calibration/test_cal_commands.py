@@ -77,7 +77,7 @@ def test_the_certificate_shows_the_plunges(tmp_path):
     from calibration.rig import load_rig
     from tcdyn.pipeline import calibrate_disk
     from tcdyn.simulate.campaign import write_log as write_rig_log
-    from tcdyn.simulate.oven import simulate_oven
+    from tcdyn.simulate.measure import simulate_oven
     from tcdyn.simulate.plunge import simulate_plunge
 
     write_rig_log(simulate_oven("fast", seed=3)[0], tmp_path / "oven.csv")

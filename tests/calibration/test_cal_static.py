@@ -23,7 +23,7 @@ from calibration.lines.static import (
     static_u,
 )
 from calibration.log import read_log, write_log
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 
 DATA = Path(os.environ.get("TCDYN_DATA", Path(__file__).parents[2] / "../shared/data"))
 OVENS = 200

@@ -21,7 +21,7 @@ from calibration.rig import Rig, load_rig
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
 
 COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives

@@ -6,7 +6,7 @@ from scipy.special import erfc, erfcx
 
 from calibration.rig import load_rig
 from tcdyn.simulate.bath import fluid_state, heat_radially, natural_h_W_m2K
-from tcdyn.simulate.oven import simulate_oven
+from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import HOLE_COLUMNS, PlungeOptions, simulate_hole, simulate_plunge
 from tcdyn.simulate.truth import CLEAN, draw_truth
 
