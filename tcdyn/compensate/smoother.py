@@ -66,7 +66,7 @@ def smooth(
     stretch, flags, findings = stretch_of(data, dt_s, chains, events_s, start, names)
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s))
     given = None if intensity is None else _given(intensity, data.shape[1])
-    fit = _Fit.of(stretch, start**2, noise_sd is not None, given, dict(zip(stretch.events_s, u_s.tolist())))
+    fit = _SmoothedStretch.of(stretch, start**2, noise_sd is not None, given, dict(zip(stretch.events_s, u_s.tolist())))
     if (spikes := fit.outliers()).any():
         flags = flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
         fit = fit.weighted(np.where(spikes, 0.0, fit.stretch.weight))
@@ -92,7 +92,7 @@ def smooth(
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _SmoothedStretch:
     """A smoothed stretch: noise variance (M,), intensities chosen, events with their uncertainty [s], and states."""
 
     stretch: Stretch
@@ -114,12 +114,12 @@ class _Fit:
         noise_known: bool,
         given: Sequence[Intensity] | None,
         events: dict[float, float],
-    ) -> _Fit:
+    ) -> _SmoothedStretch:
         """With the intensities ``given``, or by likelihood, the noise variance then along with them."""
         chosen, noise_var = choose(stretch, start_var, noise_known) if given is None else (given, start_var)
         return cls(stretch, noise_var, tuple(chosen), events)
 
-    def weighted(self, weight: Array) -> _Fit:
+    def weighted(self, weight: Array) -> _SmoothedStretch:
         """With other weights (N, M) of the samples, intensities as they are."""
         return replace(self, stretch=replace(self.stretch, weight=weight))
 
@@ -145,7 +145,7 @@ class _Fit:
         weight = (FREEDOM + 1) / (FREEDOM + self.residual() ** 2 / self.noise_var)
         return np.where(self.stretch.weight > 0, weight, 0.0)
 
-    def with_events_found(self, start_var: Array, noise_known: bool, most: int) -> _Fit:
+    def with_events_found(self, start_var: Array, noise_known: bool, most: int) -> _SmoothedStretch:
         """With jumps of slope that nobody announced as events, the most significant first, as long as they are sharp.
 
         Each gets its time by likelihood, and the intensities are chosen anew, before and after.
@@ -164,7 +164,7 @@ class _Fit:
                 break
             sharp = replace(fit.stretch, events_s=tuple(sorted((*fit.stretch.events_s, at))))
             events = {e: fit.events.get(e, u) for e in sharp.events_s}
-            fit = _Fit.of(sharp, start_var, noise_known, None, events)
+            fit = _SmoothedStretch.of(sharp, start_var, noise_known, None, events)
         return fit
 
     def event_sd(self, event_s: float, u_s: float) -> Array:
