@@ -15,7 +15,7 @@ from calibration.rig import UncertaintyTable
 from tcdyn.design import PredictedTest, combined
 from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
 from tcdyn.design.step_plan import StepPlan, TouchPlan, predict_step, predict_touches
-from tcdyn.plunge.parameters import PlungePriors
+from tcdyn.plunge import PlungePriors
 
 LEAST_OWN_LAG_S = 0.01
 COMMON = (0.05, 0.15)  # u of the common lag over the lag: below the first it is told well, below the second roughly

@@ -11,12 +11,12 @@ from calibration.disk import CHANNELS, DiskSetup
 from immersion.correlations import correlation as find_correlation
 from immersion.events import EntryEvent
 from immersion.fluids import Fluid, fluid
-from tcdyn.design import PredictedTest, from_covariances
-from tcdyn.fitting import inverse
+from tcdyn.design import PredictedTest, covariance, from_covariances
+from tcdyn.plunge import PlungeParameters, PlungePriors
+from tcdyn.plunge.fit import full_prior
 from tcdyn.plunge.model import build_run_model
-from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
-from tcdyn.plunge.posterior import PlungeProblem, RunNoise, full_prior, normal_equations
-from tcdyn.plunge.run import PlungeBlocks, PlungeRun, make_averages
+from tcdyn.plunge.posterior import PlungeProblem
+from tcdyn.plunge.run import PlungeBlocks, PlungeRun, RunNoise, make_averages
 
 
 @dataclass(frozen=True)
@@ -54,20 +54,20 @@ def predict_plunges(
     planned = [_planned(plan) for plan in plans]
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
     mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
-    models = [build_run_model(run, blocks, setup, layout, chosen) for run, blocks in planned]
+    nominal = np.where(layout.mask("lag"), lag_s, mean)
+    models = [build_run_model(*each, setup, layout, chosen, nominal, r) for r, each in enumerate(planned)]
     noise = tuple(RunNoise.white(blocks) for _, blocks in planned)
     problem = PlungeProblem(tuple(models), layout, mean, sd, noise)
     rng = np.random.default_rng(seed)
     covariances = []
     for _ in range(max(draws, 1)):
-        theta = mean.copy()
-        theta[layout.at("lag")] = lag_s
+        theta = nominal.copy()
         if draws > 1:
             for at in map(layout.run, range(layout.runs)):
                 five = slice(at.start, at.start + 5)
                 theta[five] += sd[five] * np.clip(rng.standard_normal(5), -2.5, 2.5)
             theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
-        covariances.append(inverse(normal_equations(problem, theta, [None] * len(plans))[2]))
+        covariances.append(covariance(problem.evaluate(theta)[1], sd))
     u_h, _, u_burst = np.sqrt(np.mean([np.diag(c)[:3] for c in covariances], axis=0))
     lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]
     substance = plans[0].fluid if isinstance(plans[0].fluid, str) else plans[0].fluid.name

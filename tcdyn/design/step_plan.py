@@ -18,7 +18,7 @@ from tcdyn.chain import Chain
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
-from tcdyn.plunge.parameters import stages
+from tcdyn.plunge import stages
 
 SPLIT_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
 

@@ -70,13 +70,22 @@ def minimise(
 def held(near: Optimum, toward: str | Array, value: float, **search: float) -> Optimum:
     """The optimum with a parameter, or a combination ``toward`` @ theta, held at ``value``, begun at ``near``.
 
-    What ``near`` held besides its problem's ``fixed`` is free again; keywords as those of :func:`minimise`.
+    What ``near`` held besides its problem's ``fixed`` is free again; keywords as those of :func:`minimise`. The search
+    begins where all else has followed as the information at ``near`` says, or, where the model cannot be computed
+    there, has stayed.
     """
     row = near.problem.toward(toward)
     directions = free_directions(near.problem.size, [near.problem.fixed])
-    along = directions @ (directions.T @ row)
-    start = near.theta + along * (value - float(row @ near.theta)) / float(row @ along)
-    return minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
+    follow = directions @ inverse(directions.T @ near.information @ directions) @ directions.T @ row
+    found = None
+    for along in (follow, directions @ (directions.T @ row)):
+        if float(row @ along) > 0:
+            start = near.theta + along * (value - float(row @ near.theta)) / float(row @ along)
+            found = minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
+            if found.status is not Status.NOWHERE:
+                break
+    assert found is not None, "the combination is one that the problem holds fixed"
+    return found
 
 
 def least(optima: Sequence[Optimum]) -> Optimum:
@@ -129,7 +138,7 @@ def _descend(
             left |= trial is None
             if trial is not None and trial.cost <= now.cost:
                 break
-            trial, damping = None, max(damping * 4.0, 1e-6)
+            trial, damping = None, max(damping * 10.0, 1e-3)
         if trial is None:
             status = Status.EDGE if left else done
             break

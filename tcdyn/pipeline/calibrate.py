@@ -21,8 +21,9 @@ from calibration.result import Result
 from calibration.rig import Rig
 from immersion.events import EntryEvent
 from immersion.fluids import fluid
-from tcdyn.plunge.fit import COLOURED, PlungeFit, identify_plunges, with_structure_doubt
-from tcdyn.plunge.parameters import PlungePriors
+from tcdyn.plunge import PlungePriors
+from tcdyn.plunge.fit import identify_plunges, with_structure_doubt
+from tcdyn.plunge.result import COLOURED, PlungeFit
 from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample

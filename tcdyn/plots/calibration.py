@@ -17,7 +17,7 @@ from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
 from tcdyn.chain import Chain
 from tcdyn.plots.style import GREY, SLOW, TRUTH, dressed, figure, finish
-from tcdyn.plunge.fit import LagShare
+from tcdyn.plunge.result import LagShare
 
 MARKERS = "os^vDx"
 

@@ -23,8 +23,8 @@ from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign import CampaignRun
-from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
+from tcdyn.plunge.result import PlungeFit
 
 # what is drawn, and the part of the result that it takes
 PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from calibration.estimate import Z95
 from tcdyn.design.compare import COMMON, DIFFERENCES, Design
 from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, dressed, figure, finish
-from tcdyn.plunge.fit import PlungeFit
 from tcdyn.plunge.hole import HoleComparison
-from tcdyn.plunge.posterior import block_sd
-from tcdyn.plunge.run import PlungeRun
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.run import PlungeRun, block_sd
 
 _LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
 

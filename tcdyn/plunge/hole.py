@@ -19,9 +19,9 @@ from calibration.result import Result, jsonable
 from calibration.rig import load_rig
 from immersion.events import EntryEvent, find_entry
 from immersion.radial import plunge_grid
+from tcdyn.fitting import Problem, minimise
 from tcdyn.plunge.model import Reading, lag_on_grid
-from tcdyn.plunge.posterior import block_sd, inflation
-from tcdyn.plunge.run import despiked, make_averages
+from tcdyn.plunge.run import block_sd, despiked, inflation, make_averages
 
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
@@ -59,16 +59,15 @@ class HoleComparison(Result):
 
     def table(self) -> pd.DataFrame:
         """One row a hole."""
+        lag = {"value": "extra_lag_s", "u": "u_s", "low95": "low95_s", "high95": "high95_s"}
         return pd.DataFrame(
             {
-                "hole": [h.name for h in self.holes],
-                "diameter_mm": [h.diameter_mm for h in self.holes],
-                "extra_lag_s": [h.extra_lag_s.value for h in self.holes],
-                "u_s": [h.extra_lag_s.u for h in self.holes],
-                "low95_s": [h.extra_lag_s.low95 for h in self.holes],
-                "high95_s": [h.extra_lag_s.high95 for h in self.holes],
-                "verdict": [h.verdict for h in self.holes],
+                "hole": h.name,
+                "diameter_mm": h.diameter_mm,
+                **{column: getattr(h.extra_lag_s, part) for part, column in lag.items()},
+                "verdict": h.verdict,
             }
+            for h in self.holes
         )
 
     def summary(self) -> str:
@@ -128,31 +127,22 @@ def compare_holes(
     keep = t >= entry.time_s - 5.0
     clean, spikes = despiked(readings[keep])
     time, mean, count = make_averages(t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0)
-    fit = _fit(time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u)
+    extra, covariance, fitted = _fit(time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u)
     findings = [*entry.findings]
     if spikes:
         findings.append(note("plunge.spikes", count=spikes))
     alpha = load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
     shift = depth_u_m * depth_m / alpha
     u_depth = shift * float(np.sqrt(1 + 1 / len(good)))
-    holes = tuple(
-        _hole(n, fit.extra[k], fit.covariance[k, k], u_depth, limit_s) for k, n in enumerate(order) if k >= len(good)
-    )
+    holes = tuple(_hole(n, extra[k], covariance[k, k], u_depth, limit_s) for k, n in enumerate(order) if k >= len(good))
     spread = None
     if len(good) >= 2:
-        c = fit.covariance
-        spread = Estimate.normal(fit.extra[0] - fit.extra[1], float(np.sqrt(c[0, 0] + c[1, 1] - 2 * c[0, 1])))
+        u = np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
+        spread = Estimate.normal(float(extra[0] - extra[1]), float(u))
         allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
         if abs(spread.value) > allowed:
             findings.append(look("hole.ideal", apart_s=abs(spread.value)))
-    return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fit.fitted, tuple(findings))
-
-
-@dataclass(frozen=True)
-class _Fit:
-    extra: Array  # (C,)
-    covariance: Array  # (C, C)
-    fitted: Array
+    return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fitted, tuple(findings))
 
 
 def _knots(end: float) -> Array:
@@ -164,57 +154,59 @@ def _knots(end: float) -> Array:
     return np.array(knots)
 
 
-def _fit(time: Array, mean: Array, count: Array, noise: Array, ideals: int, base_s: float, gain_u: float) -> _Fit:
-    """Gauss-Newton over extra lags; knots of x, offsets and gain errors come out linearly at each step."""
+def _fit(
+    time: Array, mean: Array, count: Array, noise: Array, ideals: int, base_s: float, gain_u: float
+) -> tuple[Array, Array, Array]:
+    """Extra lags (C,), their covariance (C, C) and the fitted blocks (B, C).
+
+    Parameters are the knots of x, then each channel's offset, gain error and extra lag. Extra lags and gain errors of
+    the ideal ones are zero on the average.
+    """
     c = mean.shape[1]
     grid = plunge_grid(float(time[-1]) + 1.0, longest_s=1.0)
-    dt = np.diff(grid)
+    dt, reading = np.diff(grid), Reading.at(grid, time)
     knots = _knots(float(time[-1]))
     hats = np.column_stack([np.interp(grid, knots, row) for row in np.eye(len(knots))[1:]])
-    reading = Reading.at(grid, time)
-    sd = block_sd(noise, count)
-    values = np.where(count > 0, mean, 0.0)
-    extra, m = np.zeros(c), hats.shape[1]
-    factor, weights = np.ones(c), 1 / sd
-    hessian = np.eye(m + 3 * c)
-    theta = np.zeros(m + 3 * c)
-    for _ in range(12):
-        rows, target = [], []
+    m = hats.shape[1]
+    offset, gain, extra = (slice(m + k * c, m + (k + 1) * c) for k in range(3))
+    names = tuple(f"{kind}_{k}" for kind, n in (("x", m), ("offset", c), ("gain", c), ("extra", c)) for k in range(n))
+
+    def model(theta: Array) -> tuple[Array, Array]:
+        """Blocks (B, C) and their Jacobian (B, C, P)."""
+        y, jacobian = np.empty((len(time), c)), np.zeros((len(time), c, len(names)))
         for k in range(c):
-            tau = max(base_s + extra[k], 0.01)
-            y = lag_on_grid(hats, dt, 1 / tau)
-            again = lag_on_grid(np.asarray(y), dt, 1 / tau)
-            shape, by_tau = reading.value(np.asarray(y)), reading.value((np.asarray(again) - y) / tau)
-            x = theta[:m]
-            block = np.zeros((len(time), m + 3 * c))
-            block[:, :m] = shape
-            block[:, m + k] = 1.0
-            block[:, m + c + k] = shape @ x
-            block[:, m + 2 * c + k] = by_tau @ x
-            rows.append(block * (weights[:, k] / np.sqrt(factor[k]))[:, None])
-            target.append((values[:, k] + block[:, m + 2 * c + k] * extra[k]) * weights[:, k] / np.sqrt(factor[k]))
-        prior = np.zeros((c + 2, m + 3 * c))
-        prior[:c, m + c : m + 2 * c] = np.eye(c) / gain_u
-        prior[c, m + 2 * c : m + 2 * c + ideals] = 1e5 / ideals  # gauge: ideal ones lag by base_s on the average
-        prior[c + 1, m + c : m + c + ideals] = 1e6 / ideals
-        a, b = np.vstack([*rows, prior]), np.concatenate([*target, np.zeros(c + 2)])
-        if not np.any(theta[:m]):  # first pass: shape of x alone
-            a = np.delete(a, np.s_[m + c :], axis=1)
-            theta[: m + c] = np.linalg.lstsq(a, b, rcond=None)[0]
-            continue
-        theta = np.linalg.lstsq(a, b, rcond=None)[0]
-        new = np.clip(theta[m + 2 * c :], extra - 0.3, extra + 0.3)
-        residual = np.concatenate(target) - np.vstack(rows) @ theta
-        z = residual.reshape(c, -1).T * np.sqrt(factor)
-        change = float(np.max(np.abs(new - extra)))
-        extra = np.maximum(new, 0.02 - base_s)
-        hessian = a.T @ a
-        if change < 1e-4:
-            break
-        factor = np.full(c, max(inflation(z, m, 3 * c)[1], 1.0))
-    covariance = np.linalg.inv(hessian)[m + 2 * c :, m + 2 * c :]
-    fitted = np.column_stack([values[:, k] - z[:, k] * sd[:, k] for k in range(c)])
-    return _Fit(extra, np.asarray(covariance, dtype=float), fitted)
+            tau = base_s + theta[extra][k]
+            lagged = np.asarray(lag_on_grid(hats, dt, 1 / tau), dtype=float)
+            again = np.asarray(lag_on_grid(lagged, dt, 1 / tau), dtype=float)
+            size, shape, by_tau = 1 + theta[gain][k], reading.value(lagged), reading.value((again - lagged) / tau)
+            seen = shape @ theta[:m]
+            y[:, k] = size * seen + theta[offset][k]
+            jacobian[:, k, :m] = size * shape
+            jacobian[:, k, m + k] = 1.0
+            jacobian[:, k, gain.start + k] = seen
+            jacobian[:, k, extra.start + k] = size * (by_tau @ theta[:m])
+        return y, jacobian
+
+    gauge = np.zeros((2, len(names)))
+    gauge[0, gain.start : gain.start + ideals] = gauge[1, extra.start : extra.start + ideals] = 1.0
+    prior_sd, least, largest = (np.full(len(names), end) for end in (np.inf, -np.inf, np.inf))
+    prior_sd[gain], least[extra], largest[extra] = gain_u, 0.02 - base_s, 0.3
+    theta, factor = np.zeros(len(names)), 1.0
+    for kept in (np.eye(len(names))[gain.start :], None, None, None):  # the shape of x alone first
+        sd = block_sd(noise, count) * np.sqrt(factor)
+
+        def evaluate(theta: Array, sd: Array = sd) -> tuple[Array, Array]:
+            y, jacobian = model(theta)
+            return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, len(names))
+
+        zero = np.zeros(len(names))
+        problem = Problem(names, evaluate, zero, prior_sd, lower=least, largest=largest, fixed=gauge)
+        best = minimise(problem, theta, fixed=kept)
+        theta = best.theta
+        if kept is None:
+            z = best.residual.reshape(-1, c) * np.sqrt(factor)
+            factor = max(inflation(z, m, 3 * c)[1], 1.0)
+    return theta[extra], best.covariance[extra, extra], model(theta)[0]
 
 
 def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:

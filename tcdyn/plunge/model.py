@@ -15,11 +15,11 @@ from calibration.disk import Conditioning, DiskSetup
 from immersion.correlations import Bath, Correlation
 from immersion.cylinder import Cylinder, influence, lag_step
 from immersion.radial import plunge_grid, solve_surface
-from tcdyn.plunge.parameters import RUN_KINDS, PlungeParameters, stages
+from tcdyn.plunge import RUN_KINDS, PlungeParameters, stages
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
-ENTRY, INITIAL, BATH = (RUN_KINDS.index(kind) for kind in ("entry", "initial", "bath"))
+ENTRY, INITIAL = RUN_KINDS.index("entry"), RUN_KINDS.index("initial")
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,6 @@ class RunModel:
     junction: Array  # (C, n, n)
     junction_k: Array
     junction_depth: Array
-    leak: Array
     ln_k: float
     depth_shift_m: Array
     bath: Bath
@@ -40,6 +39,7 @@ class RunModel:
     blocks: PlungeBlocks
     setup: DiskSetup
     step_K: float  # reference difference of the extra exponent
+    guess_degC: Array | None = None  # of the surface, where a solution begins
 
 
 def build_run_model(
@@ -48,14 +48,16 @@ def build_run_model(
     setup: DiskSetup,
     layout: PlungeParameters,
     correlation: Correlation,
-    about: Array | None = None,
-    face_W_m2K: float = 0.0,
+    about: Array,
+    r: int = 0,
 ) -> RunModel:
-    """Influence matrices of one run about the conductivity and the junction depths in ``about`` (P,); None: nominal."""
-    about = np.zeros(layout.size) if about is None else about
+    """Influence matrices of run ``r`` about the conductivity and the junction depths in ``about`` (P,).
+
+    The surface solved there is the guess with which others begin.
+    """
     ln_k, shift = float(about[layout.at("ln_conductivity")][0]), about[layout.at("depth")]
     grid = plunge_grid(blocks.duration_s + 2.0)
-    nominal = Cylinder.from_setup(setup, face_W_m2K)
+    nominal = Cylinder.from_setup(setup)
     depth = np.array([setup.junctions[c].depth_m for c in run.channels]) + shift
     c, extra = len(depth), 5e-5
     radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra])
@@ -66,14 +68,13 @@ def build_run_model(
     slope = (high.matrix - low.matrix) / (2 * _DK)
     bath_degC = np.interp(grid, blocks.bath_time_s, blocks.bath_degC)
     initial = float(np.mean(blocks.readings_degC[blocks.time_s < 0]))
-    return RunModel(
+    model = RunModel(
         grid,
         centre.matrix[0],
         slope[0],
         centre.matrix[1 : c + 1],
         slope[1 : c + 1],
         (centre.matrix[c + 1 :] - centre.matrix[1 : c + 1]) / extra,
-        centre.leak,
         ln_k,
         shift,
         Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m),
@@ -82,23 +83,23 @@ def build_run_model(
         setup,
         max(abs(float(bath_degC[0]) - initial), 1.0),
     )
+    return replace(model, guess_degC=solve_run(model, layout, about, r).temperature_degC)
 
 
 @dataclass(frozen=True)
 class RunSurface:
-    """Solved surface of a run: temperature, flux, h, and dq/d(parameter) (n, Q), offset and its derivatives."""
+    """Solved surface of a run: temperature, flux, h, and dq/d(parameter) (n, Q)."""
 
     temperature_degC: Array
     flux_W_m2: Array
     h_W_m2K: Array
     flux_by: Array  # (n, 8 + 1): run parameters, then ln K
-    offset_K: Array  # rise of the disk without flux (leak)
-    offset_by: Array  # (n, 8 + 1)
 
 
-def solve_run(model: RunModel, own: Array, ln_k: float, start: Array | None = None) -> RunSurface:
-    """Surface balance of a run for its 8 parameters ``own`` and ``ln_k``, with derivatives by the implicit theorem."""
-    ln_h, exponent, ln_a, ln_tau, ln_p, _, initial, bath_offset = own
+def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> RunSurface:
+    """Surface balance of run ``r`` for all parameters ``theta``, with derivatives by the implicit theorem."""
+    ln_h, exponent, ln_a, ln_tau, ln_p, _, initial, bath_offset = theta[lay.run(r)]
+    ln_k = float(theta[lay.at("ln_conductivity")][0])
     t, n = model.grid_s, len(model.grid_s)
     tau, p = np.exp(ln_tau), np.exp(ln_p)
     reduced = (t / tau) ** p
@@ -113,35 +114,25 @@ def solve_run(model: RunModel, own: Array, ln_k: float, start: Array | None = No
         )
 
     matrix = model.own + (ln_k - model.ln_k) * model.own_k
-    leak_one = model.leak.sum(axis=1)
-    rise = model.leak @ (fluid - initial)
-    T, q, slope = solve_surface(matrix, initial + rise, lambda x: law(x, fluid), start=start)
+    T, q, slope = solve_surface(matrix, np.full(n, initial), lambda x: law(x, fluid), start=model.guess_degC)
     size = np.maximum(np.abs(fluid - T), 1e-3 * model.step_K)
     by_burst = q * burst / (1 + burst)
-    log_reduced = np.log(np.maximum(t / tau, 1e-12))
-    explicit = np.column_stack(
-        [
-            q,
-            q * np.log(size / model.step_K),
-            by_burst,
-            by_burst * reduced * p,
-            -by_burst * reduced * p * log_reduced,
-            np.zeros(n),
-            np.zeros(n),
-            (law(T, fluid + 0.01) - law(T, fluid - 0.01)) / 0.02,
-            np.zeros(n),
-        ]
-    )
-    offset_by = np.zeros((n, len(RUN_KINDS) + 1))
-    offset_by[:, INITIAL] = -leak_one
-    offset_by[:, BATH] = leak_one
-    surface_by = offset_by.copy()
-    surface_by[:, INITIAL] += 1.0
-    surface_by[:, -1] = model.own_k @ q
+    by_shape = by_burst * reduced * p
+    explicit = [
+        q,
+        q * np.log(size / model.step_K),
+        by_burst,
+        by_shape,
+        -by_shape * np.log(np.maximum(t / tau, 1e-12)),
+        np.zeros(n),  # the entry only shifts time
+        slope,
+        (law(T, fluid + 0.01) - law(T, fluid - 0.01)) / 0.02,
+        slope * (model.own_k @ q),
+    ]
     system = np.eye(n) - slope[:, None] * matrix
-    flux_by = solve_triangular(system, explicit + slope[:, None] * surface_by, lower=True, check_finite=False)
+    flux_by = solve_triangular(system, np.column_stack(explicit), lower=True, check_finite=False)
     h = q / np.where(np.abs(fluid - T) > 1e-6, fluid - T, np.nan)
-    return RunSurface(T, q, h, np.asarray(flux_by), rise, offset_by)
+    return RunSurface(T, q, h, np.asarray(flux_by))
 
 
 def junction_rise(
@@ -151,21 +142,18 @@ def junction_rise(
     q = surface.flux_W_m2
     by_k, by_depth = model.junction_k @ q, model.junction_depth @ q
     rise = model.junction @ q + (theta[lay.at("ln_conductivity")] - model.ln_k) * by_k
-    rise += (theta[lay.at("depth")] - model.depth_shift_m)[:, None] * by_depth + surface.offset_K
-    return rise, by_k, by_depth
+    return rise + (theta[lay.at("depth")] - model.depth_shift_m)[:, None] * by_depth, by_k, by_depth
 
 
-def predict_run(
-    model: RunModel, lay: PlungeParameters, theta: Array, r: int, start: Array | None = None
-) -> tuple[Array, Array, RunSurface]:
+def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> tuple[Array, Array, RunSurface]:
     """Block readings (B, C) and their derivatives (B, C, P) with every parameter of the fit, for run ``r``."""
     own = theta[lay.run(r)]
-    surface = solve_run(model, own, float(theta[lay.at("ln_conductivity")][0]), start)
+    surface = solve_run(model, lay, theta, r)
     dt = np.diff(model.grid_s)
     c, n, kinds = len(lay.channels), len(model.grid_s), len(RUN_KINDS)
     columns = np.empty((c, n, kinds + 3))  # value, run derivatives, ln K, depth
     # the value follows K and depths exactly; its other derivatives take the matrices where they were built
-    columns[:, :, 1 : kinds + 2] = model.junction @ surface.flux_by + surface.offset_by
+    columns[:, :, 1 : kinds + 2] = model.junction @ surface.flux_by
     columns[:, :, 0], by_k, columns[:, :, kinds + 2] = junction_rise(model, lay, theta, surface)
     columns[:, :, kinds + 1] += by_k
     flat = columns.transpose(1, 0, 2).reshape(n, -1)
@@ -206,7 +194,7 @@ def predict_run(
 def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
     """Temperatures [degC] of the junctions without the chain: a column a channel, a row an instant after entry [s]."""
     own = theta[lay.run(r)]
-    surface = solve_run(model, own, float(theta[lay.at("ln_conductivity")][0]))
+    surface = solve_run(model, lay, theta, r)
     rise = junction_rise(model, lay, theta, surface)[0]
     time_s = pd.Index(model.grid_s + own[ENTRY], name="time_s")
     return pd.DataFrame((own[INITIAL] + rise).T, index=time_s, columns=list(lay.channels))

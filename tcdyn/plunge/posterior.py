@@ -1,86 +1,27 @@
-"""Posterior of the plunge parameters: whitened residuals with their Jacobian, explicit priors, noise judged."""
+"""Posterior of the plunge parameters, the common lag walked along with all else refitted, and other correlations."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import PchipInterpolator
 
 from calibration.arrays import Array
-from calibration.disk import DiskSetup
-from immersion.correlations import Bath, Correlation
-from tcdyn.plunge.model import RunModel, RunSurface, build_run_model, predict_run
-from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
-from tcdyn.plunge.run import PlungeBlocks, PlungeRun
+from calibration.estimate import Z95, Estimate
+from immersion.correlations import Correlation
+from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
+from tcdyn.plunge import PlungeParameters
+from tcdyn.plunge.model import RunModel, RunSurface, predict_run
+from tcdyn.plunge.run import RunNoise, block_sd
 
 LEAST_LAG_S = 2e-3
-
-
-@dataclass(frozen=True)
-class RunNoise:
-    """Noise of one plunge: of a sample (C,) [K], weights (B, C), 1 or less for outlying blocks, and variance factors.
-
-    ``common`` and ``differential`` widen the variance of the residuals' mean over channels and of their deviations
-    from it, for residuals that are coloured; 1 for white noise.
-    """
-
-    sd_K: Array
-    weight: Array
-    common: float = 1.0
-    differential: float = 1.0
-
-    @classmethod
-    def white(cls, blocks: PlungeBlocks) -> RunNoise:
-        """As the samples scatter about their neighbours."""
-        return cls(blocks.noise_sd_K, np.ones(blocks.readings_degC.shape))
-
-
-def block_sd(noise_sd_K: Array, count: Array) -> Array:
-    """Standard deviation of block means (B, C) for white noise; infinite where a block holds no sample."""
-    return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
-
-
-def correlation_length(z: Array, longest: int = 40) -> float:
-    """1 + 2 sum of the autocorrelations of ``z`` (N,) up to the first that is not significant; 1 for white noise."""
-    z = z - np.mean(z)
-    n = len(z)
-    power = float(z @ z)
-    if power == 0 or n < 8:
-        return 1.0
-    total = 1.0
-    for k in range(1, min(longest, n // 4)):
-        rho = float(z[k:] @ z[:-k]) / power
-        if rho < 2 / np.sqrt(n):
-            break
-        total += 2 * rho
-    return total
-
-
-def inflation(standardised: Array, parameters_common: int, parameters_differential: int) -> tuple[float, float]:
-    """Variance factors, common and differential, of standardised residuals (B, C) of one run; at least one quarter.
-
-    The mean over channels and the deviations from it are judged apart, because an error of the bath or of h moves
-    all channels together and noise does not. Each factor is a mean square times a correlation length.
-    """
-    b, c = standardised.shape
-    mean = np.mean(standardised, axis=1)
-    rest = standardised - mean[:, None]
-    common = c * float(np.sum(mean**2)) / max(b - parameters_common, 1) * correlation_length(mean)
-    if c == 1:
-        return max(common, 0.25), 1.0
-    freedom = max((b * (c - 1)) - parameters_differential, 1)
-    lengths = float(np.mean([correlation_length(column) for column in rest.T]))
-    return max(common, 0.25), max(float(np.sum(rest**2)) / freedom * lengths, 0.25)
-
-
-def channel_sd(residual: Array, count: Array, freedom_share: float = 1.0) -> Array:
-    """Noise of one sample per channel [K] from block residuals (B, C): robust, then scaled to a mean square."""
-    scaled = residual * np.sqrt(count)
-    sd = 1.4826 * np.median(np.abs(scaled), axis=0)
-    inside = np.abs(scaled) < 4 * np.maximum(sd, 1e-12)
-    square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(inside.sum(axis=0), 1)
-    return np.asarray(np.sqrt(np.maximum(square, 1e-12) / freedom_share))
+ENOUGH = 1e-3  # of chi-square: a search ends with the step that gains less; log evidence then holds to 0.05
+SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH}
 
 
 @dataclass(frozen=True)
@@ -93,233 +34,264 @@ class PlungeProblem:
     sd: Array
     noise: tuple[RunNoise, ...]
 
+    @property
+    def start(self) -> Array:
+        """Where a search may begin: the prior's mean, and lags of half a second."""
+        return np.where(self.layout.mask("lag"), 0.5, self.mean)
+
+    @cached_property
+    def core(self) -> Problem:
+        """The same as the fitting core takes it: no step changes h, a burst or a split e-fold, or a lag by 0.5 s."""
+        lay = self.layout
+        largest = np.full(lay.size, np.inf)
+        largest[lay.mask("ln_h", "h_exponent", "ln_burst", "ln_burst_time", "ln_burst_shape")] = 1.0
+        largest[lay.mask("split", "common_split")] = 1.5
+        largest[lay.mask("lag")] = 0.5
+        least = np.where(lay.mask("lag"), LEAST_LAG_S, -np.inf)
+        return Problem(tuple(lay.names()), self.evaluate, self.mean, self.sd, lower=least, largest=largest)
+
+    @property
+    def log_prior(self) -> float:
+        """Log density of the prior at its mean, but for a constant that all structures share."""
+        return 0.5 * float(np.sum(np.log(self.core.precision[self.core.precision > 0])))
+
+    def evaluate(self, theta: Array) -> tuple[Array, Array]:
+        """Model less readings over their noise (N,), and the Jacobian (N, P).
+
+        For each run the mean over channels, then the deviations from it, each with its variance factor.
+        """
+        rows = []
+        for r, (model, noise) in enumerate(zip(self.models, self.noise)):
+            y, jacobian, _ = predict_run(model, self.layout, theta, r)
+            weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, model.blocks.count)
+            off = np.where(model.blocks.count > 0, y - model.blocks.readings_degC, 0.0)
+            scaled = np.concatenate([off[:, :, None], jacobian], axis=2) * weight[:, :, None]
+            mean = scaled.mean(axis=1)
+            rest = (scaled - mean[:, None]) / np.sqrt(noise.differential)
+            rows += [mean * np.sqrt(y.shape[1] / noise.common), rest.reshape(-1, rest.shape[2])]
+        table = np.concatenate(rows)
+        return table[:, 0], table[:, 1:]
+
+    def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
+        """The most probable parameters, searched for from ``theta``; combinations ``fixed`` (F, P) stay."""
+        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, limit=limit, tolerance=ENOUGH))
+
 
 @dataclass(frozen=True)
 class PlungeOptimum:
-    """The most probable parameters, the Hessian of half the cost there, and the residuals (K) of each run."""
+    """The most probable parameters of a problem, or some with a combination held, and what the model makes of them."""
 
-    theta: Array
-    hessian: Array
-    cost: float
-    residuals_K: tuple[Array, ...]
-    predictions_degC: tuple[Array, ...]
-    surfaces: tuple[RunSurface, ...]
-    iterations: int
-    converged: bool
     problem: PlungeProblem = field(repr=False)
+    found: Optimum
+
+    @property
+    def theta(self) -> Array:
+        """The parameters (P,)."""
+        return self.found.theta
+
+    @property
+    def cost(self) -> float:
+        """Chi-square with the priors' part."""
+        return self.found.cost
 
     @property
     def lag_s(self) -> Array:
         """The chains' own lags (C,) [s], the conditioning filter's left out."""
         return self.theta[self.problem.layout.at("lag")]
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
-        """Inverse Hessian: the posterior's covariance in its normal approximation."""
-        return inverse(self.hessian)
+        """Inverse of the information: the posterior's covariance in its normal approximation, nothing held."""
+        return inverse(self.found.information)
+
+    @property
+    def laplace(self) -> float:
+        """Log evidence by Laplace's approximation, but for a constant that all structures share."""
+        return -0.5 * self.cost - 0.5 * float(np.linalg.slogdet(self.found.information)[1]) + self.problem.log_prior
+
+    def is_near(self, other: PlungeOptimum) -> bool:
+        """Whether two optima are one solution: their common lags agree within 0.15 s."""
+        return abs(float(self.lag_s.mean() - other.lag_s.mean())) < 0.15
+
+    @cached_property
+    def _answers(self) -> tuple[tuple[Array, Array, RunSurface], ...]:
+        problem = self.problem
+        return tuple(predict_run(m, problem.layout, self.theta, r) for r, m in enumerate(problem.models))
+
+    @property
+    def predictions_degC(self) -> tuple[Array, ...]:
+        """Block readings (B, C) of each run by the model."""
+        return tuple(y for y, _, _ in self._answers)
+
+    @property
+    def surfaces(self) -> tuple[RunSurface, ...]:
+        """The running surface in each run."""
+        return tuple(surface for _, _, surface in self._answers)
+
+    def judged(self) -> tuple[RunNoise, ...]:
+        """The noise of each run by what the model leaves of it."""
+        out = []
+        for model, y in zip(self.problem.models, self.predictions_degC):
+            count = model.blocks.count
+            out.append(RunNoise.judged(np.where(count > 0, model.blocks.readings_degC - y, 0.0), count))
+        return tuple(out)
 
 
-def inverse(hessian: Array) -> Array:
-    """Inverse of a positive definite matrix of very unequal scales."""
-    scale = 1 / np.sqrt(np.diag(hessian))
-    scaled = hessian * scale[:, None] * scale
-    return np.asarray(np.linalg.inv(scaled) * scale[:, None] * scale)
+@dataclass(frozen=True)
+class LagScan:
+    """The cost along the common lag, all else refitted, and the marginal posterior made of it.
 
-
-def precision(problem: PlungeProblem) -> Array:
-    """Prior precision of each parameter; zero where flat."""
-    return np.where(np.isfinite(problem.sd), 1 / problem.sd**2, 0.0)
-
-
-def whitened(array: Array, problem: PlungeProblem, r: int) -> tuple[Array, Array]:
-    """Mean over channels and deviations from it, each divided by its noise: what least squares sums.
-
-    ``array`` has shape (B, C) or (B, C, P); comes back as (B, ...) and (B, C, ...).
+    ``lag_s`` (K,) is the chains' own common lag (without the conditioning filter), ``cost`` (K,) the least chi-square
+    plus prior there, ``log_volume`` (K,) half the log determinant of the Hessian of everything else.
     """
-    noise = problem.noise[r]
-    w = np.sqrt(noise.weight) / block_sd(noise.sd_K, problem.models[r].blocks.count)
-    scaled = array * (w if array.ndim == 2 else w[:, :, None])
-    mean = scaled.mean(axis=1)
-    c = array.shape[1]
-    return (
-        mean * np.sqrt(c / noise.common),
-        (scaled - mean[:, None]) / np.sqrt(noise.differential),
-    )
 
+    lag_s: Array
+    cost: Array
+    log_volume: Array
+    grid_s: Array
+    density: Array
+    mean_s: float
+    sd_s: float
+    low95_s: float
+    high95_s: float
+    lag_slope: Array  # (C,): change of each channel's lag with the common one along the profile
+    differential_covariance: Array  # (C, C): of the lags with the common lag held
 
-def normal_equations(
-    problem: PlungeProblem, theta: Array, starts: Sequence[Array | None]
-) -> tuple[float, Array, Array, list[Array], list[Array], list[RunSurface]]:
-    """Half-gradient and Gauss-Newton Hessian of the cost at ``theta``, with residuals and predictions."""
-    gap = theta - problem.mean
-    weights = precision(problem)
-    cost = float(np.sum(weights * np.where(weights > 0, gap, 0.0) ** 2))
-    gradient = weights * gap
-    hessian = np.diag(weights)
-    residuals, predictions, surfaces = [], [], []
-    for r, model in enumerate(problem.models):
-        y, jac, surface = predict_run(model, problem.layout, theta, r, starts[r])
-        residual = np.where(model.blocks.count > 0, model.blocks.readings_degC - y, 0.0)
-        e0, e1 = whitened(residual, problem, r)
-        j0, j1 = whitened(jac, problem, r)
-        j1 = j1.reshape(-1, j1.shape[-1])
-        e = np.concatenate([e0, e1.ravel()])
-        j = np.concatenate([j0, j1])
-        cost += float(e @ e)
-        gradient = gradient - j.T @ e
-        hessian = hessian + j.T @ j
-        residuals.append(residual)
-        predictions.append(y)
-        surfaces.append(surface)
-    return cost, gradient, hessian, residuals, predictions, surfaces
+    def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
+        """The common lag: posterior mean, sd and 95 % interval, moved by ``shift_s``, widened by ``extra_u_s``."""
+        return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
+    def skewed(self, value_s: float, slope: float, rest_variance_s2: float) -> Estimate:
+        """Of ``value_s`` = slope x common lag + an independent normal rest: u, and a 95 % interval as skew as it is.
 
-def minimise(
-    problem: PlungeProblem, theta: Array, *, limit: int = 30, tolerance: float = 2e-2, directions: Array | None = None
-) -> PlungeOptimum:
-    """Levenberg-Marquardt from ``theta`` until a full step would lower the cost by less than ``tolerance``,
-    or until two steps in a row have.
-
-    The cost is in units of chi-square. ``directions`` (P, F), orthonormal, are those the parameters may move along;
-    None frees all of them.
-    """
-    lay = problem.layout
-    free = np.eye(lay.size) if directions is None else directions
-    starts: list[Array | None] = [None] * lay.runs
-    state = normal_equations(problem, theta, starts)
-    damping, converged, steps, idle = 1e-4, False, 0, 0
-    guard = np.sum(free**2 * precision(problem)[:, None], axis=0)
-    for steps in range(1, limit + 1):  # noqa: B007
-        cost, gradient, hessian = state[:3]
-        slope, curvature = free.T @ gradient, free.T @ hessian @ free
-        if float(slope @ _solve(curvature, slope)) < tolerance:
-            converged = True
-            break
-        starts = [s.temperature_degC for s in state[5]]
-        accepted = False
-        for _ in range(8):
-            step = -free @ _solve(
-                curvature + damping * np.diag(np.diag(curvature)) + 1e4 * damping * np.diag(guard), slope
-            )
-            new = theta + _limited(step, lay)
-            new[lay.at("lag")] = np.maximum(new[lay.at("lag")], LEAST_LAG_S)
-            trial = normal_equations(problem, new, starts)
-            if np.isfinite(trial[0]) and trial[0] <= cost + 1e-9:
-                accepted = True
-                break
-            damping = max(damping * 10, 1e-3)
-        if not accepted:
-            converged = True  # no step lowers the cost: at the optimum to rounding
-            break
-        idle = idle + 1 if cost - trial[0] < tolerance else 0
-        theta, state = new, trial
-        damping = max(damping / 10, 1e-9)
-        if idle >= 2:
-            converged = True
-            break
-    return PlungeOptimum(
-        theta,
-        state[2],
-        state[0],
-        tuple(state[3]),
-        tuple(state[4]),
-        tuple(state[5]),
-        steps,
-        converged,
-        problem,
-    )
-
-
-def _solve(matrix: Array, rhs: Array) -> Array:
-    scale = 1 / np.sqrt(np.diag(matrix))
-    return np.asarray(scale * np.linalg.solve(matrix * scale[:, None] * scale, rhs * scale))
-
-
-def _limited(step: Array, lay: PlungeParameters) -> Array:
-    """The step, shortened so that no h, burst or split changes by more than e-fold and no lag by more than 0.5 s."""
-    largest = np.full(lay.size, np.inf)
-    largest[lay.mask("ln_h", "h_exponent", "ln_burst", "ln_burst_time", "ln_burst_shape")] = 1.0
-    largest[lay.at("lag")] = 0.5
-    largest[lay.mask("split", "common_split")] = 1.5
-    return step / max(1.0, float(np.max(np.abs(step) / largest)))
-
-
-def fit_map(
-    runs: Sequence[PlungeRun],
-    blocks: Sequence[PlungeBlocks],
-    setup: DiskSetup,
-    layout: PlungeParameters,
-    correlation: Correlation,
-    mean: Array,
-    sd: Array,
-    *,
-    start: Array | None = None,
-    face_W_m2K: float = 0.0,
-    passes: int = 2,
-) -> PlungeOptimum:
-    """Fit, judge the noise by the residuals, relinearise the conduction about the answer, and fit again.
-
-    ``passes`` counts the refits. PlungeBlocks further off than 4 standard deviations lose weight (Huber) in refits.
-    """
-    theta = np.array(mean if start is None else start, dtype=float)
-    if start is None:
-        theta[layout.at("lag")] = 0.5
-
-    def built(about: Array) -> tuple[RunModel, ...]:
-        return tuple(
-            build_run_model(run, b, setup, layout, correlation, about, face_W_m2K) for run, b in zip(runs, blocks)
+        Each side of the interval is the root of the squares of both parts' sides.
+        """
+        rest = float(np.sqrt(max(rest_variance_s2, 0.0)))
+        below, above = slope * (self.mean_s - self.low95_s), slope * (self.high95_s - self.mean_s)
+        return Estimate(
+            value=value_s,
+            u=float(np.hypot(slope * self.sd_s, rest)),
+            low95=value_s - float(np.hypot(below, Z95 * rest)),
+            high95=value_s + float(np.hypot(above, Z95 * rest)),
         )
 
-    about, models = theta, built(theta)
-    problem = PlungeProblem(models, layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
-    if start is None:
-        theta = _staged(problem, theta)
-    best = minimise(problem, theta)
-    for _ in range(passes):
-        theta = best.theta
-        moved = np.abs(theta - about)
-        if np.any(moved[layout.at("ln_conductivity")] > 2e-3) or np.any(moved[layout.at("depth")] > 2e-5):
-            about, models = theta, built(theta)
-        problem = replace(judged(best), models=models)
-        best = minimise(problem, theta)
-    return best
 
+def scan_common_lag(
+    best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
+) -> tuple[LagScan, PlungeOptimum, Array]:
+    """Walk the common lag both ways from ``best`` in steps of ``step`` standard deviations; refit the rest at each.
 
-def _staged(problem: PlungeProblem, theta: Array) -> Array:
-    """A start near the valley: h and initial temperature first, then lags and static offsets too."""
-    first = ("ln_h", "initial")
-    for kinds in (first, (*first, "lag", "offset")):
-        free = np.eye(problem.layout.size)[:, problem.layout.mask(*kinds)]
-        theta = minimise(problem, theta, limit=6, directions=free).theta
-    return theta
-
-
-def judged(best: PlungeOptimum) -> PlungeProblem:
-    """The problem of ``best`` with noise, variance factors and block weights taken from the residuals there."""
-    c, noise = len(best.problem.layout.channels), []
-    for residual, model in zip(best.residuals_K, best.problem.models):
-        count = model.blocks.count
-        share = max(1 - (8 + 3 * c) / residual.size, 0.5)
-        sd = channel_sd(residual, count, share)
-        z = residual / block_sd(sd, count)
-        weight = np.minimum(1.0, 4.0 / np.maximum(np.abs(z), 1e-12))
-        noise.append(RunNoise(sd, weight, *inflation(z * np.sqrt(weight), 8, 3 * c)))
-    return replace(best.problem, noise=tuple(noise))
-
-
-def full_prior(
-    layout: PlungeParameters,
-    priors: PlungePriors,
-    runs: Sequence[PlungeRun],
-    initial_degC: Sequence[float],
-    bath_degC: Sequence[float],
-    correlation: Correlation,
-    setup: DiskSetup,
-) -> tuple[Array, Array]:
-    """Mean and standard deviation of all parameters before the data; each h scale widened by its fluid's properties.
-
-    ``initial_degC`` and ``bath_degC`` (runs,) are the temperatures between which those properties are taken.
+    The walk ends where the marginal posterior has fallen by exp(-drop/2), or where the common lag reaches zero. The
+    marginal is Laplace's: exp(-cost/2) / sqrt(det of the information on all else). Also gives the optimum with the
+    common lag held at its posterior mean, and the parameters (P,) where the cost is least.
     """
-    baths = [Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m) for run in runs]
-    h_u_rel = [b.property_u_rel(*span)["total"] for b, *span in zip(baths, initial_degC, bath_degC)]
-    return layout.prior(priors, [run.entry.u_s for run in runs], initial_degC, h_u_rel)
+    layout = best.problem.layout
+    row = layout.common_lag
+    u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
+    start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
+    ends = (2 * LEAST_LAG_S, np.inf)
+    walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=_marginal, **SEARCH)
+    lag, optima = walk.value, walk.optima
+    logp = -0.5 * walk.deviance
+    grid = np.linspace(lag[0], lag[-1], 801)
+    density = np.exp(PchipInterpolator(lag, logp - logp.max())(grid)) if len(lag) > 2 else np.ones_like(grid)
+    cumulative = cumulative_trapezoid(density, grid, initial=0.0)
+    density /= cumulative[-1]
+    mean = float(np.trapezoid(grid * density, grid))
+    sd = float(np.sqrt(max(np.trapezoid((grid - mean) ** 2 * density, grid), 1e-12)))
+    low, high = np.interp([0.025, 0.975], cumulative / cumulative[-1], grid)
+    final = held(optima[int(np.argmax(logp))], row, mean, **SEARCH)
+    aside = held(final, row, mean + 0.5 * sd, **SEARCH)
+    own = layout.at("lag")
+    cost, volume = np.array([o.cost for o in optima]), np.array([o.log_volume for o in optima])
+    slope = (aside.theta[own] - final.theta[own]) / (0.5 * sd)
+    scan = LagScan(
+        lag, cost, volume, grid, density, mean, sd, float(low), float(high), slope, final.covariance[own, own]
+    )
+    return scan, PlungeOptimum(best.problem, final), optima[int(np.argmin(cost))].theta
+
+
+def settled_scan(
+    best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
+) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
+    """:func:`scan_common_lag`, started again where the walk found a clearly better optimum than ``best``.
+
+    In the curved valley of lag against burst a fit can stop early. Gives the scan, the optimum with the common lag
+    held at its posterior mean, and the optimum that the walk started from.
+    """
+    scan, final, lowest = scan_common_lag(best, step=step, drop=drop)
+    if float(scan.cost.min()) <= best.cost - 2.0:
+        again = best.problem.minimised(lowest)
+        if again.cost <= best.cost:
+            return *scan_common_lag(again, step=step, drop=drop)[:2], again
+    return scan, final, best
+
+
+def _marginal(at: Optimum) -> float:
+    """-2 log of Laplace's marginal posterior of what ``at`` holds, but for a constant."""
+    return at.cost + 2 * at.log_volume
+
+
+def lag_covariance(scan: LagScan) -> Array:
+    """Covariance (C, C) of the lags: the common lag's marginal variance along the profile, and the rest across it."""
+    return np.asarray(scan.differential_covariance + scan.sd_s**2 * np.outer(scan.lag_slope, scan.lag_slope))
+
+
+@dataclass(frozen=True)
+class ModelForm:
+    """The same data under other correlations: common lag and cost of each, and the covariance their spread adds."""
+
+    common_lag_s: dict[str, float]
+    cost: dict[str, float]
+    covariance: Array  # (C, C) of the lags [s2]
+
+    @property
+    def u_common_s(self) -> float:
+        """Standard uncertainty that the choice of correlation adds to the common lag."""
+        return float(np.sqrt(max(self.covariance.mean(), 0.0)))
+
+
+def model_form(
+    final: PlungeOptimum, scan: LagScan, chosen: Correlation, others: Sequence[Correlation], own_lag_s: float
+) -> ModelForm:
+    """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
+
+    The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
+    (sample covariance) is what the choice of correlation adds.
+    """
+    width = scan.sd_s
+    base_top = _top(final, width)
+    lags, cost = [final.lag_s], {chosen.name: final.cost}
+    for other in others:
+        if other.name == chosen.name:
+            continue
+        at = _under(final, other)
+        shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
+        lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
+        cost[other.name] = at.cost
+    spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
+    common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
+    return ModelForm(common, cost, np.atleast_2d(spread))
+
+
+def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
+    """The optimum with the same common lag under another correlation; h scales are moved first."""
+    problem, theta = final.problem, final.theta.copy()
+    models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
+    for r, (old, new, surface) in enumerate(zip(problem.models, models, final.surfaces)):
+        T, bath = surface.temperature_degC, old.bath_degC
+        early = np.abs(bath - T) > 0.3 * old.step_K
+        ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
+        theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
+    return replace(problem, models=models).minimised(theta, problem.layout.common_lag[None], limit=12)
+
+
+def _top(at: PlungeOptimum, width: float) -> float:
+    """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
+    row, lag = at.problem.layout.common_lag, float(at.lag_s.mean())
+    low, middle, high = (
+        -0.5 * _marginal(held(at.found, row, lag + shift, **SEARCH) if shift else at.found)
+        for shift in (-width, 0.0, width)
+    )
+    curvature = high - 2 * middle + low
+    return float(-width * (high - low) / (2 * curvature)) if curvature < 0 else 0.0

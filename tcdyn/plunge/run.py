@@ -1,4 +1,4 @@
-"""One plunge as the fit takes it: despiked, cut to its useful part, averaged in blocks that widen with time."""
+"""One plunge as the fit takes it: despiked, cut to its useful part, averaged in blocks that widen; and its noise."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from calibration.log import Log
 from calibration.noise import white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
+from tcdyn.fitting import correlation_length
 
 Array = NDArray[np.float64]
 
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 class PlungeRun:
     """One immersion log after the static lines: ``readings_degC`` (N, C) in the order of ``channels``.
 
-    ``fluid_degC`` (N,) is the bath; ``noise_sd_K`` (C,) the white noise of one sample, found from the data when None.
+    ``fluid_degC`` (N,) is the bath.
     """
 
     time_s: Array
@@ -34,7 +35,6 @@ class PlungeRun:
     fluid: Fluid
     fluid_degC: Array
     entry: EntryEvent
-    noise_sd_K: Array | None = None
     name: str = "plunge"
 
     @property
@@ -94,7 +94,7 @@ def run_from_log(
         probe = frame["probe_degC"].to_numpy(dtype=float) if "probe_degC" in frame.columns else None
         entry = find_entry(t, switch, probe, bath, where=name)
     substance = fluid(fluid_name) if isinstance(fluid_name, str) else fluid_name
-    return PlungeRun(t, readings, channels, substance, bath, entry, None, name)
+    return PlungeRun(t, readings, channels, substance, bath, entry, name)
 
 
 def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> PlungeBlocks:
@@ -116,10 +116,9 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
     keep = (t >= max(-before_s, t[0])) & (t <= end)
     times, values = t[keep], run.readings_degC[keep]
     clean, spikes = despiked(values)
-    noise = white_noise_sd(clean) if run.noise_sd_K is None else np.asarray(run.noise_sd_K, dtype=float)
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
     bath_t, bath = smooth_bath(t, run.fluid_degC, end)
-    return PlungeBlocks(centre, mean, count, noise, bath_t, bath, float(times[-1]), spikes)
+    return PlungeBlocks(centre, mean, count, white_noise_sd(clean), bath_t, bath, float(times[-1]), spikes)
 
 
 def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
@@ -162,3 +161,61 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
         raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
     bins = pd.DataFrame({"t": t[after], "bath": bath[after]}).groupby(np.floor(t[after] / window_s))
     return bins["t"].mean().to_numpy(), bins["bath"].agg(stats.trim_mean, 0.2).to_numpy()
+
+
+@dataclass(frozen=True)
+class RunNoise:
+    """Noise of one plunge: of a sample (C,) [K], weights (B, C), 1 or less for outlying blocks, and variance factors.
+
+    ``common`` and ``differential`` widen the variance of the residuals' mean over channels and of their deviations
+    from it, for residuals that are coloured; 1 for white noise.
+    """
+
+    sd_K: Array
+    weight: Array
+    common: float = 1.0
+    differential: float = 1.0
+
+    @classmethod
+    def white(cls, blocks: PlungeBlocks) -> RunNoise:
+        """As the samples scatter about their neighbours."""
+        return cls(blocks.noise_sd_K, np.ones(blocks.readings_degC.shape))
+
+    @classmethod
+    def judged(cls, residual_K: Array, count: Array) -> RunNoise:
+        """From what a fit leaves of block means (B, C) of ``count`` samples.
+
+        The sd of a channel is robust, then scaled to a mean square. Blocks further off than 4 standard deviations lose
+        weight (Huber).
+        """
+        c = residual_K.shape[1]
+        scaled = residual_K * np.sqrt(count)
+        sd = 1.4826 * np.median(np.abs(scaled), axis=0)
+        inside = np.abs(scaled) < 4 * np.maximum(sd, 1e-12)
+        square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(inside.sum(axis=0), 1)
+        sd = np.sqrt(np.maximum(square, 1e-12) / max(1 - (8 + 3 * c) / residual_K.size, 0.5))
+        z = residual_K / block_sd(sd, count)
+        weight = np.minimum(1.0, 4.0 / np.maximum(np.abs(z), 1e-12))
+        return cls(sd, weight, *inflation(z * np.sqrt(weight), 8, 3 * c))
+
+
+def block_sd(noise_sd_K: Array, count: Array) -> Array:
+    """Standard deviation of block means (B, C) for white noise; infinite where a block holds no sample."""
+    return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
+
+
+def inflation(standardised: Array, parameters_common: int, parameters_differential: int) -> tuple[float, float]:
+    """Variance factors, common and differential, of standardised residuals (B, C) of one run; at least one quarter.
+
+    The mean over channels and the deviations from it are judged apart, because an error of the bath or of h moves
+    all channels together and noise does not. Each factor is a mean square times a correlation length.
+    """
+    b, c = standardised.shape
+    mean = np.mean(standardised, axis=1)
+    rest = standardised - mean[:, None]
+    common = c * float(np.sum(mean**2)) / max(b - parameters_common, 1) * correlation_length(mean)
+    if c == 1:
+        return max(common, 0.25), 1.0
+    freedom = max((b * (c - 1)) - parameters_differential, 1)
+    lengths = float(np.mean([correlation_length(column) for column in rest.T]))
+    return max(common, 0.25), max(float(np.sum(rest**2)) / freedom * lengths, 0.25)

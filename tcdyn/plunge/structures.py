@@ -12,11 +12,12 @@ import pandas as pd
 from calibration.arrays import Array
 from calibration.estimate import Estimate, with_u
 from calibration.finding import Finding, look, note
+from calibration.result import jsonable
 from calibration.words import percent
 from tcdyn.chain import STRUCTURES, Structure
-from tcdyn.plunge.parameters import PlungePriors
-from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, RunNoise, judged, minimise, precision
-from tcdyn.plunge.scan import LagScan, settled_scan
+from tcdyn.plunge import PlungePriors
+from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
+from tcdyn.plunge.run import RunNoise
 
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
 POSSIBLE = 0.05  # a structure less probable than this may be called contradicted, one above it is possible
@@ -138,17 +139,7 @@ class StructureComparison:
             "contradicted": self.contradicted,
             "u_common_lag_before_s": self.u_before_s,
             "u_common_lag_after_s": self.u_after_s,
-            "candidates": [
-                {
-                    "structure": r.structure,
-                    "probability": r.probability,
-                    "chi_square": r.chi_square,
-                    "held_out": r.held_out,
-                    "common_lag_s": r.common_lag_s.model_dump(),
-                    "second_lag_s": None if r.second_lag_s is None else r.second_lag_s.model_dump(),
-                }
-                for r in self.rows
-            ],
+            "candidates": jsonable(self.rows),
         }
 
 
@@ -179,28 +170,27 @@ def compare_structures(
     """
     chosen = final.problem.layout.structure
     fits = {s: _optima(final, s, priors) for s in structures}
-    best = max(fits, key=lambda s: laplace(fits[s][0]))
-    kept = best == chosen and _close(fits[best][0], final)
+    best = max(fits, key=lambda s: fits[s][0].laplace)
+    kept = best == chosen and fits[best][0].is_near(final)
     if not kept:
-        noise = judged(fits[best][0]).noise
+        noise = fits[best][0].judged()
         fits = {s: [_refit(f, s, priors, noise) for f in fits[s]] for s in structures}
-    likeliest = max(laplace(f) for s in structures for f in fits[s])
+    likeliest = max(f.laplace for s in structures for f in fits[s])
     reported = scan.estimate(own_lag_s, extra_u_s)
     modes: list[_Mode] = []
     for s, k, fit in [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]:
         if kept and s == chosen and k == 0:
             cost = min(float(scan.cost.min()), final.cost)
             modes.append(_Mode(s, final, reported, cost, log_evidence(scan, final), True))
-        elif s != chosen and laplace(fit) < likeliest - UNLIKELY:
-            lag = fit.problem.layout.at("lag")
-            u = float(np.sqrt(max(fit.covariance[lag, lag].mean(), 0.0)))
-            roughly = Estimate.normal(float(fit.lag_s.mean()) + own_lag_s, u)
-            modes.append(_Mode(s, fit, roughly, fit.cost, laplace(fit)))
+        elif s != chosen and fit.laplace < likeliest - UNLIKELY:
+            row = fit.problem.layout.common_lag
+            roughly = Estimate.normal(fit.found.value(row) + own_lag_s, fit.found.u(row))
+            modes.append(_Mode(s, fit, roughly, fit.cost, fit.laplace))
         else:
             walked, at, start = settled_scan(fit, step=1.8, drop=7.0)
-            if any(m.structure == s and _close(m.at, at) for m in modes):
+            if any(m.structure == s and m.at.is_near(at) for m in modes):
                 continue
-            own = s == chosen and _close(at, final)
+            own = s == chosen and at.is_near(final)
             lag_s = reported if own else walked.estimate(own_lag_s, extra_u_s)
             cost = min(float(walked.cost.min()), start.cost)
             modes.append(_Mode(s, at, lag_s, cost, log_evidence(walked, at), own))
@@ -246,11 +236,6 @@ def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> t
     )
 
 
-def _close(one: PlungeOptimum, other: PlungeOptimum) -> bool:
-    """Whether two optima are one solution: their common lags agree within 0.15 s."""
-    return abs(float(one.lag_s.mean() - other.lag_s.mean())) < 0.15
-
-
 def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[PlungeOptimum]:
     """The solutions of a structure, the more probable first: from ``near``, and where that is long, from a short lag.
 
@@ -262,15 +247,10 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
         outset = layout.mask("ln_burst", "ln_burst_time", "ln_burst_shape", "entry")
         theta = np.where(outset, near.problem.mean, near.theta)
         theta[layout.at("lag")] += SHORT_S - near.lag_s.mean()
-        other = _refit(replace(near, theta=theta), structure, priors, near.problem.noise)
-        if not _close(other, found[0]) and other.cost < found[0].cost + 30.0:
+        other = _refit(replace(near, found=replace(near.found, theta=theta)), structure, priors, near.problem.noise)
+        if not other.is_near(found[0]) and other.cost < found[0].cost + 30.0:
             found.append(other)
-    return sorted(found, key=laplace, reverse=True)
-
-
-def laplace(at: PlungeOptimum) -> float:
-    """Log evidence by Laplace's approximation, but for a constant that all structures share."""
-    return -0.5 * at.cost - 0.5 * float(np.linalg.slogdet(at.hessian)[1]) + _log_prior(at.problem)
+    return sorted(found, key=lambda o: o.laplace, reverse=True)
 
 
 def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
@@ -278,12 +258,7 @@ def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
     log_marginal = -0.5 * scan.cost - scan.log_volume
     k = int(np.argmax(log_marginal))
     density = float(np.interp(scan.lag_s[k], scan.grid_s, scan.density))
-    return float(log_marginal[k]) - float(np.log(density)) + _log_prior(at.problem)
-
-
-def _log_prior(problem: PlungeProblem) -> float:
-    known = precision(problem)
-    return 0.5 * float(np.sum(np.log(known[known > 0])))
+    return float(log_marginal[k]) - float(np.log(density)) + at.problem.log_prior
 
 
 def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
@@ -292,8 +267,8 @@ def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
     if runs < 2:
         return None
     folds = min(runs, folds)
-    rest = [laplace(_without(at, [r for r in range(runs) if r % folds != k])) for k in range(folds)]
-    return -2 * float(np.sum(laplace(at) - np.array(rest)))
+    rest = [_without(at, [r for r in range(runs) if r % folds != k]).laplace for k in range(folds)]
+    return -2 * float(np.sum(at.laplace - np.array(rest)))
 
 
 def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
@@ -309,7 +284,7 @@ def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
         mean=problem.mean[index],
         sd=problem.sd[index],
     )
-    return minimise(part, at.theta[index], limit=12)
+    return part.minimised(at.theta[index], limit=12)
 
 
 def _refit(near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]) -> PlungeOptimum:
@@ -320,4 +295,4 @@ def _refit(near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tup
         mean[layout.at(kind)], sd[layout.at(kind)] = known
     if structure != near.problem.layout.structure:
         theta = np.where(layout.mask("split", "common_split"), mean, theta)
-    return minimise(replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise), theta)
+    return replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise).minimised(theta)

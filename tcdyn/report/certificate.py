@@ -17,7 +17,7 @@ from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
 from tcdyn.plots.plunge import plunge_figure, standardised
 from tcdyn.plots.plunge import residual_figure as left_over_figure
-from tcdyn.plunge.fit import INTERVAL_NOTE, PlungeFit, interval
+from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 
 FIT = "fit to use"

@@ -20,9 +20,9 @@ from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
+from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.fit import identify_plunges
 from tcdyn.plunge.model import build_run_model, predict_run
-from tcdyn.plunge.parameters import PlungeParameters, PlungePriors
 from tcdyn.plunge.run import make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -57,7 +57,7 @@ def fit_side(baseline_s: float) -> None:
     layout = PlungeParameters(1, CHANNELS, "P2")
     theta, _ = layout.prior(PlungePriors(), [0.05], [26.0])
     theta[layout.at("lag")] = 0.6
-    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"))
+    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"), theta)
     predict_run(model, layout, theta, 0)
     t0 = process_time()
     for _ in range(10):

@@ -17,9 +17,10 @@ from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.plunge.fit import PlungeFit, identify_plunges
+from tcdyn.plunge import PlungeParameters, PlungePriors, stages
+from tcdyn.plunge.fit import identify_plunges
 from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
-from tcdyn.plunge.parameters import PlungeParameters, PlungePriors, stages
+from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -99,7 +100,7 @@ def test_derivatives_are_those_of_the_model() -> None:
     mean, sd = layout.prior(PlungePriors(), [0.05], [26.0])
     theta = mean.copy()
     theta[layout.at("lag")] = 0.6
-    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"))
+    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"), theta)
     _, jac, _ = predict_run(model, layout, theta, 0)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)

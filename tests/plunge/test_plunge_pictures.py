@@ -17,8 +17,9 @@ from tcdyn.design.compare import compare_tests
 from tcdyn.design.plunge_plan import PlungePlan
 from tcdyn.plots import plunge as pictures
 from tcdyn.plots.style import figure
-from tcdyn.plunge.fit import PlungeFit, identify_plunges, published_degC
+from tcdyn.plunge.fit import identify_plunges, published_degC
 from tcdyn.plunge.hole import compare_holes
+from tcdyn.plunge.result import PlungeFit
 from tcdyn.simulate.plunge import simulate_hole
 
 SETUP = load_rig().disk_setup("fast")

@@ -14,9 +14,10 @@ from calibration.estimate import Z95, Estimate
 from calibration.rig import load_rig
 from calibration.words import percent
 from tcdyn.chain import STRUCTURES
-from tcdyn.plunge.fit import PlungeFit, identify_plunges, with_structure_doubt
-from tcdyn.plunge.scan import LagScan
-from tcdyn.plunge.structures import StructureComparison, StructureRow, held_out, laplace, log_evidence
+from tcdyn.plunge.fit import identify_plunges, with_structure_doubt
+from tcdyn.plunge.posterior import LagScan
+from tcdyn.plunge.result import PlungeFit
+from tcdyn.plunge.structures import StructureComparison, StructureRow, held_out, log_evidence
 
 SETUP = load_rig().disk_setup("fast")
 TRUE_S = 0.75 + OWN_LAG_S
@@ -108,7 +109,7 @@ def test_three_lags_are_offered_where_they_fit_best_for_a_record_holds_any_numbe
 def test_evidence_integrated_over_the_lag_is_near_laplace_s_where_the_lag_is_nearly_normal() -> None:
     # both leave out the same constants but the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
     before = fitted("P2", 0.75)[0]
-    gap = log_evidence(before.scan, before.optimum) - laplace(before.optimum)
+    gap = log_evidence(before.scan, before.optimum) - before.optimum.laplace
     assert gap == pytest.approx(0.5 * np.log(2 * np.pi / 6), abs=0.35)  # the skewness of a lag known to a tenth
 
 

@@ -1,0 +1,287 @@
+"""What a plunge fit says: lags with their covariance, split into common and differential, and what limits them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from calibration.arrays import Array, Flags
+from calibration.disk import DiskSetup
+from calibration.estimate import Estimate, rounded, with_u
+from calibration.finding import Finding, look, note, once, sentences, with_where
+from immersion.correlations import check_validity
+from tcdyn.chain import Chain
+from tcdyn.fitting import inverse
+from tcdyn.plunge import RUN_KINDS, PlungeParameters, PlungePriors, stages
+from tcdyn.plunge.model import junction_degC
+from tcdyn.plunge.posterior import LagScan, ModelForm, PlungeOptimum, lag_covariance
+from tcdyn.plunge.run import PlungeRun
+from tcdyn.plunge.structures import StructureComparison
+
+COLOURED = 4.0  # variance of slow residual waves over that of white noise: beyond it something is not modelled
+UNBELIEVABLE = 5.0  # prior standard deviations of h beyond which the fluid is doubted rather than the correlation
+SOURCES = {
+    "entry burst": ("ln_burst", "ln_burst_time", "ln_burst_shape"),
+    "entry time": ("entry",),
+    "h scale and exponent": ("ln_h", "h_exponent"),
+    "initial and bath temperature": ("initial", "bath"),
+    "static lines": ("offset", "gain"),
+    "conductivity and junction depths": ("ln_conductivity", "depth"),
+    "split of the lag": ("split", "common_split"),
+}
+INTERVAL_NOTE = (
+    "(a lag's interval may reach further up than down: a long lag behind a fierce entry burst fits nearly as well as a "
+    "short one; burst and lag are common to the channels, so their differences have even intervals)"
+)
+
+
+@dataclass(frozen=True)
+class LagShare:
+    """Standard uncertainty that one source adds to the common lag and (rms over channels) to differential lags."""
+
+    source: str
+    u_common_s: float
+    u_differential_s: float
+
+    @classmethod
+    def of(cls, source: str, covariance: Array) -> LagShare:
+        """The share of a covariance (C, C) of the lags [s2]."""
+        common, rest = covariance.mean(), np.trace(_apart(covariance)) / len(covariance)
+        return cls(source, float(np.sqrt(max(common, 0.0))), float(np.sqrt(max(rest, 0.0))))
+
+
+@dataclass(frozen=True)
+class PlungeFit:
+    """Chains of one disk's channels identified from its plunges; lags include the conditioning filter's own.
+
+    ``optimum`` is the most probable set of parameters, its common lag at the posterior mean of ``scan``;
+    ``model_form`` and ``structures`` (None: not tried) tell what other models would change, and widen the lags.
+    """
+
+    setup: DiskSetup
+    correlation: str
+    priors: PlungePriors
+    model_form: ModelForm
+    rival: tuple[Finding, ...]  # a second solution, where there is one
+    runs: tuple[PlungeRun, ...] = field(repr=False)
+    optimum: PlungeOptimum = field(repr=False)
+    scan: LagScan = field(repr=False)
+    structures: StructureComparison | None = field(default=None, repr=False)
+
+    @property
+    def disk(self) -> str:
+        """Name of the disk."""
+        return self.setup.name
+
+    @property
+    def layout(self) -> PlungeParameters:
+        """Where each parameter stands."""
+        return self.optimum.problem.layout
+
+    @property
+    def structure(self) -> str:
+        """Name of the chains' structure."""
+        return self.layout.structure
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The channels, in the order of all arrays."""
+        return self.layout.channels
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search ended at an optimum."""
+        return self.optimum.found.converged
+
+    @cached_property
+    def chains(self) -> dict[str, Chain]:
+        """The chain of each channel."""
+        lay, theta = self.layout, self.optimum.theta
+        logits = theta[lay.at("common_split")] + theta[lay.at("split")]
+        out = {}
+        for c, lag, logit in zip(lay.channels, self.optimum.lag_s, logits):
+            taus, delay, zero = stages(lay.structure, float(lag), float(logit))
+            out[c] = Chain(tuple(map(float, taus)), zero_s=zero, delay_s=delay, conditioning=self.setup.conditioning)
+        return out
+
+    @property
+    def extra_covariance(self) -> Array:
+        """What the choice of a correlation and of a structure adds to the lags' covariance (C, C) [s2]."""
+        return self.model_form.covariance + (0.0 if self.structures is None else self.structures.covariance)
+
+    @property
+    def lag_covariance(self) -> Array:
+        """Covariance (C, C) of the lags [s2]."""
+        return lag_covariance(self.scan) + self.extra_covariance
+
+    @cached_property
+    def lag_s(self) -> dict[str, Estimate]:
+        """Each channel's lag: the common lag's skew posterior along the profile, the rest normal."""
+        lag, slope = self.optimum.lag_s + self.setup.conditioning.lag_s, self.scan.lag_slope
+        rest = np.diag(self.scan.differential_covariance + self.extra_covariance)
+        return {c: self.scan.skewed(*map(float, each)) for c, *each in zip(self.channels, lag, slope, rest)}
+
+    @property
+    def common_lag_s(self) -> Estimate:
+        """The mean lag of the channels."""
+        return self._common(self.extra_covariance)
+
+    @cached_property
+    def differential_lag_s(self) -> dict[str, Estimate]:
+        """Each channel's lag less the mean of all."""
+        lag = self.optimum.lag_s
+        u = np.sqrt(np.maximum(np.diag(_apart(self.lag_covariance)), 0.0))
+        return {c: Estimate.normal(float(d), float(s)) for c, d, s in zip(self.channels, lag - lag.mean(), u)}
+
+    @cached_property
+    def nuisances(self) -> pd.DataFrame:
+        """Every parameter: value, u, prior_mean, prior_sd (nan where flat)."""
+        problem, flat = self.optimum.problem, ~np.isfinite(self.optimum.problem.sd)
+        return pd.DataFrame(
+            {
+                "parameter": self.layout.names(),
+                "value": self.optimum.theta,
+                "u": np.sqrt(np.diag(self.optimum.covariance)),
+                "prior_mean": np.where(flat, np.nan, problem.mean),
+                "prior_sd": np.where(flat, np.nan, problem.sd),
+            }
+        )
+
+    @cached_property
+    def budget(self) -> tuple[LagShare, ...]:
+        """Where the lags' uncertainty comes from: each group of parameters held known, the variance that goes away.
+
+        The first rows are the marginal posterior's; the groups are by its normal approximation and do not add up,
+        because they stand in for each other.
+        """
+        lag = self.layout.at("lag")
+        full = self.optimum.covariance[lag, lag]
+        every = [kind for kinds in SOURCES.values() for kind in kinds]
+        shares = [
+            LagShare.of("all of the fit", lag_covariance(self.scan)),
+            *(LagShare.of(source, full - self._knowing(*kinds)) for source, kinds in SOURCES.items()),
+            LagShare.of("noise alone", self._knowing(*every)),
+            LagShare.of("choice of correlation", self.model_form.covariance),
+        ]
+        if self.structures is not None:
+            shares.insert(0, LagShare.of("everything", self.lag_covariance))
+            shares.append(LagShare.of("choice of chain structure", self.structures.covariance))
+        return tuple(shares)
+
+    @cached_property
+    def limits(self) -> Finding:
+        """The common lag and what keeps it from being better known."""
+        common, within = self.common_lag_s, self._common(self.model_form.covariance).u
+        known = LagShare.of("", self._knowing("ln_burst", "ln_burst_time", "ln_burst_shape", "entry")).u_common_s
+        return note(
+            "plunge.lag",
+            plunges=len(self.runs),
+            common_lag_s=common.value,
+            u_s=common.u,
+            known_burst_u_s=known,
+            apart=within <= max(0.05, 0.10 * common.value),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """:attr:`limits` in words."""
+        return self.limits.sentence
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """Everything in the fit that a careful reader should know."""
+        problem, theta = self.optimum.problem, self.optimum.theta
+        names = [run.name for run in self.runs]
+        out = [*(self.structures.findings if self.structures is not None else ()), *self.rival]
+        if not self.converged:
+            out.append(look("plunge.unconverged"))
+        pulls = np.where(np.isfinite(problem.sd), (theta - problem.mean) / problem.sd, 0.0)
+        for (kind, subject), pull, value in zip(self.layout.table(), np.abs(pulls), theta):
+            where = names[int(subject) - 1] if kind in RUN_KINDS else ""
+            if kind == "ln_h" and pull > UNBELIEVABLE:
+                fluid = self.runs[int(subject) - 1].fluid.name
+                out.append(look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull))
+            elif pull > 3:
+                out.append(look("plunge.pull", where=where, subject="" if where else subject, kind=kind, sds=pull))
+        for run, model, surface, factor in zip(self.runs, problem.models, self.optimum.surfaces, problem.noise):
+            beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
+            out += with_where((*run.entry.findings, *beyond), run.name)
+            if model.blocks.spikes:
+                out.append(note("plunge.spikes", where=run.name, count=model.blocks.spikes))
+            if max(factor.common, factor.differential) > COLOURED:
+                out.append(
+                    look(
+                        "plunge.coloured",
+                        where=run.name,
+                        common=factor.common,
+                        differential=factor.differential,
+                        apart=factor.differential > COLOURED,
+                    )
+                )
+        out += [look("plunge.no_lag", subject=c) for c, lag in zip(self.channels, self.optimum.lag_s) if lag < 0.01]
+        return once(out)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
+
+    def junction_degC(self, run: int) -> pd.DataFrame:
+        """What the junctions of a plunge really saw, without the chain: [degC] by time after entry [s] and channel."""
+        return junction_degC(self.optimum.problem.models[run], self.layout, self.optimum.theta, run)
+
+    def summary(self) -> str:
+        """The lags, the structures and what limits them, in a few lines; warnings last."""
+        return "\n".join([*self.lines(), *(f"  warning: {w}" for w in self.warnings)])
+
+    def lines(self) -> list[str]:
+        """The summary's lines without the warnings."""
+        count = f"{len(self.runs)} plunge{'s' if len(self.runs) > 1 else ''}"
+        common = self.common_lag_s
+        rows = [(c, rounded(self.lag_s[c].value, self.lag_s[c].u), self.differential_lag_s[c]) for c in self.channels]
+        lines = [
+            f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
+            f"  common lag {with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
+            f"    {INTERVAL_NOTE}",
+            *(
+                f"  {c}: lag {value} +- {u} s, from the common lag {with_u(d.value, d.u, 's')}"
+                for c, (value, u), d in rows
+            ),
+            "  where the uncertainty comes from [s], common lag / differences:",
+            *(f"    {s.source}: {s.u_common_s:.3f} / {s.u_differential_s:.3f}" for s in self.budget),
+            f"  {self.sentence}",
+        ]
+        if self.structures is None or self.structures.findings:  # said as a warning, then
+            return lines
+        return [*lines, f"  structure: {self.structures.sentence}."]
+
+    def _common(self, extra: Array) -> Estimate:
+        return self.scan.estimate(self.setup.conditioning.lag_s, float(np.sqrt(max(extra.mean(), 0.0))))
+
+    def _knowing(self, *kinds: str) -> Array:
+        """Covariance (C, C) of the lags, were all parameters of ``kinds`` known."""
+        keep: Flags = ~self.layout.mask(*kinds)
+        at = np.flatnonzero(self.layout.mask("lag")[keep])
+        return inverse(self.optimum.found.information[np.ix_(keep, keep)])[np.ix_(at, at)]
+
+
+def interval(estimate: Estimate) -> str:
+    """The 95 % interval with the decimals of the uncertainty.
+
+    >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
+    '0.593 to 0.857'
+    """
+    return f"{rounded(estimate.low95, estimate.u)[0]} to {rounded(estimate.high95, estimate.u)[0]}"
+
+
+def _apart(covariance: Array) -> Array:
+    """Covariance (C, C) of the differences from the mean of all channels.
+
+    >>> _apart(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
+    [[5e-05, -5e-05], [-5e-05, 5e-05]]
+    """
+    project = np.eye(len(covariance)) - 1 / len(covariance)
+    return np.asarray(project @ covariance @ project)
