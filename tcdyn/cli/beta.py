@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from calibration.files.write import write_text
-from calibration.grade import findings_of
 from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
@@ -77,7 +76,7 @@ def beta(
     if json_:
         print(text, end="")
         return
-    warn(findings_of(run.partition), quiet)
+    warn(run.partition.findings, quiet)
     say(run.summary(), quiet)
     for word, path in (("numbers", out), ("report", report)):
         if path is not None:

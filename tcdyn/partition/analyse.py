@@ -153,7 +153,8 @@ def _suspected(check: SensorCheck) -> list[Finding]:
             raise InputError(
                 suspect.finding.sentence,
                 expected="six living junctions where rig.toml says",
-                remedy="map the columns in rig.toml [columns], or go on at your own risk with --no-sensor-check",
+                remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
+                parameters=("sensor_check=False",),
             )
     return [suspect.finding for suspect in check.suspects]
 

@@ -103,7 +103,8 @@ def prepare(
         )
     missing = [d for d in DISKS if d not in records]
     if missing:
-        raise InputError(f"no record of the {missing[0]} disk", remedy=f"add --record {missing[0]}.disk.json")
+        wanted = f"records={missing[0]}.disk.json"
+        raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))

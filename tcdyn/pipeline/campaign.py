@@ -20,7 +20,6 @@ from calibration.errors import InputError
 from calibration.files.table import sha256
 from calibration.files.write import write_text
 from calibration.finding import Finding, sentences
-from calibration.grade import findings_of
 from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig
@@ -181,7 +180,7 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
     )  # fmt: skip
     test = run.partition.test
     data = run.to_dict()
-    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in findings_of(run.partition)]
+    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
     data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found))
     steady = steady_degC(test)
     data["campaign"] = {
