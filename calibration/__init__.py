@@ -1,1 +1,9 @@
-"""The disk, its log files, and what each channel reads when nothing changes."""
+"""The disk, its log files, and what each channel reads when nothing changes; and the one array type of the house."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]  # shapes stand in the docstrings
+Flags = NDArray[np.bool_]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from pandas.api.types import union_categoricals
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.checks.kind import check_course, check_edges, check_places, two_level
 from calibration.checks.sampling import Sampling, check_time
 from calibration.checks.temperature import LONGEST_NAN_S, Place, Thinned, check_sample, column_check

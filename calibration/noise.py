@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import median_filter
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 
 SPIKE_SIGMAS = 8.0  # of white noise, from the median of the neighbours: one clean sample in 1e15 lies so far away
 SPIKE_FLOOR_K = 0.5

@@ -238,11 +238,10 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
     schema = str(data["schema"])
     if schema not in (SCHEMA, OF_0_1):
+        remedy = "update tcdyn" if schema.startswith("tcdyn.disk/") else "give a disk record"
+        expected = f"{SCHEMA!r} or {OF_0_1!r}"
         raise InputError(
-            f"schema: {schema[:60]!r} is not known to this version",
-            where=where,
-            expected=f"{SCHEMA!r} or {OF_0_1!r}",
-            remedy="update tcdyn" if schema.startswith("tcdyn.disk/") else "give a disk record",
+            f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected, remedy=remedy
         )
     data = _from_0_1(data) if schema == OF_0_1 else data
     try:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 from immersion.fluids import Fluid, FluidProperties

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import j0, j1, y0, y1
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DiskSetup
 
 

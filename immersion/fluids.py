@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from immersion.cylinder import Cylinder, influence
 

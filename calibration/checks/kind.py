@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.checks.temperature import Place
 from calibration.columns import ROOM_AND_BATH
 from calibration.disk import CHANNELS, DISKS

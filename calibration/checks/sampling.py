@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.columns import SWITCHES
 from calibration.errors import InputError
 from calibration.files.table import RowNumbers

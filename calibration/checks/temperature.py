@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.columns import ROOM_AND_BATH
 from calibration.errors import InputError
 from calibration.files.table import RowNumbers

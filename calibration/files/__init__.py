@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.files.binary import ParquetTable, TdmsTable
 from calibration.files.csvtable import CsvTable

@@ -16,7 +16,7 @@ from nptdms import TdmsFile
 from nptdms.log import log_manager
 from pyarrow import parquet as pq
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.files.dialect import TextColumn
 from calibration.files.table import PIECE_ROWS, Columns, RowNumbers, Track, align

@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv as pacsv
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.files.dialect import ABSENT, HEAD_BYTES, Dialect, TextColumn, is_number, sniff
 from calibration.files.table import PIECE_ROWS, Columns, RowNumbers

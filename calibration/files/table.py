@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 

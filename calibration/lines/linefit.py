@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Z95
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.checks.temperature import Place, TemperatureCheck, check_sample
 from calibration.disk import CHANNELS
 from calibration.errors import InputError

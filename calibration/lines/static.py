@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate

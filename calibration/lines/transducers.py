@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.table import PIECE_ROWS, Columns, Table

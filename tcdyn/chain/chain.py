@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 from scipy.linalg import solve_continuous_lyapunov
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.result import Result

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from calibration.arrays import Array
+from calibration import Array
 
 if TYPE_CHECKING:
     import control

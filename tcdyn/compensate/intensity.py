@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal.windows import hann
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import FINE, Burst, Grid, Intensity, corner_rad_s
 from tcdyn.compensate.sweep import Stretch, likelihood

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 from scipy.ndimage import uniform_filter1d
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain, discretised
 from tcdyn.compensate.grid import Intensity, read_variance, readings

@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, sentences

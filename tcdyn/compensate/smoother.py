@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.errors import InputError
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import Grid, Intensity, corner_rad_s, readings

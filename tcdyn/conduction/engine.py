@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, Switch, cardinal, lag_bank, node_rates

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import SuperLU, splu
 from scipy.special import erf, j0, j1, y0, y1
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.rim import MESH_IV, Mesh, Rim
 

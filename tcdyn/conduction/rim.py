@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import lfilter
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
 

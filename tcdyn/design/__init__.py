@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.fitting import inverse
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import erfc
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from immersion.cylinder import Cylinder
 from immersion.radial import simulate_plunge_model

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.fitting.problem import Optimum, Problem, Status, free_directions, inverse
 
 Loss = Literal["linear", "huber", "bisquare"]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.fitting.descend import minimise
 from tcdyn.fitting.problem import Problem, Status, inverse
 

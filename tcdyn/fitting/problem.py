@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import null_space
 
-from calibration.arrays import Array
+from calibration import Array
 
 Evaluate = Callable[[Array], tuple[Array, Array] | None]
 LEAST_TOLD = 0.02  # below this the data say nothing of a parameter, and its pull means nothing

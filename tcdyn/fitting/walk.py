@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.estimate import Z95
 from tcdyn.fitting.descend import held
 from tcdyn.fitting.problem import Optimum, Status

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding
 from calibration.result import Result, jsonable

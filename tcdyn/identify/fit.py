@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Z95, Estimate, rounded

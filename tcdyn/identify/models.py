@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags

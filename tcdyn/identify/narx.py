@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import newton
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.identify.data import IOData
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows

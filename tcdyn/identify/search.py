@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded
 from calibration.finding import Finding

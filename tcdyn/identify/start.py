@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify.data import Segment
 from tcdyn.identify.models import Model

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.files import open_table, read_whole
 from calibration.files.csvtable import CsvTable

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.finding import Finding, look, note
 from tcdyn.fitting import Noise, autocovariance, fit_ar, orthonormal
 from tcdyn.identify.problem import Posed

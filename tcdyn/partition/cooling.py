@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated

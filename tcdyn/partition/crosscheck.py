@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note

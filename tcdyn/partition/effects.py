@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW
 from tcdyn.chain import discretised
 from tcdyn.conduction.rim import lag_bank

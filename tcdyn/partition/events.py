@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 from calibration.noise import MAD_TO_SD, white_noise_sd

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile
 from tcdyn.fitting import Problem

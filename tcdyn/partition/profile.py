@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note

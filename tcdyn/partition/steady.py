@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile

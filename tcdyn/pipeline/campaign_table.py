@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 
 SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group

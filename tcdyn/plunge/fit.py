@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look

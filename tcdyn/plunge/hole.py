@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, sentences

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtbtrs, ztbtrs
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from immersion.correlations import Bath, Correlation
 from immersion.cylinder import Cylinder, influence, lag_step

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import PchipInterpolator
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.estimate import Z95, Estimate
 from immersion.correlations import Correlation
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array, Flags
+from calibration import Array, Flags
 from calibration.disk import DiskSetup
 from calibration.estimate import Estimate, rounded, with_u
 from calibration.finding import Finding, look, note, once, sentences, with_where

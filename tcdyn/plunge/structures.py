@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.estimate import Estimate, with_u
 from calibration.finding import Finding, look, note
 from calibration.result import jsonable

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DiskSetup
 from tcdyn.simulate.mesh import cubic_weights, graded_edges
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import DISKS
 from tcdyn.contact import half_width_m
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.linalg import expm
 from scipy.signal import buttap, lfilter
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning
 from tcdyn.simulate.truth import DiskTruth, Imperfections, RigTruth, draw_truth, rng_for
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.simulate.truth import DiskTruth
 

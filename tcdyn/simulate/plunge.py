@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from tcdyn.simulate.bath import FluidName, Heating, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.measure import OVERSAMPLING, RATE_Hz, log_disk, quantised, sample_times, through_chains

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import interp1d
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.rig import load_rig
 from tcdyn.conduction.engine import Drive, fields_at, free_decay, map_beta_h, step_fields
 from tcdyn.conduction.modal import boundary_shapes, forcing, spectrum

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.arrays import Array
+from calibration import Array
 from tcdyn.fitting import (
     Evaluate,
     Problem,

@@ -18,7 +18,7 @@ from scipy import special, stats
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import differential_lag_u_s, stated

@@ -10,7 +10,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import Array
+from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, DiskSetup
 from tcdyn.chain import equalised
 from tcdyn.conduction.modal import RimGains
