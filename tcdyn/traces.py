@@ -85,10 +85,16 @@ class DiskTraces(DiskChannels):
     @property
     def mean_chain(self) -> Chain:
         """The chain with the mean of the channels' parameters."""
-        taus = np.mean([sorted(c.taus_s, reverse=True) for c in self.chains], axis=0)
+        most = max(1, *(len(c.taus_s) for c in self.chains))
+        taus = np.mean([sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in self.chains], axis=0)
+        pairs = [c.pair for c in self.chains if c.pair is not None]
+        if pairs and len(pairs) < len(self.chains):
+            raise InputError(f"channels of the {self.name} disk differ: some have a complex pair, some none")
         return replace(
             self.chains[0],
             taus_s=tuple(float(x) for x in taus),
+            pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs]))) if pairs else None,
+            cement_s=float(np.mean([c.cement_s for c in self.chains])),
             zero_s=float(np.mean([c.zero_s for c in self.chains])),
             delay_s=float(np.mean([c.delay_s for c in self.chains])),
         )

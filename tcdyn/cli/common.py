@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -142,7 +143,11 @@ def in_options(text: str, parameters: Iterable[str]) -> str:
             option = option.replace("--", "--no-", 1)
         elif parameter not in OPTIONS and value != "True":
             option = f"{option} {value}"
-        text = text.replace(parameter, option if parameter.endswith("=") else option.rstrip())
+        told = option if parameter.endswith("=") else option.rstrip()
+        alone = rf"(?<![\w/.-]){re.escape(parameter)}" + (
+            "" if parameter.endswith("=") else r"(?!\w)"
+        )  # no part of a path
+        text = re.sub(alone, lambda _, told=told: told, text)  # type: ignore[misc]
     return text
 
 

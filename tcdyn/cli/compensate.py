@@ -84,6 +84,8 @@ def compensate(
         raise InputError("--follow is a command of its own now", remedy=f"tcdyn follow {log} --record ... --out ...")
     if noise_only and (report is not None or covariance is not None):
         raise InputError("--noise-only with --report or --covariance", remedy="give one of them")
+    if covariance is not None and method == "inverse":
+        raise InputError("--covariance with --method inverse, which states none", remedy="take the smoother")
     way = _way(method, criterion, bandwidth_hz, noise_only)
     records = records_by_disk(record)
     rig_table = load_rig(rig) if rig else None

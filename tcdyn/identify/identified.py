@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Z95, Estimate, rounded
-from calibration.finding import Finding, note
+from calibration.finding import Finding, look
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Rational, Start, realise, simulate, simulate_rows
@@ -185,7 +185,7 @@ class Identified(Result):
         if "findings" in d:
             findings = [Finding.from_dict(f) for f in d["findings"]]
         else:  # of version 0.1
-            findings = [note("said", text=text) for text in d["warnings"]]
+            findings = [look("said", text=text) for text in d["warnings"]]
         return cls(
             model=model,
             **{**{k: d[k] for k in PLAIN}, **parsed},

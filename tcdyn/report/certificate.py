@@ -20,6 +20,8 @@ from tcdyn.plots.plunge import residual_figure as left_over_figure
 from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 
+OF_A_CHANNEL = ("line", "record", "plunge", "noise", "junctions", "said")  # kinds of finding
+BEYOND = "line.extrapolated"
 FIT = "fit to use"
 NO_BREAK = "\u00a0"
 
@@ -44,8 +46,11 @@ def made(record: DiskRecord) -> str:
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:
-    """One sentence on each thermocouple: fit to use, or what is wrong with it."""
-    doubts = check_record(record)
+    """One sentence on each thermocouple: fit to use, or what is wrong with it.
+
+    A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a thermocouple.
+    """
+    doubts = [f for f in check_record(record) if f.code.partition(".")[0] in OF_A_CHANNEL and f.code != BEYOND]
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
         verdicts[name] = "; ".join(sentences(f for f in doubts if name in f.channels)) or FIT

@@ -16,7 +16,7 @@ import typer
 from calibration.finding import look
 from calibration.log import read_log
 from tcdyn.cli.app import COMMANDS, load_command
-from tcdyn.cli.common import warn
+from tcdyn.cli.common import in_options, warn
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
@@ -257,3 +257,8 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys:
     told = "the entry into the bath came late, initial split of the gain; calibrate with structure=P3"
     warn([look("said", text=told)])
     assert capsys.readouterr().err == f"warning: {told.removesuffix('structure=P3')}--structure P3\n"
+
+
+def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
+    said = in_options("my_output: holds a rig.toml of yours; give another out", ["out"])
+    assert said == "my_output: holds a rig.toml of yours; give another --out"

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pandas as pd
+import pytest
 
 from calibration.estimate import Estimate
-from calibration.finding import look, note
+from calibration.finding import Finding, look, note
+from calibration.record import read_record
+from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, pm, render_page, table_html
 
 
@@ -47,3 +52,20 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     assert page.index("n = 2/3") < page.index("<h2>")  # assumptions stand on top
     only_mended = render_page("B3", [], findings=said[:1])
     assert '<div class="warnings">' not in only_mended
+
+
+@pytest.mark.parametrize(
+    ("found", "unfit"),
+    [
+        (look("values.absent", subject="e_degC", count=1, row=9, time_s=0.1, length=1, length_s=0.013), False),
+        (look("line.extrapolated", subject="a, e", read_degC=[20, 190], range_degC=[20, 160], u_K=0.3), False),
+        (look("noise.high", subject="e_degC", noise_K=2.0, others_K=0.14), True),
+        (look("line.curved", subject="e", p=0.001), True),
+    ],
+)
+def test_a_gap_in_a_log_is_no_fault_of_a_thermocouple_and_noise_is(found: Finding, unfit: bool) -> None:
+    file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
+    plain = read_record(file)
+    before = channel_verdicts(plain)
+    after = channel_verdicts(plain.model_copy(update={"findings": [*plain.findings, found]}))
+    assert {c for c in before if before[c] != after[c]} == ({"e"} if unfit else set())
