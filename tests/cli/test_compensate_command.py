@@ -193,7 +193,7 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert tcdyn(*words, cov, "-q") == 2
     assert "--covariance-from-s" in capsys.readouterr().err  # a plunge has no kink to begin at
     assert tcdyn(*words, cov, "--covariance-from-s", "22", "--method", "inverse", "-q") == 2
-    assert "smoothed record" in capsys.readouterr().err
+    assert "take the smoother" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
