@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
 
 from calibration import Array
 from tcdyn.fitting.problem import Optimum, Problem, Status, free_directions, inverse
@@ -41,9 +43,9 @@ def minimise(
 
     Stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` + ``relative`` x cost (that
     step is still taken), once two steps in a row have, or after ``limit`` steps. Steps are damped in the scale of the
-    information's diagonal (Marquardt), no larger than the problem's ``largest``, and clipped to the box; a parameter
-    on its bound that the gradient pushes outwards stays. ``fixed`` (C, P): combinations that stay as they are at the
-    start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs samples anew by their residuals, scaled by
+    information's diagonal (Marquardt), no larger than the problem's ``largest``, and put into the box (:func:`_inside`);
+    a parameter on its bound that the gradient pushes outwards stays. ``fixed`` (C, P): combinations that stay as they
+    are at the start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs samples anew by their residuals, scaled by
     the median absolute deviation, until nothing moves (bisquare begins at Huber's answer). A start where the model
     cannot be computed gives Status.NOWHERE and an infinite cost.
 
@@ -102,20 +104,18 @@ def _descend(
     tolerance: float,
     relative: float,
 ) -> Optimum:
-    lower, upper = problem.box
-    directions = free_directions(problem.size, [problem.fixed, fixed])
-    now = _state(problem, np.clip(np.asarray(start, dtype=float), lower, upper), weights)
+    rows = np.vstack([np.zeros((0, problem.size)), *(np.atleast_2d(r) for r in (problem.fixed, fixed) if r is not None)])
+    directions = free_directions(problem.size, [rows])
+    now = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
     if now is None:
         nothing = np.zeros((0, problem.size))
         full = np.diag(problem.precision)
         return Optimum(problem, start, np.zeros(0), nothing, np.inf, full, directions, Status.NOWHERE, 0, weights)
     damping, status, steps, idle, left = 1e-3, Status.STALLED, 0, 0, False
     while steps < limit:
-        at_end = ((now.theta <= lower) & (now.gradient > 0)) | ((now.theta >= upper) & (now.gradient < 0))
-        free = directions
-        if at_end.any():
-            free = free_directions(problem.size, [problem.fixed, fixed, np.eye(problem.size)[at_end]])
-        done = Status.AT_BOUND if at_end.any() else Status.CONVERGED
+        at_end = _pushed_out(now, problem, directions)
+        free = free_directions(problem.size, [rows, np.eye(problem.size)[at_end]]) if len(at_end) else directions
+        done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
         slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         slope, curvature = slope * scale, curvature * scale[:, None] * scale
@@ -126,7 +126,7 @@ def _descend(
             break
         if idle == 2 or float(slope @ _damped(curvature, slope, 1e-13)) <= enough:
             step = -free @ (scale * _damped(curvature, slope, min(damping, 1e-9)))
-            last = _state(problem, np.clip(now.theta + step, lower, upper), weights)
+            last = _state(problem, _inside(now.theta + step, problem, rows), weights)
             now, status = last if last is not None and last.cost <= now.cost else now, done
             break
         trial, left = None, False
@@ -134,7 +134,7 @@ def _descend(
             step = -free @ (scale * _damped(curvature, slope, damping))
             if problem.largest is not None:
                 step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
-            trial = _state(problem, np.clip(now.theta + step, lower, upper), weights)
+            trial = _state(problem, _inside(now.theta + step, problem, rows), weights)
             left |= trial is None
             if trial is not None and trial.cost <= now.cost:
                 break
@@ -149,10 +149,42 @@ def _descend(
     )
 
 
-def _state(problem: Problem, theta: Array, weights: Array | None) -> _State | None:
+def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
+    """``theta`` (P,) put into the box with the combinations ``rows`` @ theta (C,) as they are; None if that cannot be.
+
+    Whatever a bound takes from a combination its other parameters give back, in equal parts for equal weights.
+    """
+    value, size = rows @ theta, np.abs(rows) @ np.abs(theta)
+    free = np.any(rows != 0, axis=0)
+    for _ in range(problem.size + 1):
+        put = np.clip(theta, *problem.box)
+        gap = value - rows @ put
+        if np.all(np.abs(gap) <= 1e-12 * size):
+            return np.asarray(put)
+        free &= put == theta
+        theta = put.copy()
+        theta[free] += np.linalg.lstsq(rows[:, free], gap, rcond=None)[0]
+    return None
+
+
+def _pushed_out(now: _State, problem: Problem, directions: Array) -> NDArray[np.intp]:
+    """The parameters on a bound that the gradient, along the free ``directions`` (P, F), pushes out of the box.
+
+    The descent's part within the box is what non-negative multipliers of the bounds' normals leave of the gradient.
+    """
+    lower, upper = problem.box
+    low = now.theta <= lower
+    at = np.flatnonzero(low | (now.theta >= upper))
+    normals = directions[at].T * np.where(low[at], 1.0, -1.0)
+    slope = directions.T @ now.gradient
+    push = np.abs(normals.T @ slope).max(initial=0.0)
+    return at[nnls(normals, slope / push)[0] > 0] if push > 0 else at[:0]
+
+
+def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _State | None:
     """Cost, half-gradient and information at ``theta``; None where there is none."""
-    answer = problem.evaluate(theta)
-    if answer is None:
+    answer = None if theta is None else problem.evaluate(theta)
+    if theta is None or answer is None:
         return None
     residual, jacobian = answer
     gap = problem.beyond_prior(theta)

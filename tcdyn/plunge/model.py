@@ -19,6 +19,7 @@ from tcdyn.plunge import RUN_KINDS, PlungeParameters, stages
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
+ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
 ENTRY, INITIAL = RUN_KINDS.index("entry"), RUN_KINDS.index("initial")
 
 
@@ -250,13 +251,14 @@ def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.floa
 
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
-    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid."""
-    for f in filter_.factors():
-        if len(f) == 2:
-            u = np.asarray(lag_on_grid(u, dt_s, 1 / f[1]))
-        else:  # two complex lags side by side: p1 p2/((s - p1)(s - p2)) = 2 Re of its first partial fraction
-            p = complex(np.roots(f[::-1])[0])
-            u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid: real poles one after the other, of a
+    complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2))."""
+    for factor in filter_.factors():
+        for p in np.roots(factor[::-1]).astype(complex):
+            if abs(p.imag) < ONE * abs(p):
+                u = np.asarray(lag_on_grid(u, dt_s, -p.real))
+            elif p.imag > 0:
+                u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
     return u
 
 

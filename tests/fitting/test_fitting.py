@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from calibration import Array
 from tcdyn.fitting import (
@@ -171,6 +172,32 @@ def test_an_interval_that_meets_the_bound_is_open() -> None:
     walk = profile(minimise(problem, np.array([0.3, 0.7])), "tau")
     assert walk.high95 is None
     assert walk.value[-1] == 2.0
+
+
+@pytest.mark.parametrize("floor", [0.0, -9.0])
+def test_the_profile_of_a_mean_is_that_of_the_value_it_says_where_parts_of_it_reach_their_bounds(floor: float) -> None:
+    """Each point against the least squares with that mean and that box, found by quadratic programming (SLSQP)."""
+    rng = np.random.default_rng(8)
+    design = rng.standard_normal((40, 4)) * [1.0, 3.0, 0.3, 1.0]
+    y = design @ [0.1, 0.6, 0.9, 2.0] + 0.3 * rng.standard_normal(40)
+    lower = np.array([floor, floor, floor, -9.0])
+    best = minimise(Problem(("a", "b", "c", "d"), line(design, y), lower=lower), np.ones(4))
+    mean = np.array([1.0, 1.0, 1.0, 0.0]) / 3
+    walk = profile(best, mean, u=0.1, step=1.0, drop=1e6, reach=8.0)
+    for value, at in zip(walk.value, walk.optima):
+        referee = minimize(
+            lambda x: float(np.sum((design @ x - y) ** 2)), at.theta, jac=lambda x: 2 * design.T @ (design @ x - y),
+            bounds=[(low, None) for low in lower], options={"ftol": 1e-14}, method="SLSQP",
+            constraints={"type": "eq", "fun": lambda x, v: mean @ x - v, "args": (value,), "jac": lambda x, v: mean},
+        )  # fmt: skip
+        assert at.value(mean) == pytest.approx(value, rel=1e-9)
+        assert at.converged
+        assert np.all(at.theta >= lower)
+        assert at.cost == pytest.approx(referee.fun, rel=1e-6)
+    least = 0.0 if floor == 0.0 else -np.inf
+    assert walk.value[0] > least  # a mean of what is never negative is not followed below zero
+    if floor == 0.0:
+        assert np.count_nonzero(walk.optima[0].theta[:3] == 0.0) >= 1  # what this is about
 
 
 def test_a_profile_of_a_function_of_a_parameter_steps_in_the_function() -> None:
