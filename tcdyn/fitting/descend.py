@@ -43,11 +43,12 @@ def minimise(
 
     Stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` + ``relative`` x cost (that
     step is still taken), once two steps in a row have, or after ``limit`` steps. Steps are damped in the scale of the
-    information's diagonal (Marquardt), no larger than the problem's ``largest``, and put into the box (:func:`_inside`);
-    a parameter on its bound that the gradient pushes outwards stays. ``fixed`` (C, P): combinations that stay as they
-    are at the start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs samples anew by their residuals, scaled by
-    the median absolute deviation, until nothing moves (bisquare begins at Huber's answer). A start where the model
-    cannot be computed gives Status.NOWHERE and an infinite cost.
+    information's diagonal (Marquardt), no larger than the problem's ``largest``, and put into the box, held
+    combinations and all; a parameter on its bound that the gradient pushes outwards stays. ``fixed`` (C, P):
+    combinations that stay as they are at the start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs
+    samples anew by their residuals, scaled by the median absolute deviation, until nothing moves (bisquare begins at
+    Huber's answer). A start where the model cannot be computed, or that the box does not allow, gives Status.NOWHERE
+    and an infinite cost.
 
     >>> t = np.linspace(0, 1, 50)
     >>> def decay(theta):
@@ -104,7 +105,9 @@ def _descend(
     tolerance: float,
     relative: float,
 ) -> Optimum:
-    rows = np.vstack([np.zeros((0, problem.size)), *(np.atleast_2d(r) for r in (problem.fixed, fixed) if r is not None)])
+    rows = np.vstack(
+        [np.zeros((0, problem.size)), *(np.atleast_2d(r) for r in (problem.fixed, fixed) if r is not None)]
+    )
     directions = free_directions(problem.size, [rows])
     now = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
     if now is None:
