@@ -23,6 +23,7 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, look, sentences, with_where
 from calibration.lines.oven import oven_frame
 from calibration.lines.transducers import MillivoltTable
+from calibration.noise import SPIKES
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
@@ -125,7 +126,7 @@ class LogPieces:
     findings: tuple[Finding, ...]
     _table: Table = field(repr=False)
     _names: Mapping[str, str] = field(repr=False)
-    _limits_K: Mapping[str, float] = field(repr=False)
+    _noise_K: Mapping[str, float] = field(repr=False)
     _numbers: RowNumbers = field(repr=False)
     _piece_rows: int = field(repr=False)
 
@@ -142,8 +143,9 @@ class LogPieces:
     def __iter__(self) -> Iterator[LogPiece]:
         where, sampling, total = shown(self.path), self.sampling, len(self.sampling.time_s)
         place = Place(where, self._numbers, sampling.time_s, sampling.dt_s)
-        checks = {name: column_check(name, place, limit_K) for name, limit_K in self._limits_K.items()}
-        margin = 3 * int(max(LONGEST_NAN_S / self.dt_s, 3.0) + 1) + 3  # three neighbours, each behind a gap
+        checks = {name: column_check(name, place, noise_K) for name, noise_K in self._noise_K.items()}
+        side = SPIKES["reading"].longest
+        margin = side * int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + side  # as many neighbours, each behind a gap
         kept: dict[str, Array] = {}
         at = done = 0
         for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):
@@ -235,15 +237,15 @@ def iter_log(
         found += [*said, *check_edges(values, name, kind, place)]
         switches[name] = values > 0.5
     sample, at = thin.columns, thin.rows
-    limits_K = {name: check_sample(name, values, at, place) for name, values in sample.items()}
-    checked = {name: column_check(name, place, limits_K[name]).clean(values) for name, values in sample.items()}
+    noise_K = {name: check_sample(name, values, at, place) for name, values in sample.items()}
+    checked = {name: column_check(name, place, noise_K[name]).clean(values) for name, values in sample.items()}
     checked |= {name: values[at].astype(np.float64) for name, values in switches.items()}
     found += check_course(checked, kind, place)
     found += check_places(pd.DataFrame(checked, copy=False), kind, rig, disk)
     wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
     found += [look("column.not_there", subject=name) for name in wanted if name not in names]
     head, told = dict(table.metadata), with_where(found, where)
-    return LogPieces(file, kind, head, sampling, switches, told, table, names, limits_K, number, rows)
+    return LogPieces(file, kind, head, sampling, switches, told, table, names, noise_K, number, rows)
 
 
 def read_log(

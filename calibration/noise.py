@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from math import comb
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,11 +13,45 @@ from scipy.ndimage import median_filter
 
 from calibration import Array, Flags
 
-SPIKE_SIGMAS = 8.0  # of white noise, from the median of the neighbours: one clean sample in 1e15 lies so far away
-SPIKE_FLOOR_K = 0.5
-SPIKE_WIDTH = 7  # samples whose median stands for the trace: a spike is at most three samples wide
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
 MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
+
+
+@dataclass(frozen=True)
+class SpikeRule:
+    """A spike lies more than ``sigmas`` standard deviations of the noise, and more than ``floor``, off its neighbours.
+
+    Off the median of the ``width`` samples around it, of which less than half may be spikes. ``floor`` in the trace's
+    unit. ``local``: the usual distance from that median over so many samples stands for the noise where it is larger.
+    """
+
+    sigmas: float
+    width: int
+    floor: float = 0.0
+    local: int = 0
+
+    @property
+    def longest(self) -> int:
+        """How many samples in a row may be a spike."""
+        return self.width // 2
+
+
+SpikeUse = Literal[
+    "reading", "traces", "plunge", "force", "compensator", "answer", "prediction", "live ehl", "live immersion"
+]
+
+# every limit there is for spikes, by its use, at the usual 75 Hz
+SPIKES: Mapping[SpikeUse, SpikeRule] = {
+    "reading": SpikeRule(8.0, 7, floor=0.5),  # any temperature column of a log: one clean sample in 1e15 lies so far
+    "traces": SpikeRule(6.0, 11),  # of a disk, after the static lines: 0.15 s, more than a slip ring's spike
+    "plunge": SpikeRule(7.8, 5),  # a plunge's readings before they are averaged
+    "force": SpikeRule(6.0, 151),  # load and friction: 2 s about the sample (at other rates, too), of their scatter
+    "compensator": SpikeRule(6.0, 9, local=73),  # traces of any origin, given to a compensator
+    "answer": SpikeRule(6.0, 7),  # those samples again, against what the smoother's answer would have been read as
+    "prediction": SpikeRule(6.0, 5),  # live: against what is expected from the past
+    "live ehl": SpikeRule(10.0, 5, floor=1.5),  # live: against the samples before it; no junction moves so far in them
+    "live immersion": SpikeRule(10.0, 5, floor=30.0),
+}
 
 
 def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -> Array:
@@ -60,28 +97,26 @@ def rounding_sd(x: Array) -> float:
     return float(np.median(moved) / np.sqrt(12))
 
 
-def spike_limit(values: Array) -> float:
-    """How far [K] a sample of ``values (N,)`` may lie from its neighbours: 8 standard deviations of noise, or 0.5 K.
+def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -> Flags:
+    """Samples of ``values (N,)`` that are spikes by ``rule``, given the standard deviation of their noise.
 
-    Infinite where fewer than 15 samples tell the noise.
-    """
-    x = values[np.isfinite(values)]
-    return max(SPIKE_SIGMAS * float(white_noise_sd(x, 1)), SPIKE_FLOOR_K) if len(x) >= 15 else np.inf
+    A ramp or a clean step is no spike: the median follows both. NaN is never one. Without ``noise_sd`` the usual
+    distance from the median, over the whole trace, stands for it.
 
-
-def find_spikes(values: Array, limit_K: float | Array, width: int = SPIKE_WIDTH) -> Flags:
-    """Samples of ``values (N,)`` further than ``limit_K`` from the median of the ``width`` around them.
-
-    A ramp or a clean step is no spike: the median follows both. NaN is never one. ``limit_K`` (one, or one a sample):
-    raw readings are given 8 standard deviations or half a kelvin; calibrated traces, whose noise is known, 6.
-
-    >>> find_spikes(np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6]), 1.0).nonzero()[0]
+    >>> find_spikes(np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6]), SPIKES["reading"], 0.1).nonzero()[0]
     array([3])
     """
     index = np.flatnonzero(np.isfinite(values))
-    out = np.zeros(len(values), dtype=bool)
-    x, limit = values[index], np.broadcast_to(limit_K, len(values))[index]
-    nearest = (width // 2 + 1) // 2  # of the majority that stands far away, one is at most so many samples off
-    if (np.abs(np.diff(x)) > np.min(limit, initial=np.inf) / nearest).any():  # otherwise there is no such majority
-        out[index] = np.abs(x - median_filter(x, width, mode="nearest")) > limit
+    out, x = np.zeros(len(values), dtype=bool), values[index]
+    limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
+    nearest = (rule.longest + 1) // 2  # of the majority that stands far away, one is at most so many samples off
+    if not (np.abs(np.diff(x)) > limit / nearest).any():  # otherwise there is no such majority
+        return out
+    away = np.abs(x - median_filter(x, rule.width, mode="nearest"))
+    usual: Array = np.zeros(1)
+    if rule.local:
+        usual = median_filter(away, rule.local, mode="nearest")
+    elif noise_sd is None:
+        usual = np.median(away, keepdims=True)
+    out[index] = away > np.maximum(rule.sigmas * MAD_TO_SD * usual, limit)
     return out

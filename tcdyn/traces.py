@@ -14,15 +14,13 @@ from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
-from calibration.noise import find_spikes, rounding_sd, white_noise_sd
+from calibration.noise import SPIKES, find_spikes, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import Chain
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
-SPIKE_SAMPLES = 11  # 0.15 s: longer than a slip-ring spike, short against every lag
-SPIKE_SIGMA = 6.0
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
@@ -222,8 +220,7 @@ def despiked(y: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
     missing = ~np.isfinite(y)
     filled = bridged(y, ~missing)
-    noise = float(white_noise(filled[:, None])[0])
-    marked = missing | find_spikes(filled, SPIKE_SIGMA * max(noise, 1e-6), SPIKE_SAMPLES)
+    marked = missing | find_spikes(filled, SPIKES["traces"], max(float(white_noise_sd(filled, 3)), 1e-6))
     return bridged(filled, ~marked), marked
 
 

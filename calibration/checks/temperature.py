@@ -14,12 +14,13 @@ from calibration.columns import ROOM_AND_BATH
 from calibration.errors import InputError
 from calibration.files.table import RowNumbers
 from calibration.finding import Finding, look, note
-from calibration.noise import find_spikes, spike_limit
+from calibration.noise import SPIKES, find_spikes, white_noise_sd
 
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
 LONGEST_NAN_S = 0.5
 MOST_MISSING = 0.05  # fraction of a channel
 FROZEN_S = 10.0
+LEAST_TOLD = 15  # samples that tell the noise
 Index = NDArray[np.int64]
 RUN, MOST = 64, 1 << 17  # rows in a run, so that neighbours stay neighbours; rows kept at most (29 min at 75 Hz)
 
@@ -119,20 +120,19 @@ class Thinned:
 class TemperatureCheck:
     """A temperature column: impossible values and spikes go, a dead channel and long gaps are refused.
 
-    ``limit_K`` tells a spike, see ``check_sample``. Room and bath may stand still, with a finding.
+    ``noise_K`` tells a spike, see ``check_sample``. Room and bath may stand still, with a finding.
     """
 
-    def __init__(self, name: str, place: Place, limit_K: float) -> None:
-        self.name, self.place, self.limit_K = name, place, limit_K
+    def __init__(self, name: str, place: Place, noise_K: float) -> None:
+        self.name, self.place, self.noise_K = name, place, noise_K
         self.junction = name not in ROOM_AND_BATH
         self.wild, self.spikes, self.absent, self.missing, self.same = Tally(), Tally(), Tally(), Tally(), Tally()
         self.seen, self.last, self.low, self.high = 0, np.nan, np.inf, -np.inf
 
     def clean(self, values: Array) -> Array:
-        """The samples (N,) with impossible values and spikes as NaN; a spike needs three neighbours on each side."""
+        """The samples (N,) with impossible values and spikes as NaN."""
         out = np.where(_wild(values), np.nan, values)
-        if np.isfinite(self.limit_K):
-            out[find_spikes(out, self.limit_K)] = np.nan
+        out[find_spikes(out, SPIKES["reading"], self.noise_K)] = np.nan
         return out
 
     def see(self, values: Array, cleaned: Array) -> None:
@@ -231,16 +231,16 @@ class PlainCheck:
         return [look("values.missing", subject=self.name, count=bad.count, **self.place.of(bad.first))]
 
 
-def column_check(name: str, place: Place, limit_K: float) -> TemperatureCheck | PlainCheck:
+def column_check(name: str, place: Place, noise_K: float) -> TemperatureCheck | PlainCheck:
     """What cleans, counts and judges this column of a trace."""
-    return TemperatureCheck(name, place, limit_K) if name.endswith("_degC") else PlainCheck(name, place)
+    return TemperatureCheck(name, place, noise_K) if name.endswith("_degC") else PlainCheck(name, place)
 
 
 def check_sample(name: str, sample: Array, rows: Index, place: Place) -> float:
-    """How far [K] a spike of this column stands out, from its course ``sample`` (M,), which stands in ``rows`` (M,).
+    """Noise [K] that a spike of this column must stand out of, from its course ``sample`` (M,), found in ``rows`` (M,).
 
-    Infinite where no spikes are sought. Raises InputError for a temperature without numbers, for kelvin and for values
-    that no thermocouple gives.
+    Infinite where no spikes are sought, or too few samples tell it. Raises InputError for a temperature without
+    numbers, for kelvin and for values that no thermocouple gives.
     """
     if not name.endswith("_degC"):
         return np.inf
@@ -264,7 +264,8 @@ def check_sample(name: str, sample: Array, rows: Index, place: Place) -> float:
             expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
             remedy="check the unit and the wiring of this channel",
         )
-    return spike_limit(np.where(wild, np.nan, sample)) if place.dt_s is not None else np.inf
+    told = sample[np.isfinite(sample) & ~wild]
+    return float(white_noise_sd(told, 1)) if place.dt_s is not None and len(told) >= LEAST_TOLD else np.inf
 
 
 def _wild(x: Array) -> Flags:

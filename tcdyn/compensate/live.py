@@ -12,21 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from calibration.errors import InputError
+from calibration.noise import SPIKES, SpikeRule
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.result import MISSING, SPIKE, SPIKE_SD
+from tcdyn.compensate.result import MISSING, SPIKE
 from tcdyn.compensate.sweep import DIFFUSE
 
 Array = NDArray[np.float64]
 FORGET, ALARM = 0.6, 2.1  # running mean of normalised surprises (sd 0.5) and the level that means an event
-HELD = 2  # samples in a row that may be taken for a spike; the third is believed
-CONTEXT = 5  # samples before the present one whose median a coarse spike is measured against
+NO_COARSE_SPIKES = SpikeRule(np.inf, 5)
 
 
 @dataclass(frozen=True)
 class LiveState:
     """All that is needed to go on: states, covariances, the lagged estimates, how surprised each channel is.
 
-    ``recent`` (CONTEXT, M): the last samples; ``high`` and ``held`` (M,): spikes in a row by either rule.
+    ``recent`` (``coarse.width``, M): the last samples; ``high`` and ``held`` (M,): spikes in a row by either rule.
     """
 
     mean: Array
@@ -56,11 +56,11 @@ class LiveState:
 class LiveSmoother:
     """A Kalman filter on the chain with slope noise, and the last ``lag_samples`` estimates kept up to date.
 
-    A jump of slope is noticed by the run of surprises it makes and followed with a burst of intensity; a lone sample
-    beyond six standard deviations of its prediction is flagged and skipped, and so is one further than ``spike_K`` from
-    the median of the five before it, which would pass for a jump (nobody knows yet what comes after it, so the rule for
-    whole logs does not serve); a missing one is skipped. The answer at sample k is for time
-    k dt - delay - lag_samples dt.
+    A jump of slope is noticed by the run of surprises it makes and followed with a burst of intensity; a sample far
+    from its prediction is flagged and skipped, and so is one that is by the rule ``coarse`` far from the median of
+    those before it, which would pass for a jump (nobody knows yet what comes after it, so the rules for whole logs do
+    not serve), unless more in a row do so than a spike has; a missing one is skipped. The answer at sample k is for
+    time k dt - delay - lag_samples dt.
     """
 
     sensors: tuple[Sensor, ...]
@@ -68,7 +68,7 @@ class LiveSmoother:
     noise_sd: Array
     intensity: Array
     lag_samples: int
-    spike_K: Array
+    coarse: SpikeRule
 
     @classmethod
     def of(
@@ -78,16 +78,15 @@ class LiveSmoother:
         noise_sd: ArrayLike,
         intensity: ArrayLike,
         lag_samples: int = 0,
-        spike_K: ArrayLike = np.inf,
+        coarse: SpikeRule = NO_COARSE_SPIKES,
     ) -> LiveSmoother:
-        """For ``chains``, noise [K], quiet slope intensity [K2/s3], coarse spikes [K]: (M,) or one number for all."""
-        m = len(chains)
-        noise, level, far = (
-            np.broadcast_to(np.asarray(v, dtype=float), (m,)).copy() for v in (noise_sd, intensity, spike_K)
+        """For ``chains``, noise [K] and quiet slope intensity [K2/s3]: (M,) or one number for all."""
+        noise, level = (
+            np.broadcast_to(np.asarray(v, dtype=float), (len(chains),)).copy() for v in (noise_sd, intensity)
         )
         if lag_samples < 0 or np.any(noise <= 0) or np.any(level <= 0):
             raise InputError("live smoother: lag_samples must not be negative, noise and intensity must be positive")
-        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples, far)
+        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples, coarse)
 
     def start(self, first: ArrayLike) -> LiveState:
         """State that knows only the first sample ``first (M,)`` [degC], the chain's past taken as a ramp."""
@@ -109,7 +108,7 @@ class LiveSmoother:
         )
         return LiveState(
             mean, cov, np.tile(mean[:, 0], (keep, 1)), np.tile(cov[:, 0, 0], (keep, 1)), np.zeros((keep, m, n)),
-            np.zeros(m), np.zeros(m), np.zeros(m), np.tile(first, (CONTEXT, 1)), np.zeros(m),
+            np.zeros(m), np.zeros(m), np.zeros(m), np.tile(first, (self.coarse.width, 1)), np.zeros(m),
         )  # fmt: skip
 
     def run(self, state: LiveState, chunk: ArrayLike) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
@@ -146,8 +145,9 @@ class LiveSmoother:
         steps, rows, kick, lags = self._steps, self._rows, self._kick, self._lags
         back = steps.transpose(0, 2, 1)
         absent = ~np.isfinite(y)
-        middle = np.sort(now.recent, axis=0)[CONTEXT // 2]
-        far = ~absent & (np.abs(y - middle) > self.spike_K) & (now.high < HELD)
+        middle = np.sort(now.recent, axis=0)[len(now.recent) // 2]
+        limit = np.maximum(self.coarse.sigmas * self.noise_sd, self.coarse.floor)
+        far = ~absent & (np.abs(y - middle) > limit) & (now.high < self.coarse.longest)
         high = np.where(far, now.high + 1, np.where(absent, now.high, 0.0))
         recent = np.concatenate([now.recent[1:], np.where(absent, middle, y)[None]])
         if now.done == 0 and not now.lagged_cov.any():
@@ -172,7 +172,8 @@ class LiveSmoother:
             across = (cov @ rows[..., None])[..., 0]
             spread = (rows * across).sum(axis=1) + self.noise_sd**2
             surprise = np.where(event, 0.0, surprise)
-        spike = (np.abs(nu) > SPIKE_SD * np.sqrt(spread)) & (now.held < HELD) & ~event
+        rule = SPIKES["prediction"]
+        spike = (np.abs(nu) > rule.sigmas * np.sqrt(spread)) & (now.held < rule.longest) & ~event
         used = ~(missing | spike)
         gain = np.where(used[:, None], across / spread[:, None], 0.0)
         mean = mean + gain * nu[:, None]

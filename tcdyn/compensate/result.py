@@ -9,20 +9,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import median_filter
 
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, sentences
-from calibration.noise import find_spikes, white_noise_sd
+from calibration.noise import SPIKES, find_spikes, white_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.compensate.grid import Intensity
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
-SPIKE_SD = 6.0  # one sample in 5e8 of normal noise
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
-NEIGHBOURS = 9  # a spike of up to four samples stands out of the median of nine
 
 
 @dataclass(frozen=True)
@@ -160,25 +157,22 @@ def noise_sd(y: Array, fallback: float = 1e-6) -> float:
 def flags_of(y: Array, noise_sd: Array) -> NDArray[np.uint8]:
     """Bits MISSING, SPIKE, STUCK, SATURATED for each sample of ``y (N, M)`` with noise ``noise_sd (M,)`` [K].
 
-    A spike lies more than six standard deviations (of noise and of the local wiggle) from the median of its nine
-    neighbours. Stuck and saturated are runs of one value longer than chance repeats of this record's resolution.
+    Spikes by their rule in ``calibration.noise``. Stuck and saturated are runs of one value longer than chance
+    repeats of this record's resolution.
     """
     flags = np.zeros(y.shape, dtype=np.uint8)
     for c in range(y.shape[1]):
         bad = ~np.isfinite(y[:, c])
         flags[bad, c] |= MISSING
         good = np.flatnonzero(~bad)
-        if len(good) < NEIGHBOURS:
+        if len(good) < SPIKES["compensator"].width:
             continue
         trace = y[good, c]
         runs = _long_runs(trace)
         stop = (trace == trace.max()) | (trace == trace.min())
         flags[good[runs & stop], c] |= SATURATED
         flags[good[runs & ~stop], c] |= STUCK
-        away = np.abs(trace - median_filter(trace, NEIGHBOURS, mode="nearest"))
-        wiggle = 1.4826 * median_filter(away, 8 * NEIGHBOURS + 1, mode="nearest")
-        spikes = find_spikes(trace, SPIKE_SD * np.maximum(noise_sd[c], wiggle), NEIGHBOURS)
-        flags[good[spikes], c] |= SPIKE
+        flags[good[find_spikes(trace, SPIKES["compensator"], noise_sd[c])], c] |= SPIKE
     return flags
 
 

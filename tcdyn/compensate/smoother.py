@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from calibration import Array, Flags
 from calibration.errors import InputError
+from calibration.noise import SPIKES
 from tcdyn.chain import Chain
 from tcdyn.compensate.grid import Grid, Intensity, corner_rad_s, readings
 from tcdyn.compensate.intensity import MOST, SHARP, candidate, choose, timed
-from tcdyn.compensate.result import SPIKE, SPIKE_SD, Compensated, channel_noise_sd, columns_of
+from tcdyn.compensate.result import SPIKE, Compensated, channel_noise_sd, columns_of
 from tcdyn.compensate.sweep import Smoothed, Stretch, backward, forward, grid_for, model_for, stretch_of, swept
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
@@ -132,13 +133,14 @@ class _SmoothedStretch:
         return s.y - np.stack(fitted, axis=1)
 
     def outliers(self) -> Flags:
-        """Samples (N, M) beyond six standard deviations of a fit that is otherwise good, three or fewer together.
+        """Samples (N, M) far from a fit that is otherwise good, a few together.
 
         Beside a bend or in quick motion the rule of medians is blind to them: they are judged against the answer.
         """
-        far = (np.abs(self.residual()) > SPIKE_SD * np.sqrt(self.noise_var)) & (self.stretch.weight > 0)
-        crowd = np.stack([np.convolve(column, np.ones(7), mode="same") for column in far.T], axis=1)
-        return far & (crowd <= 3)
+        rule = SPIKES["answer"]
+        far = (np.abs(self.residual()) > rule.sigmas * np.sqrt(self.noise_var)) & (self.stretch.weight > 0)
+        crowd = np.stack([np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1)
+        return far & (crowd <= rule.longest)
 
     def student_weights(self) -> Array:
         """Weights (N, M) that turn least squares into Student's t."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
-from calibration.noise import MAD_TO_SD, white_noise_sd
+from calibration.noise import SPIKES, find_spikes, white_noise_sd
 
 SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
@@ -243,10 +243,8 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
 
 def _line_through(raw: Array, dt_s: float) -> Array:
     """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
-    level = pd.Series(raw)
-    short = max(int(round(0.5 * SMOOTH_S / dt_s)), 3)
-    away = (level - level.rolling(short, center=True, min_periods=1).median()).abs()
-    filled = level.mask(away > 6 * MAD_TO_SD * away.median()).interpolate(limit_direction="both").to_numpy()
+    rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
+    filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
     left = 2 * float(white_noise_sd(filled)) / max(NOISE_LEFT * abs(float(np.median(filled))), 1e-12)
     count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, len(filled))
     window = max(2 * int((count - 1) // 2) + 1, 1)

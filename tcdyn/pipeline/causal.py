@@ -13,18 +13,17 @@ from scipy import signal
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, static_u
+from calibration.noise import SPIKES
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.before_use import BeforeUse, live_before_use
-from tcdyn.compensate.live import CONTEXT, LiveSmoother, LiveState
+from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.result import SPIKE, noise_sd
 from tcdyn.traces import DiskChannels, disk_channels
 
 Array = NDArray[np.float64]
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
-SPIKE_K = {"ehl": 1.5, "immersion": 30.0}  # within five samples no junction of a rig moves so far
-SPIKE_SD = 10.0
 LEAST_SAMPLES, LEAST_NOISE_K = 16, 1e-3
 LONGEST_GAP_S = 600.0
 
@@ -128,8 +127,8 @@ class Causal:
         junctions, lines, chains, variances = zip(*alive)
         dt, noise = float(learnt["dt_s"]), np.array([learnt["noise_K"][n] for n in junctions], dtype=float)
         level = settings.intensity_K2_s3 or INTENSITY_K2_S3[kind]
-        far = np.maximum(SPIKE_K[kind], SPIKE_SD * noise)
-        engine = LiveSmoother.of(chains, dt, noise, level, round(settings.behind_s / dt), far)
+        coarse = SPIKES["live immersion" if kind == "immersion" else "live ehl"]
+        engine = LiveSmoother.of(chains, dt, noise, level, round(settings.behind_s / dt), coarse)
         return cls(
             tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)), noise,
             dt, engine, settings,
@@ -270,7 +269,7 @@ def begin(
                 dead.append(name)
                 continue
             noise[name] = settings.noise_K or max(noise_sd(y), LEAST_NOISE_K)
-            first.append(float(np.median(good[:CONTEXT])))
+            first.append(float(np.median(good[: SPIKES["live ehl"].width])))
     if not noise:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
     learnt = {"dt_s": float(np.median(steps)), "noise_K": noise, "dead": dead}

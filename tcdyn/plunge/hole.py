@@ -21,7 +21,7 @@ from immersion.events import EntryEvent, find_entry
 from immersion.radial import plunge_grid
 from tcdyn.fitting import Problem, minimise
 from tcdyn.plunge.model import Reading, lag_on_grid
-from tcdyn.plunge.run import block_sd, despiked, inflation, make_averages
+from tcdyn.plunge.run import block_sd, inflation, make_averages, without_spikes
 
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
@@ -125,7 +125,7 @@ def compare_holes(
         entry = find_entry(t, columns.get("switch"), columns.get("probe_degC"), columns.get("fluid_degC"), where)
     readings = np.column_stack([frame[f"{n}_degC"].to_numpy(dtype=float) for n in order])
     keep = t >= entry.time_s - 5.0
-    clean, spikes = despiked(readings[keep])
+    clean, spikes = without_spikes(readings[keep])
     time, mean, count = make_averages(t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0)
     extra, covariance, fitted = _fit(time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u)
     findings = [*entry.findings]

@@ -14,7 +14,7 @@ from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.lines.static import StaticLine
 from calibration.log import Log
-from calibration.noise import white_noise_sd
+from calibration.noise import SPIKES, find_spikes, white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
 from tcdyn.fitting import correlation_length
@@ -115,7 +115,7 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
         )
     keep = (t >= max(-before_s, t[0])) & (t <= end)
     times, values = t[keep], run.readings_degC[keep]
-    clean, spikes = despiked(values)
+    clean, spikes = without_spikes(values)
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
     bath_t, bath = smooth_bath(t, run.fluid_degC, end)
     return PlungeBlocks(centre, mean, count, white_noise_sd(clean), bath_t, bath, float(times[-1]), spikes)
@@ -139,15 +139,10 @@ def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) ->
     return np.asarray(centre), np.asarray(mean), np.asarray(blocks.count(), dtype=float)
 
 
-def despiked(values: Array, width: int = 5, threshold: float = 6.0) -> tuple[Array, int]:
-    """Samples further than ``threshold`` noise sd from the median of their neighbours become NaN; and how many."""
-    padded = np.pad(values, ((width // 2, width // 2), (0, 0)), mode="edge")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, width, axis=0)
-    with np.errstate(invalid="ignore"):
-        off = values - np.median(windows, axis=-1)
-        # on a ramp a sample is the median of its neighbours, and says nothing of the noise: so do the differences
-        sd = np.maximum(1.4826 * np.nanmedian(np.abs(off), axis=0), white_noise_sd(values))
-        bad = np.abs(off) > threshold * np.maximum(sd, 1e-9) * 1.3
+def without_spikes(values: Array) -> tuple[Array, int]:
+    """Readings (N, C) with NaN for spikes, and how many there were."""
+    noise = np.maximum(white_noise_sd(values), 1e-9)
+    bad = np.stack([find_spikes(y, SPIKES["plunge"], sd) for y, sd in zip(values.T, noise)], axis=1)
     return np.where(bad, np.nan, values), int(np.count_nonzero(bad))
 
 

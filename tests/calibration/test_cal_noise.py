@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.noise import find_spikes, rounding_sd, spike_limit, white_noise_sd
+from calibration.noise import SPIKES, SpikeRule, SpikeUse, find_spikes, rounding_sd, white_noise_sd
 
 STEP_12_BIT_K = 860 / 2**12
 RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
@@ -42,10 +42,31 @@ def test_a_spike_of_fifteen_standard_deviations_is_found_and_clean_noise_loses_n
     y = RAMP + 0.12 * np.random.default_rng(1).standard_normal(len(RAMP))
     at = np.arange(50, len(y), 400)
     # the median of seven strays by half a sd, the sample itself by one: 15 sd are never less than 8 from the median
-    assert find_spikes(y, spike_limit(y)).sum() == 0
+    rule, noise = SPIKES["reading"], float(white_noise_sd(y, 1))
+    assert noise == pytest.approx(0.12, rel=0.05)
+    assert find_spikes(y, rule, noise).sum() == 0
     hit = y.copy()
     hit[at] += 15 * 0.12 * np.where(at % 800 < 400, 1, -1)
-    assert find_spikes(hit, spike_limit(hit)).nonzero()[0].tolist() == at.tolist()
+    assert find_spikes(hit, rule, float(white_noise_sd(hit, 1))).nonzero()[0].tolist() == at.tolist()
     # of a quiet trace, half a kelvin
-    assert spike_limit(RAMP) == 0.5
-    assert spike_limit(y) == pytest.approx(8 * 0.12, rel=0.05)
+    quiet = RAMP.copy()
+    quiet[[500, 900]] += [0.45, 0.55]
+    assert find_spikes(quiet, rule, float(white_noise_sd(quiet, 1))).nonzero()[0].tolist() == [900]
+
+
+@pytest.mark.parametrize("use", ["reading", "traces", "plunge", "force", "compensator"])
+def test_every_rule_finds_what_is_as_long_as_it_says_and_no_noise(use: SpikeUse) -> None:
+    """The longest spike, three times the limit high, on a slow trace; one sample longer is a course, and is left."""
+    rule = SPIKES[use]
+    y = RAMP + 0.12 * np.random.default_rng(2).standard_normal(len(RAMP))
+    assert not find_spikes(y, rule, 0.12).any()
+    for length, wanted in ((rule.longest, True), (rule.width + 1, False)):
+        hit, at = y.copy(), slice(5000, 5000 + length)
+        hit[at] += 3 * max(rule.sigmas * 0.12, rule.floor)
+        assert find_spikes(hit, rule, 0.12)[5000 + length // 2] == wanted
+
+
+def test_without_a_stated_noise_the_usual_distance_from_the_median_stands_for_it() -> None:
+    y = 0.12 * np.random.default_rng(3).standard_normal(2000)
+    y[700] += 3.0
+    assert find_spikes(y, SpikeRule(6.0, 151)).nonzero()[0].tolist() == [700]

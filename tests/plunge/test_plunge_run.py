@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.log import Log
-from tcdyn.plunge.run import bath_filled, despiked, make_blocks, run_from_log
+from tcdyn.plunge.run import bath_filled, make_blocks, run_from_log, without_spikes
 from tcdyn.simulate.plunge import simulate_plunge
 
 
@@ -19,7 +19,7 @@ def test_the_steps_of_a_coarse_logger_are_no_spikes() -> None:
     warm = 26 + 80 * (1 - np.exp(-np.arange(0, 100, 1 / 75) / 40))
     y = np.round((warm[:, None] + 0.12 * rng.standard_normal((len(warm), 2))) / step) * step
     y[3000, 0] += 15.0
-    clean, spikes = despiked(y)
+    clean, spikes = without_spikes(y)
     assert np.isnan(clean[3000, 0])
     assert spikes < 10  # of 15000 samples; 6 sd of the rounding is 1.8 steps, 1.3 times that 2.3
 
