@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from calibration.errors import InputError
 
 CHANNELS = ("a", "b", "c", "d", "e", "f")
 INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
 OUTER_ROW = ("a", "c", "e")  # nearer the surface: what the rim model is compared with
 DISKS = ("fast", "slow")
+FilterShape = Literal["cascade", "butterworth"]  # of the signal conditioning; the simulator has poles of its own
+FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,13 @@ class Conditioning:
 
     cutoff_Hz: float = 4.0
     poles: int = 2
-    shape: Literal["cascade", "butterworth"] = "cascade"
+    shape: FilterShape = "cascade"
+
+    def __post_init__(self) -> None:
+        if self.shape not in FILTER_SHAPES:
+            raise InputError(
+                f"conditioning: no filter has the shape {self.shape!r}", expected=" or ".join(FILTER_SHAPES)
+            )
 
     def factors(self) -> tuple[tuple[float, ...], ...]:
         """Factors of 1/B(s), ascending coefficients in s: lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
@@ -141,7 +151,7 @@ class ConditioningTable(RigTable):
 
     cutoff_Hz: float = Field(4.0, gt=0)
     poles: int = Field(2, ge=0, le=6)
-    shape: Literal["cascade", "butterworth"] = "cascade"
+    shape: FilterShape = "cascade"
 
     def conditioning(self) -> Conditioning:
         """The filter B itself."""

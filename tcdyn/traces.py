@@ -17,10 +17,11 @@ from calibration.lines.static import StaticLine, apply_static, extrapolated, sta
 from calibration.noise import SPIKES, find_spikes, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
-from tcdyn.chain import Chain
+from tcdyn.chain import NO_CONDITIONING, Chain
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
+NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
@@ -127,22 +128,22 @@ def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
     return Rig(common=common, fast=own["fast"], slow=own["slow"])
 
 
-def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "") -> DiskChannels:
-    """Lines and chains of the record for the log's columns ``{prefix}a_degC`` and so on.
+def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "", lag: bool = True) -> DiskChannels:
+    """Lines and chains of the record for the log's columns ``{prefix}a_degC`` and so on; empty chains if no ``lag``.
 
-    Raises InputError for a record without a chain or without one of the six channels, and when ``setup`` (rig.toml)
-    states another filter than the record, whose lags were found with its own.
+    Raises InputError for a record without one of the six channels; where the lag is asked for, also for one without a
+    chain, and when ``setup`` (rig.toml) states another filter than the record, whose lags were found with its own.
     """
-    if record.chain is None:
+    if lag and record.chain is None:
         raise InputError(f"the record of the {record.disk} disk holds no chain", remedy="calibrate it with plunge logs")
-    absent = [ch for ch in CHANNELS if ch not in record.static or ch not in record.chain.channels]
-    if absent:
+    known = set(record.chain.channels) if lag and record.chain else set(CHANNELS)
+    if absent := [ch for ch in CHANNELS if ch not in record.static or ch not in known]:
         raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
     return DiskChannels(
         tuple(f"{prefix}{ch}_degC" for ch in CHANNELS),
         tuple(record.static[ch] for ch in CHANNELS),
-        record_chains(record, setup),
-        record.chain.lag_covariance(),
+        record_chains(record, setup) if lag else (NO_CHAIN,) * len(CHANNELS),
+        record.chain.lag_covariance() if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS))),
     )
 
 
@@ -177,16 +178,18 @@ def disk_traces(
     prefix: str | None = None,
     rows: Rows = slice(None),
     where: str = "",
+    lag: bool = True,
 ) -> DiskTraces:
     """Readings of one disk in ``frame`` (a log's) through static lines, spikes bridged, with their noise.
 
-    ``prefix`` of its columns, ``{disk}_`` unless told; ``rows``: where the static lines' uncertainty is stated.
+    ``prefix`` of its columns, ``{disk}_`` unless told; ``rows``: where the static lines' uncertainty is stated;
+    ``lag``: False for readings whose lag does not matter, the record's chain and filter with it.
     Raises InputError for the record of another disk, and as :func:`disk_channels` does.
     """
     setup = rig.disk_setup(disk)
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
-    channels = disk_channels(record, setup, f"{disk}_" if prefix is None else prefix)
+    channels = disk_channels(record, setup, f"{disk}_" if prefix is None else prefix, lag)
     found: list[Finding] = []
     columns, marks, rounding = [], [], []
     for name, line in zip(channels.columns, channels.lines):

@@ -58,6 +58,7 @@ def load_command(name: str) -> Any:
     return command
 
 
+MOVED = {"compensate": "follow"}  # options that went from one command to another
 USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # typer brings its own click, without a public name
 
 
@@ -74,6 +75,9 @@ class LazyCommand(TyperCommand):
             if many and "unexpected extra argument" in str(getattr(problem, "message", "")):
                 each = " or ".join(f"{option} A {option} B" for option in many)
                 problem.message += f"\nSeveral values of one option: {each}"  # type: ignore[attr-defined]
+            new, option = MOVED.get(str(self.name), ""), getattr(problem, "option_name", None)
+            if new and option in {name for p in load_command(new).params for name in p.opts}:
+                problem.message += f"\n{option} belongs to another command now: tcdyn {new}"  # type: ignore[attr-defined]
             raise
 
 

@@ -115,7 +115,7 @@ def compensate(
         if way.removes_lag:
             say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
         else:
-            say(one.summary(done.channels(disk)), quiet)
+            say("\n".join(one.lines(done.channels(disk))), quiet)
     say(f"{'compensated' if way.removes_lag else 'without noise, lag left in'}: {written}", quiet)
     for what, path in (("report", report), ("covariance", covariance)):
         if path is not None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from calibration.disk import Conditioning
+from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
 from calibration.files.write import write_text
 from calibration.words import SPOKEN
@@ -80,7 +80,7 @@ def identify(
     if gain == 0:
         raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
     check_choice("--hold", hold, ("foh", "zoh"))
-    check_choice("--shape", shape, ("cascade", "butterworth"))
+    check_choice("--shape", shape, FILTER_SHAPES)
     begun = {} if initial is None else {"initial": initial}
     if initial is not None:
         check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))

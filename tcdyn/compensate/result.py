@@ -86,6 +86,10 @@ class Compensated(Result):
 
     def summary(self, names: Sequence[str] = ()) -> str:
         """A few lines for people; ``names`` of the channels, their numbers from 1 without."""
+        return "\n".join([*self.lines(names), *self.warnings])
+
+    def lines(self, names: Sequence[str] = ()) -> list[str]:
+        """The summary without its warnings."""
         lines = [f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"]
         for c in range(self.temperature.shape[1]):
             flagged = int(np.count_nonzero(self.flags[:, c]))
@@ -97,8 +101,7 @@ class Compensated(Result):
         common = float(np.max(self.common_sd()))
         if common > 0:
             lines.append(f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)")
-        lines += [f"  slope free to jump at {with_u(t, u, 's')}" for t, u in self.events_s]
-        return "\n".join([*lines, *self.warnings])
+        return [*lines, *(f"  slope free to jump at {with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:
         """What the answer is worth, channel by channel; the samples are in the arrays."""

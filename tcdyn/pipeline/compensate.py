@@ -20,7 +20,6 @@ from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.before_use import BeforeUse, before_use
 from tcdyn.compensate.inverse import Criterion, deconvolve, invert, proper_inverse
 from tcdyn.compensate.result import Compensated
@@ -35,7 +34,6 @@ from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of, white_noise
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
-NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -66,8 +64,8 @@ class Way:
 class CompensatedLog(Result):
     """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes.
 
-    ``traces``: what went into the compensator, chains as they were used. Where only noise was removed there is no
-    column ``_u_K``.
+    ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes may jump [s after
+    the first sample], the last the unloading. Where only noise was removed there is no column ``_u_K``.
     """
 
     frame: pd.DataFrame
@@ -75,6 +73,7 @@ class CompensatedLog(Result):
     findings: tuple[Finding, ...]
     disks: Mapping[str, Compensated]
     traces: Mapping[str, DiskTraces]
+    events_s: tuple[float, ...]
     raw: Log
     way: Way
 
@@ -91,8 +90,8 @@ class CompensatedLog(Result):
         lines = []
         for disk, done in self.disks.items():
             lines += [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"] if self.way.removes_lag else []
-            lines += done.summary(CHANNELS).splitlines()
-        return "\n".join(dict.fromkeys([*lines, *(f"warning: {w}" for w in self.warnings)]))
+            lines += done.lines(CHANNELS)
+        return "\n".join([*lines, *(f"warning: {w}" for w in dict.fromkeys(self.warnings))])
 
     def to_dict(self) -> dict[str, Any]:
         """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""
@@ -132,7 +131,7 @@ class CompensatedLog(Result):
         uncertainty, one error for all samples, is not.
         Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
         """
-        events = next(iter(self.disks.values())).events_s
+        events = self.events_s
         if start_s is None and not events:
             raise InputError(
                 "the covariance begins at the last event, and there is none",
@@ -141,7 +140,7 @@ class CompensatedLog(Result):
                 parameters=("start_s",),
             )
         time = self.frame["time_s"].to_numpy(dtype=float)
-        begin = events[-1][0] if start_s is None else start_s - time[0]
+        begin = events[-1] if start_s is None else start_s - time[0]
         first = max(int(np.ceil(begin / self._dt_s - 1e-6)), 0)
         last = min(first + round(length_s / self._dt_s), len(time))
         if not 1 < last - first <= LONGEST_COVARIANCE:
@@ -208,10 +207,10 @@ def compensate_log(
     for disk, record in records.items():
         progress(f"{disk} disk")
         prefix = f"{disk}_" if kind == "ehl" else ""
-        one = traces.get(disk) or disk_traces(frame, disk, rig, record, prefix=prefix, where=table.path.name)
-        if not way.removes_lag:
-            one = replace(one, chains=(NO_CHAIN,) * len(one.chains), lag_covariance_s2=0.0 * one.lag_covariance_s2)
-        else:
+        one = traces.get(disk) or disk_traces(
+            frame, disk, rig, record, prefix=prefix, where=table.path.name, lag=way.removes_lag
+        )
+        if way.removes_lag:
             one, notes[f"{disk}_common_lag_s"] = _with_lag(one, record, fits.get(disk))
         traces[disk], done[disk] = one, _one_disk(one, table, known, way)
         for i, column in enumerate(one.columns):
@@ -220,7 +219,9 @@ def compensate_log(
                 frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
         findings += with_where((*done[disk].findings, *one.outside_lines("the log")), disk)
         findings += one.findings
-    return CompensatedLog(frame, notes, tuple(findings), done, traces, table, way)
+    begun = float(frame["time_s"].iloc[0])
+    events_s = sorted(t - begun for t in known) or [t for t, _ in next(iter(done.values())).events_s]
+    return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way)
 
 
 def log_kind(

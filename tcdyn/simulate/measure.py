@@ -12,6 +12,7 @@ from scipy.signal import buttap, lfilter
 
 from calibration import Array
 from calibration.disk import Conditioning
+from calibration.errors import InputError
 from tcdyn.simulate.truth import DiskTruth, Imperfections, RigTruth, draw_truth, rng_for
 
 RATE_Hz = 75.0
@@ -25,10 +26,13 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
     """Poles (n,) [1/s] of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter; complex where that is so."""
     poles = [-1 / tau for tau in (tau1_s, tau2_s) if tau > 0]
     cut = 2 * np.pi * conditioning.cutoff_Hz
-    if conditioning.shape == "butterworth":
-        poles += list(cut * buttap(conditioning.poles)[1])
-    else:
-        poles += [-cut] * conditioning.poles
+    match conditioning.shape:
+        case "butterworth":
+            poles += list(cut * buttap(conditioning.poles)[1])
+        case "cascade":
+            poles += [-cut] * conditioning.poles
+        case other:
+            raise InputError(f"the synthetic rig has no filter of the shape {other!r}")
     return np.array(poles)
 
 

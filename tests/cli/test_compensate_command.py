@@ -138,6 +138,8 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
     log, out = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "live.csv"
     assert tcdyn("compensate", log, *fast(campaign), "--follow") == 2
     assert "tcdyn follow" in capsys.readouterr().err
+    assert tcdyn("compensate", log, *fast(campaign), "--follow", "--behind-s", "0.5") == 2
+    assert "--behind-s belongs to another command now: tcdyn follow" in capsys.readouterr().err.replace("\n", " ")
     for given in (
         ["--out", tmp_path / "out.parquet"],
         ["--out", log],

@@ -187,6 +187,25 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     assert tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--report", "x.html") == 2
 
 
+def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
+    campaign: Campaign, slow_plunge: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A record calibrated in the oven alone, a rig file with another filter; and each doubt is told once."""
+    record = campaign.records["fast"].model_copy(update={"chain": None})
+    (tmp_path / "fast.disk.json").write_text(record.to_json(), encoding="utf-8")
+    (tmp_path / "rig.toml").write_text("[conditioning]\ncutoff_Hz = 10.0\n", encoding="utf-8")
+    words = ["compensate", slow_plunge, "--record", tmp_path / "fast.disk.json", "--rig", tmp_path / "rig.toml"]
+    assert tcdyn(*words, "--out", tmp_path / "lag.csv") == 2
+    assert "holds no chain" in capsys.readouterr().err
+    frame = pd.read_csv(slow_plunge)
+    frame.loc[100:120, "e_degC"] = frame.loc[100, "e_degC"]  # stuck
+    frame.to_csv(tmp_path / "stuck.csv", index=False)
+    words[1] = tmp_path / "stuck.csv"
+    assert tcdyn(*words, "--noise-only", "--out", tmp_path / "smooth.csv") == 0
+    said = capsys.readouterr()
+    assert (said.out + said.err).count(": stuck") == 1
+
+
 def test_a_wildcard_behind_a_repeatable_option_is_told_how_to_repeat_it() -> None:
     words = ["calibrate", "--disk", "fast", "--oven", "o.csv", "--immersion", "P1.csv", "P2.csv"]
     done = subprocess.run([sys.executable, "-m", "tcdyn.cli.app", *words], capture_output=True, text=True, check=False)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from calibration.disk import Conditioning
+from calibration.errors import InputError
 from tcdyn.chain import Chain
 from tcdyn.simulate.measure import (
     BITS,
     RANGE_degC,
+    chain_poles,
     log_disk,
     logged,
     quantised,
@@ -22,6 +24,16 @@ FILTERS = [
     Conditioning(2.0, 4, "butterworth"),
     Conditioning(poles=0),
 ]
+
+
+def test_a_filter_of_unknown_shape_is_refused_everywhere() -> None:
+    """Neither a chain nor the rig takes it for a cascade."""
+    with pytest.raises(InputError, match="shape 'bessel'"):
+        Conditioning(4.0, 2, "bessel")
+    odd = Conditioning(4.0, 2)
+    object.__setattr__(odd, "shape", "bessel")
+    with pytest.raises(InputError, match="shape 'bessel'"):
+        chain_poles(0.5, 0.1, odd)
 
 
 @pytest.mark.parametrize("conditioning", FILTERS)
