@@ -14,7 +14,7 @@ from pandas.api.types import union_categoricals
 from calibration import Array, Flags
 from calibration.checks.kind import check_course, check_edges, check_places, two_level
 from calibration.checks.sampling import Sampling, check_time
-from calibration.checks.temperature import LONGEST_NAN_S, Place, Thinned, check_sample, column_check
+from calibration.checks.temperature import LONGEST_NAN_S, SIDE, Place, Thinned, check_sample, column_check
 from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import RowNumbers, Table, open_table, read_whole, shown
@@ -23,7 +23,6 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, look, sentences, with_where
 from calibration.lines.oven import oven_frame
 from calibration.lines.transducers import MillivoltTable
-from calibration.noise import SPIKES
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
@@ -144,8 +143,7 @@ class LogPieces:
         where, sampling, total = shown(self.path), self.sampling, len(self.sampling.time_s)
         place = Place(where, self._numbers, sampling.time_s, sampling.dt_s)
         checks = {name: column_check(name, place, noise_K) for name, noise_K in self._noise_K.items()}
-        side = SPIKES["reading"].longest
-        margin = side * int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + side  # as many neighbours, each behind a gap
+        margin = SIDE * (int(max(LONGEST_NAN_S / self.dt_s, SIDE) + 1) + 1)  # neighbours, each behind a gap
         kept: dict[str, Array] = {}
         at = done = 0
         for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):

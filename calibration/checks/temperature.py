@@ -20,6 +20,7 @@ COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
 LONGEST_NAN_S = 0.5
 MOST_MISSING = 0.05  # fraction of a channel
 FROZEN_S = 10.0
+SIDE = SPIKES["reading"].longest  # neighbours on either side by which a sample is judged
 LEAST_TOLD = 15  # samples that tell the noise
 Index = NDArray[np.int64]
 RUN, MOST = 64, 1 << 17  # rows in a run, so that neighbours stay neighbours; rows kept at most (29 min at 75 Hz)
