@@ -16,10 +16,8 @@ from calibration.lines.transducers import BearingFriction, TransducerLine
 from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
 from tcdyn.chain import Chain
-from tcdyn.plots.style import GREY, SLOW, TRUTH, dressed, figure, finish
+from tcdyn.plots.style import DARK, GREY, PALE, SERIES_LINES, SERIES_MARKERS, SLOW, TRUTH, dressed, figure, finish
 from tcdyn.plunge.result import LagShare
-
-MARKERS = "os^vDx"
 
 
 def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
@@ -63,11 +61,13 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     for k, channel in enumerate(oven.lines):
         tone = str(0.6 * k / max(len(oven.lines) - 1, 1))
         where = prt + apart * (k - middle)
-        ax.plot(where, table[f"{channel}_degC"], MARKERS[k % 6], markersize=4, color=tone, mfc="none", label=channel)
+        ax.plot(
+            where, table[f"{channel}_degC"], SERIES_MARKERS[k % 6], markersize=4, color=tone, mfc="none", label=channel
+        )
     line = next(iter(oven.lines.values()))
     t = np.linspace(*line.range_degC, 100)
     band = 1.96 * static_u(line, t)
-    ax.fill_between(t, -band, band, color="0.85", zorder=0, label="95 % of a line")
+    ax.fill_between(t, -band, band, color=PALE, zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
     return dressed(ax, "PRT [°C]", "PRT minus line [K]", loc="center left", bbox_to_anchor=(1.0, 0.5))
 
@@ -96,7 +96,7 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
     """Each channel's lag with its 95 % interval (thin) and with that of its difference from the common lag (thick)."""
     names = sorted(chain.channels)
     common = chain.common_lag_s
-    ax.axhspan(common.low95, common.high95, color="0.93", zorder=0, label="common lag, 95 %")
+    ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="common lag, 95 %")
     ax.axhline(common.value, color=TRUTH, linewidth=0.8)
     for i, name in enumerate(names):
         lag, apart = chain.channels[name].lag_s, chain.differential_lag_s[name]
@@ -162,7 +162,6 @@ def budget_figure(shares: Sequence[LagShare]) -> Figure:
 
 
 MOST_POINTS = 4000  # more than a page can show
-STYLES = ("-", "--", ":")  # told apart in grey, too
 
 
 def draw_log(log: Log, ax: Axes) -> Axes:
@@ -178,7 +177,7 @@ def draw_log(log: Log, ax: Axes) -> Axes:
         if log.kind == "oven":
             y, line = y - x, "o"
         else:
-            line = STYLES[(k // 6) % len(STYLES)]
+            line = SERIES_LINES[(k // 6) % len(SERIES_LINES)]
         ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
     ax.set_xlabel(label)
     traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
@@ -196,7 +195,7 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     step = np.ones(n + before)
     step[:before] = 0.0
     t = (np.arange(n + before) - before) * dt
-    ax.plot(t, step, drawstyle="steps-post", color="0.5", linewidth=0.9, label="at the junction")
+    ax.plot(t, step, drawstyle="steps-post", color=GREY, linewidth=0.9, label="at the junction")
     ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
-    ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color="0.3", label=f"lag {chain.lag_s:.3g} s")
+    ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s")
     return dressed(ax, "time after the step, s", "share of the step", loc="lower right")

@@ -12,11 +12,8 @@ from matplotlib.figure import Figure
 from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.pipeline.campaign_table import done_rows, speed_groups, trend
-from tcdyn.plots.style import GREY, dressed, figure
+from tcdyn.plots.style import DARK, GREY, PALE, SERIES_COLOURS, SERIES_LINES, SERIES_MARKERS, dressed, figure
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-LINES = ("-", "--", "-.", ":")
-SHADES = ("#000000", "#d1662a", "#1f4e79", "#8a8a8a")
 SPEED = "sliding speed"
 
 
@@ -91,10 +88,10 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
         place = (at - low + margin) / (high - low + 2 * margin)
         row = next((k for k, end in enumerate(rows) if place - share / 2 > end), len(rows))
         rows[row : row + 1] = [place + share / 2]
-        ax.axvline(at, color="#cccccc", linewidth=0.6, zorder=0)
+        ax.axvline(at, color=PALE, linewidth=0.6, zorder=0)
         ax.annotate(
             name, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3 + 10 * row), textcoords="offset points",
-            fontsize=7, ha="center", va="bottom", color="#444444",
+            fontsize=7, ha="center", va="bottom", color=DARK,
         )  # fmt: skip
 
 
@@ -113,9 +110,9 @@ def _parts(good: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
 def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:
     """One group of tests: points, with 95 % bars where the table has u, and their line where three or more make one."""
     x, y = (part[name].to_numpy(dtype=float) for name in (over, column))
-    colour, marker = SHADES[k % len(SHADES)], MARKERS[k % len(MARKERS)]
+    colour, marker = SERIES_COLOURS[k % len(SERIES_COLOURS)], SERIES_MARKERS[k % len(SERIES_MARKERS)]
     line = trend(x, y)
-    style = LINES[k % len(LINES)] if line is not None else "none"
+    style = SERIES_LINES[k % len(SERIES_LINES)] if line is not None else "none"
     if f"u_{column}" in part:
         ax.errorbar(x, y, yerr=Z95 * part[f"u_{column}"].to_numpy(dtype=float), fmt="none", ecolor=colour, capsize=2)
     ax.plot(x, y, marker, color=colour, linestyle="none")

@@ -10,7 +10,7 @@ from calibration.estimate import Z95
 from tcdyn.compensate.before_use import BeforeUse
 from tcdyn.compensate.inverse import Tradeoff
 from tcdyn.compensate.result import Compensated
-from tcdyn.plots.style import BAND, FAST, SLOW, dressed
+from tcdyn.plots.style import BAND, DARK, FAST, GREY, SLOW, dressed
 
 MOST_POINTS = 4000  # more than a page can show
 
@@ -25,7 +25,7 @@ def draw_compensated(
     t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
     y = np.asarray(logged, dtype=float)
     y = y[:, channel] if y.ndim == 2 else y
-    ax.plot(t, y[shown], ".", markersize=2, color="0.65", label="as logged")
+    ax.plot(t, y[shown], ".", markersize=2, color=GREY, label="as logged")
     ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, color=SLOW, alpha=BAND, linewidth=0, label="95 %")
     ax.plot(t, x, color=SLOW, linewidth=1.3, label="compensated")
     bad = inside[result.flags[inside, channel] > 0]
@@ -33,7 +33,7 @@ def draw_compensated(
         ax.plot(result.time_s[bad], y[bad], "x", color=FAST, markersize=4, label="flagged")
     for event, _ in result.events_s:
         if low <= event <= high:
-            ax.axvline(event, linestyle="--", linewidth=0.8, color="0.4")
+            ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
     return dressed(ax, "time [s]", "temperature [°C]", loc="best")
 
 
@@ -47,7 +47,7 @@ def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
         label=f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s",
     )
     ax.plot(report.step_time_s, report.step, color=SLOW, label=f"compensated, {report.rise_s:.2g} s")
-    ax.axhline(1.0, linewidth=0.6, color="0.6")
+    ax.axhline(1.0, linewidth=0.6, color=GREY)
     ax.set_xlabel("time after a step at the junction [s]")
     ax.set_ylabel("share of the step [1]")
     ax.set_title(

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import FAST, SLOW, dressed, finish
+from tcdyn.plots.style import DARK, FAST, SLOW, dressed, finish
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
@@ -52,8 +52,8 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
     ax.set_ylabel("temperature [°C]")
     ax.set_title(check.title)
     right = ax.twinx()
-    right.plot(check.x, check.error_percent, ":", color="0.4", linewidth=1.0)
-    right.set_ylabel("error [%] (dotted)", color="0.4")
+    right.plot(check.x, check.error_percent, ":", color=DARK, linewidth=1.0)
+    right.set_ylabel("error [%] (dotted)", color=DARK)
     ax.legend(loc="center right")
     return ax
 

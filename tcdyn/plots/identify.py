@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation, validate
-from tcdyn.plots.style import BAND, FAST, SLOW, dressed, figure
+from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, dressed, figure
 
 
 def label(name: str, unit: str) -> str:
@@ -21,7 +21,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     """Measured input and output with the simulated output of one stretch of data."""
     s, model = fit.problem.segments[segment], fit.identified
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
-    ax.plot(t, s.y, ".", markersize=2.5, color="0.55", label=f"{model.output_name} measured")
+    ax.plot(t, s.y, ".", markersize=2.5, color=GREY, label=f"{model.output_name} measured")
     ax.plot(t, fit.simulated()[segment], color="black", linewidth=1.3, label=f"{model.model.name} simulated")
     style = "steps-post" if fit.problem.hold == "zoh" else "default"
     twin = ax.twinx()
@@ -69,10 +69,10 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
 def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     """Correlations as stems over the 95 % bound of each."""
     order = np.argsort(c.lags_s)
-    ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color="0.85", label="95 % of each lag")
+    ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color=PALE, label="95 % of each lag")
     ax.vlines(c.lags_s, 0.0, c.value, color=SLOW)
     ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
-    ax.axhline(0.0, color="0.3", linewidth=0.8)
+    ax.axhline(0.0, color=DARK, linewidth=0.8)
     ax.set_xlabel("lag [s]")
     ax.set_title(f"{title}: p = {c.p:.2g}", fontsize=10)
     return ax
@@ -80,7 +80,7 @@ def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
 
 def draw_residuals(fit: Fit, ax: Axes) -> Axes:
     """Residuals in the order of the record."""
-    ax.plot(fit.residual, ".", markersize=2.5, color="0.4")
+    ax.plot(fit.residual, ".", markersize=2.5, color=DARK)
     ax.axhline(0.0, color=SLOW, linewidth=0.8)
     return dressed(ax, "measured sample", label("residual", fit.identified.output_unit))
 

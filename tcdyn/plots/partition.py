@@ -9,7 +9,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
-from tcdyn.plots.style import BAND, CHANNEL_STYLE, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, dressed
+from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, dressed
 
 SHOWN = ("e", "a", "b")
 
@@ -102,9 +102,9 @@ def draw_budget(p: Partition, ax: Axes) -> Axes:
     rows = [("all together", *p.budget.together)]
     rows += [(r.source, r.u_beta_steady, r.u_beta_transient) for r in reversed(p.budget.rows)]
     y = np.arange(len(rows)) + np.where(np.arange(len(rows)) > 0, 0.5, 0.0)
-    ax.barh(y + 0.2, [r[1] for r in rows], height=0.38, color="#444444", label="speed law")
+    ax.barh(y + 0.2, [r[1] for r in rows], height=0.38, color=DARK, label="speed law")
     ax.barh(
-        y - 0.2, [r[2] for r in rows], height=0.38, color="#dddddd", edgecolor="#444444", hatch="////", linewidth=0.6,
+        y - 0.2, [r[2] for r in rows], height=0.38, color=PALE, edgecolor=DARK, hatch="////", linewidth=0.6,
         label="cooling fit (the worse disk)",
     )  # fmt: skip
     ax.axhline(0.75, color="black", linewidth=0.8)
@@ -140,7 +140,7 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
     """beta by the speed law against its exponent (figure 4.17), and the exponent that the two disks imply."""
     n = np.linspace(low - 0.05, high + 0.05, 60)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
-    ax.axvspan(low, high, color="#eeeeee", label="range of the literature")
+    ax.axvspan(low, high, color=PALE, label="range of the literature")
     ax.plot(n, beta, color="black", label="speed law")
     implied = p.both.estimates["exponent"]
     ax.errorbar(

@@ -12,6 +12,10 @@ DISK_COLOUR = {"fast": FAST, "slow": SLOW}
 DISK_MARKER = {"fast": "o", "slow": "s"}
 DISK_LINE = {"fast": "-", "slow": "--"}
 CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
+DARK, PALE = "#444444", "#e6e6e6"  # of what stands beside the data: marks, bands
+SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)  # groups of tests
+SERIES_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+SERIES_LINES = ("-", "--", "-.", ":")
 BAND = 0.25  # opacity of a 95 % band under its line
 
 

@@ -12,7 +12,7 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.partition.sensors.faults import DepthTest
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, dressed
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, dressed
 
 TOP = 9.0
 LABELS = {
@@ -111,7 +111,7 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
     names = [f"{r['disk']} {'β' if r['quantity'] == 'beta' else 'h'}" for _, r in table.iterrows()]
     y = list(range(len(names)))[::-1]
-    ax.axvspan(-2, 2, color="#eeeeee", zorder=0)
+    ax.axvspan(-2, 2, color=PALE, zorder=0)
     for at, (_, r) in zip(y, table.iterrows()):
         ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
     ax.axvline(0, color="black", linewidth=0.8)
@@ -126,7 +126,7 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     """How much deeper than stated the test alone places each junction, with 95 % bars; grey: the stated 95 %."""
     stated_mm = max(t.stated_u_m for t in tests.values()) * 1e3
-    ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color="#e6e6e6", zorder=0, label="as stated, 95 %")
+    ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color=PALE, zorder=0, label="as stated, 95 %")
     for k, (disk, test) in enumerate(tests.items()):
         at = [i + 0.24 * (k - 0.5) for i in range(len(test.deeper_m))]  # side by side
         mm = [1e3 * e.value for e in test.deeper_m.values()]

@@ -18,7 +18,7 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import BAND, SLOW, figure
+from tcdyn.plots.style import BAND, GREY, SLOW, figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.traces import record_chains
 
@@ -148,7 +148,7 @@ def _followed(plan: Causal, log: Path, out: Path) -> Section:
     picture, (ax,) = figure(height_in=4.0)
     raw = _logged(plan, log, name)
     if raw is not None:
-        ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color="0.7", label="logged")
+        ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color=GREY, label="logged")
     ax.fill_between(
         time[shown], (x - Z95 * u)[shown], (x + Z95 * u)[shown], color=SLOW, alpha=BAND, linewidth=0, label="95 %"
     )
