@@ -15,7 +15,9 @@ from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 from tcdyn.simulate.ehl import EhlOptions
 
 if TYPE_CHECKING:
+    from tcdyn.partition.analyse import Partition
     from tcdyn.pipeline import CalibrationRun
+    from tcdyn.pipeline.beta import BetaRun
 
 SEED = 3
 
@@ -36,6 +38,20 @@ class Campaign:
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     """Ovens, two plunges a disk and test B3, loaded for 300 s only, so that it is quick."""
     return small_campaign(tmp_path_factory.mktemp("campaign"))
+
+
+@pytest.fixture(scope="session")
+def beta_run(campaign: Campaign) -> BetaRun:
+    """Heat partition of test B3 of that campaign, made once for all who read it."""
+    from tcdyn.pipeline import estimate_beta
+
+    return estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records)
+
+
+@pytest.fixture(scope="session")
+def partition(beta_run: BetaRun) -> Partition:
+    """The analysis in that run."""
+    return beta_run.partition
 
 
 def small_campaign(folder: Path) -> Campaign:

@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-import tcdyn
 from calibration.columns import KNOWN
 from calibration.disk import CHANNELS, DISKS
 from calibration.rig import load_rig, rig_toml
@@ -62,10 +61,11 @@ def number(value: Any) -> bool:
 
 
 @pytest.mark.parametrize("section", ["beta.json", "*.disk.json"])
-def test_every_key_is_told_with_its_unit_and_no_other(section: str, campaign: Campaign) -> None:
+def test_every_key_is_told_with_its_unit_and_no_other(
+    section: str, campaign: Campaign, request: pytest.FixtureRequest
+) -> None:
     if section == "beta.json":
-        rig, log = campaign.rig, campaign.files.ehl["B3"]
-        data = json.loads(json.dumps(tcdyn.estimate_beta(log, rig, campaign.records).to_dict()))
+        data = json.loads(json.dumps(request.getfixturevalue("beta_run").to_dict()))
     else:
         data = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
     found = dict(keys(data))

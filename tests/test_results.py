@@ -14,6 +14,7 @@ import tcdyn
 from calibration.compare import diff_records
 from calibration.errors import InputError
 from calibration.result import Result
+from tcdyn.pipeline import BetaRun
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.pipeline.campaign import CampaignRun, steady_degC
 from tcdyn.pipeline.campaign_table import campaign_table, table_row
@@ -28,7 +29,7 @@ WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff"}
 
 
 @pytest.fixture(scope="module")
-def results(campaign: Campaign) -> dict[str, Any]:
+def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     """What the names of ``import tcdyn`` return on a small campaign, by class name."""
     from tcdyn.compensate import before_use, proper_inverse
     from tcdyn.design.compare import compare_tests
@@ -44,7 +45,7 @@ def results(campaign: Campaign) -> dict[str, Any]:
     data = tcdyn.IOData.from_arrays(u, y, 0.1, hold="zoh")
     fitted = tcdyn.fit(data, "P1")
     compensated = tcdyn.compensate_log(log, records, rig)
-    beta = tcdyn.estimate_beta(log, rig, records)
+    beta = beta_run
     calibrations: dict[str, CalibrationRun] = campaign.calibrations
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
     steady = steady_degC(beta.partition.test)

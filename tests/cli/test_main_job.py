@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.cli.app import app, run
+from tcdyn.pipeline import BetaRun
 from tests.conftest import Campaign
 
 
@@ -67,11 +68,8 @@ def test_every_way_to_beta_holds_the_truth_of_the_simulation(beta_json: Path, ca
     assert data["crosscheck"]["agree"]
 
 
-def test_command_and_function_give_the_same_numbers(beta_json: Path, campaign: Campaign) -> None:
-    from tcdyn.pipeline import estimate_beta
-
-    inside = estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records).to_dict()
-    assert json.loads(beta_json.read_text(encoding="utf-8")) == json.loads(json.dumps(inside))
+def test_command_and_function_give_the_same_numbers(beta_json: Path, beta_run: BetaRun) -> None:
+    assert json.loads(beta_json.read_text(encoding="utf-8")) == json.loads(json.dumps(beta_run.to_dict()))
 
 
 def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:

@@ -168,6 +168,7 @@ def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
             assert 0.5 * (i.high95 - i.low95) == pytest.approx(Z95 * i.estimate.u, rel=0.06)
 
 
+@pytest.mark.slow
 def test_lag_that_the_data_hardly_tell_has_a_skewed_profile_and_a_sentence(rig: StudyRig) -> None:
     """0.3 s of cooling, lags of 0.7 s, no prior: a longer lag hides in what is not seen, a shorter one would show."""
     joint, both = fitted(rig, 0.3, without_lag_prior(rig.test))

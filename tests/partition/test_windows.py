@@ -9,17 +9,11 @@ import pytest
 from calibration.errors import InputError
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.tables import cooling_by_window, referee_table
-from tcdyn.pipeline import estimate_beta
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_referee, draw_window_study
 from tests.conftest import Campaign
 
 LENGTHS = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 60.0)
-
-
-@pytest.fixture(scope="module")
-def partition(campaign: Campaign) -> Partition:
-    return estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records).partition
 
 
 @pytest.fixture(scope="module")
