@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
+from calibration import Array
 from calibration.disk import CHANNELS
 from calibration.words import WORDS, told
 
@@ -106,6 +107,37 @@ class Finding:
         return core_schema.no_info_plain_validator_function(
             cls.from_dict, serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict)
         )
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where samples stand: file, rows, and their times (``time_s`` (N,), ``dt_s``; None where there is no even time).
+
+    ``first`` is the line of the first sample, ``blank`` are the lines below it that hold nothing.
+    """
+
+    where: str
+    first: int = 1
+    blank: tuple[int, ...] = ()
+    time_s: Array | None = None
+    dt_s: float | None = None
+
+    def row(self, index: int) -> int:
+        """The line of a sample, as an editor numbers it."""
+        line = self.first + int(index)
+        for gap in self.blank:
+            line += gap <= line
+        return line
+
+    def of(self, index: int) -> dict[str, Any]:
+        """Row and, in a trace, time of a sample, as findings carry them."""
+        time = {} if self.time_s is None else {"time_s": float(self.time_s[index])}
+        return {"row": self.row(index), **time}
+
+    def at(self, column: str, index: int) -> str:
+        """Column, row and time of a sample in words, as errors name them."""
+        time = "" if self.time_s is None else f" ({self.time_s[index]:.6g} s)"
+        return f"column {column}, row {self.row(index)}{time}"
 
 
 def note(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:

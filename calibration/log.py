@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,23 +12,24 @@ import pandas as pd
 from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
-from calibration.checks.kind import check_course, check_edges, check_places, two_level
+from calibration.checks.kind import check_kind
 from calibration.checks.sampling import Sampling, check_time
-from calibration.checks.temperature import LONGEST_NAN_S, SIDE, Place, Thinned, check_sample, column_check
+from calibration.checks.temperature import LONGEST_NAN_S, SIDE, ColumnCheck, clean, course_noise_K
 from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
-from calibration.files import RowNumbers, Table, open_table, read_whole, shown
-from calibration.files.table import PIECE_ROWS, sha256
+from calibration.files import Table, open_table, read_whole, sha256
+from calibration.files.table import PIECE_ROWS
 from calibration.files.write import write_log
-from calibration.finding import Finding, look, sentences, with_where
+from calibration.finding import Finding, Place, look, sentences
 from calibration.lines.oven import oven_frame
-from calibration.lines.transducers import MillivoltTable
+from calibration.lines.transducers import in_degC
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
 __all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
 
 COMPENSATED = "compensated"
+RUN, MOST = 64, 1 << 17  # rows in a run, so that neighbours stay neighbours; rows kept at most (29 min at 75 Hz)
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class LogPiece:
 class LogPieces:
     """A log that was looked through once, to be gone through piece by piece, as often as needed.
 
-    ``time_s`` (N,) and ``switches`` are of the whole log, row by row of the file; ``findings`` is what the first look
+    ``switches`` (N,) are of the whole log, row by row of the file; ``findings`` is what the first look
     showed. Each walk checks what passes by, and refuses before the last piece what only then is known: frozen
     channels, too many missing samples or spikes. So what the other pieces were used for must wait for the last.
 
@@ -126,7 +127,7 @@ class LogPieces:
     _table: Table = field(repr=False)
     _names: Mapping[str, str] = field(repr=False)
     _noise_K: Mapping[str, float] = field(repr=False)
-    _numbers: RowNumbers = field(repr=False)
+    _place: Place = field(repr=False)
     _piece_rows: int = field(repr=False)
 
     @property
@@ -137,12 +138,11 @@ class LogPieces:
     @property
     def rows(self) -> int:
         """Rows of all pieces together."""
-        return self.sampling.rows
+        return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogPiece]:
-        where, sampling, total = shown(self.path), self.sampling, len(self.sampling.time_s)
-        place = Place(where, self._numbers, sampling.time_s, sampling.dt_s)
-        checks = {name: column_check(name, place, noise_K) for name, noise_K in self._noise_K.items()}
+        where, grid, total = self._place.where, self.sampling.grid, len(self.sampling.grid)
+        checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
         margin = SIDE * (int(max(LONGEST_NAN_S / self.dt_s, SIDE) + 1) + 1)  # neighbours, each behind a gap
         kept: dict[str, Array] = {}
         at = done = 0
@@ -155,35 +155,24 @@ class LogPieces:
                 break
             if stop == done or (stop - done < margin and end < total):
                 continue
-            columns: dict[str, Array] = {}
             inside = slice(done - at, stop - at)
-            for name in self._names:
-                if name in self.switches:
-                    columns[name] = self.switches[name][done:stop].astype(np.float64)
-                elif name != "time_s":
-                    columns[name] = checks[name].clean(kept[name])[inside]
-                    checks[name].see(kept[name][inside], columns[name])
-            last = stop == total
-            found = [finding for check in checks.values() for finding in check.judge()] if last else []
-            yield LogPiece(
-                sampling.even_frame(columns, done, stop), int(sampling.place[done]), with_where(found, where)
-            )
+            columns = {name: clean(name, kept[name], self._noise_K[name])[inside] for name in checks}
+            # on the even grid, up to the next row: samples put in are NaN, a switch keeps its state in them
+            columns |= {name: on[done:stop].astype(np.float64) for name, on in self.switches.items()}
+            rows = grid[done : stop + 1]
+            even = np.arange(rows[0], grid[stop] if stop < total else self.rows)
+            frame = pd.DataFrame(columns, rows[: stop - done], [n for n in self._names if n != "time_s"]).reindex(even)
+            frame = frame.assign(**frame[[*self.switches]].ffill()).reset_index(drop=True)
+            frame.insert(0, "time_s", np.interp(even, rows, self.sampling.time_s[done : stop + 1]))
+            for name, check in checks.items():
+                check.see(kept[name][inside], columns[name])
+            found = [finding for check in checks.values() for finding in check.judge()] if stop == total else []
+            yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in found))
             done = stop
             kept = {name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()}
             at = max(stop - margin, at)
         if done != total:
             raise InputError("the file changed while it was read", where=where)
-
-    def joined(self) -> tuple[pd.DataFrame, tuple[Finding, ...]]:
-        """All pieces as one frame, and everything that was noticed."""
-        whole: dict[str, Array] = {}
-        found = self.findings
-        for piece in self:
-            stop = piece.first + len(piece.frame)
-            for name in map(str, piece.frame):
-                whole.setdefault(name, np.empty(self.rows))[piece.first : stop] = piece.frame[name]
-            found += piece.findings
-        return pd.DataFrame(whole, copy=False), found
 
 
 def iter_log(
@@ -198,8 +187,8 @@ def iter_log(
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
     Put together they are ``read_log``'s frame. The file is read twice. The first time, here, keeps its time and
-    switches, and of the other columns a sample of at most 131072 rows: sampling, two-level columns, entry or
-    unloading, units, loads, swapped and dead channels are judged there, before any piece is given.
+    switches, and of the other columns a sample of at most 131072 rows, every k-th run of 64: sampling, two-level
+    columns, entry or unloading, units, loads, swapped and dead channels are judged there, before any piece is given.
 
     CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 40 bytes for each row of
     the file, 250 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
@@ -210,40 +199,43 @@ def iter_log(
         raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
     file = Path(path)
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
-    where = shown(file)
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
-    thin = Thinned()
+    others = [name for name in names if name != "time_s" and name not in levels]
     found: list[Finding] = []
-    number: RowNumbers | None = None
+    sample: list[pd.DataFrame] = []
+    every, seen, place = 1, 0, Place(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
-        number = number or raw.rows
+        place, time = raw.place, raw.data[names["time_s"]]
         found += raw.findings
-        clock += raw.data[names["time_s"]].tobytes()
+        clock += time.tobytes()
         for name, parts in levels.items():
             parts.append(pd.Categorical(raw.data[names[name]]))
-        thin.see({name: raw.data[own] for name, own in names.items() if name != "time_s" and name not in levels})
-    if number is None:
-        raise InputError("no rows", where=where)
-    sampling = check_time(np.frombuffer(clock), number, where)
+        index = np.arange(seen, seen + len(time))
+        sample.append(pd.DataFrame({n: raw.data[names[n]] for n in others}, index)[index // RUN % every == 0])
+        seen += len(time)
+        while sum(map(len, sample)) > MOST:
+            every *= 2
+            sample = [part[part.index // RUN % every == 0] for part in sample]
+    if not sample:
+        raise InputError("no rows", where=table.where)
+    sampling = check_time(np.frombuffer(clock), place)
     del clock
     found += sampling.findings
-    place = Place(where, number, sampling.time_s, sampling.dt_s)
-    switches: dict[str, Flags] = {}
-    for name, parts in levels.items():
-        values, said = two_level(np.array(union_categoricals(parts), dtype=np.float64), name, place)
-        found += [*said, *check_edges(values, name, kind, place)]
-        switches[name] = values > 0.5
-    sample, at = thin.columns, thin.rows
-    noise_K = {name: check_sample(name, values, at, place) for name, values in sample.items()}
-    checked = {name: column_check(name, place, noise_K[name]).clean(values) for name, values in sample.items()}
-    checked |= {name: values[at].astype(np.float64) for name, values in switches.items()}
-    found += check_course(checked, kind, place)
-    found += check_places(pd.DataFrame(checked, copy=False), kind, rig, disk)
+    place = replace(place, time_s=sampling.time_s, dt_s=sampling.dt_s)
+    course = pd.concat(sample)
+    noise_K: dict[str, float] = {}
+    for name in others:
+        values = course[name].to_numpy()
+        noise_K[name] = course_noise_K(name, values, course.index.to_numpy(), place)
+        course[name] = clean(name, values, noise_K[name])
+    whole = {name: np.array(union_categoricals(parts), dtype=np.float64) for name, parts in levels.items()}
+    switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk)
+    found += said
     wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
     found += [look("column.not_there", subject=name) for name in wanted if name not in names]
-    head, told = dict(table.metadata), with_where(found, where)
-    return LogPieces(file, kind, head, sampling, switches, told, table, names, noise_K, number, rows)
+    told = tuple(f.at(table.where) for f in found)
+    return LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
 
 
 def read_log(
@@ -264,21 +256,26 @@ def read_log(
     file = Path(path)
     if kind != "oven":
         pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated)
-        frame, found = pieces.joined()
-        return Log(frame, kind, file, sha256(file), pieces.dt_s, pieces.metadata, found)
+        whole: dict[str, Array] = {}
+        told = pieces.findings
+        for piece in pieces:
+            stop = piece.first + len(piece.frame)
+            for name in map(str, piece.frame):
+                whole.setdefault(name, np.empty(pieces.rows))[piece.first : stop] = piece.frame[name]
+            told += piece.findings
+        frame = pd.DataFrame(whole, copy=False)
+        return Log(frame, kind, file, sha256(file), pieces.dt_s, pieces.metadata, told)
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
-    columns = {canonical: raw.data[name] for canonical, name in names.items()}
-    frame, said = oven_frame(columns, Place(shown(file), raw.rows))
-    found = with_where([*raw.findings, *said], shown(file))
-    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), found)
+    frame, found = oven_frame({canonical: raw.data[name] for canonical, name in names.items()}, raw.place)
+    told = tuple(f.at(table.where) for f in (*raw.findings, *found))
+    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), told)
 
 
 def open_log(
     file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False
 ) -> tuple[Table, dict[str, str]]:
     """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
-    where = shown(file)
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
     used = rig or load_rig()
@@ -287,13 +284,13 @@ def open_log(
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
             "is compensated already",
-            where=where,
+            where=table.where,
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    names = match_columns(table.names, kind, where, mapping)
+    names = match_columns(table.names, kind, table.where, mapping)
     logger = used.tables(disk or "").logger
     if logger.millivolts:
-        couples = frozenset(own for name, own in names.items() if is_couple(name))
-        table = MillivoltTable(table, couples, logger.cold_junction_degC)
+        couples = {own for name, own in names.items() if is_couple(name)}
+        table = in_degC(table, couples, logger.cold_junction_degC)
     return table, names

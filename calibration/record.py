@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 from calibration.disk import CHANNELS, ConditioningTable, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.files.table import sha256
+from calibration.files import sha256
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table

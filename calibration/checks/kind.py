@@ -2,24 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
 from calibration import Array, Flags
-from calibration.checks.temperature import Place
 from calibration.columns import ROOM_AND_BATH
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
-from calibration.finding import Finding, look, note
+from calibration.finding import Finding, Place, look, note
 from calibration.noise import white_noise_sd
-from calibration.rig import Rig, load_rig
+from calibration.rig import Rig, RigTables
 
 BOUNCE_S = 0.2
 
 
-def two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Finding]]:
+def check_kind(
+    kind: str, course: pd.DataFrame, switches: Mapping[str, Array], place: Place, rig: Rig, disk: str | None
+) -> tuple[dict[str, Flags], list[Finding]]:
+    """The ``switches`` (N,) of a log as off and on, and what all columns show together over the whole test.
+
+    ``course``: cleaned columns, at the rows of the file that its index names (all of them, or some picked from all the
+    test). Raises InputError where a log of this ``kind`` cannot be.
+    """
+    found: list[Finding] = []
+    states: dict[str, Flags] = {}
+    for name, values in switches.items():
+        levels, said = _two_level(values, name, place)
+        found += said + _edges(levels, name, place)
+        states[name] = levels > 0.5
+    bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
+    couples = [str(n) for n in course if str(n).endswith("_degC") and n not in ROOM_AND_BATH]
+    if kind != "ehl":
+        found += _group(course[couples], place, max(bath) if bath else None)
+    if kind == "immersion":
+        mean = course[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
+        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
+        if end - start > 10.0:
+            rise = (mean - start) / (end - start)
+            found += _swapped(course, "", rig.tables(disk or ""), (rise > 0.05) & (rise < 0.35))
+    if kind != "ehl":
+        return states, found
+    room = float(course["ambient_degC"].median())
+    if room > 120.0:
+        raise InputError(
+            f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
+            where=place.where,
+            expected="degrees Celsius",
+        )
+    for own in DISKS:
+        found += _group(course[[n for n in couples if n.startswith(f"{own}_")]], place, room)
+    contact = states["contact"][course.index]
+    found += _loads(course, contact, place.where)
+    late = contact & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
+    for own in DISKS:
+        found += _swapped(course, f"{own}_", rig.tables(own), late)
+    return states, found
+
+
+def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Finding]]:
     """A switch (N,) as 0 and 1; missing samples keep the state before them.
 
     Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
@@ -46,57 +88,88 @@ def two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Findi
         )
     if set(levels) <= {0.0, 1.0}:
         return values, found
-    if len(levels) == 2:
-        found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
-        return (values == levels[1]).astype(float), found
-    raise InputError(f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1")
+    if len(levels) == 1:
+        raise InputError(f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1")
+    found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
+    return (values == levels[1]).astype(float), found
 
 
-def check_edges(values: Array, name: str, kind: str, place: Place) -> list[Finding]:
-    """Whether a switch (N,) of 0 and 1 moves as this kind of log must have it."""
-    if kind == "ehl":
-        return check_contact(values, place)
-    return check_switch(values, name, place) if name == "switch" else []
+def _edges(values: Array, name: str, place: Place) -> list[Finding]:
+    """Whether a switch (N,) of 0 and 1 moves as it must: up at an entry, down where the disks part.
 
-
-def check_switch(values: Array, name: str, place: Place) -> list[Finding]:
-    """An entry switch: must go from 0 to 1; held or momentary both are fine, bounces are noted."""
-    up = np.flatnonzero(np.diff(values) > 0) + 1
-    if len(up) == 0:
-        held = "goes from 1 to 0 only" if np.ptp(values) else f"is {values[0]:g} in every row"
+    Held or momentary both are fine for an entry; bounces and a missing loading or cooling are noted.
+    """
+    steps = np.diff(values)
+    if name == "switch" and not (steps > 0).any():
+        held = "goes from 1 to 0 only" if steps.any() else f"is {values[0]:g} in every row"
         raise InputError(
             f"column {name} {held}: the switch never moves to 1",
             where=place.where,
             expected="0 before the entry, 1 at the entry",
             remedy="give the log of the whole plunge",
         )
-    return _bounces(values, name, place)
-
-
-def check_contact(contact: Array, place: Place) -> list[Finding]:
-    """The contact switch of an EHL log (N,): must fall; bounces and a missing loading or cooling are noted."""
-    down = np.flatnonzero(np.diff(contact) < 0) + 1
-    if len(down) == 0:
-        state = "rises but never falls" if np.ptp(contact) else f"is {contact[0]:g} in every row"
+    if name == "contact" and not (steps < 0).any():
+        state = "rises but never falls" if steps.any() else f"is {values[0]:g} in every row"
         raise InputError(
             f"column contact {state}: no unloading",
             where=place.where,
             expected="1 while the disks touch, then 0",
             remedy="give the log of the whole test, through the cooling",
         )
-    found = _bounces(contact, "contact", place)
-    if contact[0] > 0.5:
+    assert place.dt_s is not None
+    found, edges = list[Finding](), np.flatnonzero(steps) + 1
+    close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
+    if len(edges) > 2 and len(close):
+        found.append(look("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]]))))
+    if name == "contact" and values[0] > 0.5:
         found.append(look("contact.from_start", subject="contact"))
-    cooling_s = np.inf if place.dt_s is None else float((len(contact) - down[-1]) * place.dt_s)
+    cooling_s = float((len(values) - 1 - np.flatnonzero(steps < 0)[-1]) * place.dt_s) if name == "contact" else np.inf
     if cooling_s < 5.0:
         found.append(look("contact.short_cooling", subject="contact", cooling_s=cooling_s))
     return found
 
 
-def check_loads(frame: Mapping[str, Array], where: str) -> list[Finding]:
-    """Load, friction and speeds of an EHL log while ``contact`` is 1. Raises InputError where they cannot be used."""
-    contact, load = frame["contact"], frame["load_N"]
-    on, off = float(np.nanmedian(load[contact > 0.5])), float(np.nanmedian(load[contact < 0.5]))
+def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) -> list[Finding]:
+    """Channels of one disk against one another: millivolts, and one that does not follow the rest.
+
+    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
+    """
+    low, high = columns.quantile(0.01), columns.quantile(0.99)
+    warm = _upper_median(high)
+    for name, value in high.items():
+        others = max(warm, reference_degC if reference_degC is not None else 0.0)
+        if value < 16.0 and low[name] > -5.0 and (others > value + 8.0 or warm < 16.0):
+            raise InputError(
+                f"column {name} stays between {low[name]:.3g} and {value:.3g}: this looks like millivolts",
+                where=place.where,
+                expected="degrees Celsius",
+                remedy="for type J write millivolts = true into rig.toml [logger]",
+            )
+    rise = high - low
+    usual = _upper_median(rise)
+    for name, value in rise.items():
+        if usual > 10.0 and value < 0.1 * usual:
+            raise InputError(
+                f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
+                where=place.where,
+                remedy="check its wiring, or leave the channel out by repairing the disk",
+            )
+    # white noise from second differences and their median, so that events do not count
+    noise = columns.apply(lambda x: float(white_noise_sd(x.dropna(), 2, centred=False)) if x.count() >= 10 else 0.0)
+    calm = _upper_median(noise)
+    loud = noise[noise > 4.0 * calm + 0.1]
+    return [look("noise.high", subject=str(name), noise_K=value, others_K=calm) for name, value in loud.items()]
+
+
+def _upper_median(values: pd.Series[float]) -> float:
+    """The middle one, or the upper one of two."""
+    return float(values.quantile(0.5, interpolation="higher"))
+
+
+def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
+    """Load, friction and speeds of an EHL log while ``contact`` is on. Raises InputError where they cannot be used."""
+    load, touching = course["load_N"], course[contact].median()
+    on, off = float(touching["load_N"]), float(load[~contact].median())
     if abs(on - off) < 10.0:
         raise InputError(
             f"column load_N is {on:.4g} in contact and {off:.4g} without: a dead cell, kilonewtons or volts",
@@ -104,7 +177,7 @@ def check_loads(frame: Mapping[str, Array], where: str) -> list[Finding]:
             expected="newtons that rise by 10 or more in contact",
         )
     if on < off:
-        apart = load < 0.5 * (np.nanmin(load) + np.nanmax(load))
+        apart = load < 0.5 * (load.min() + load.max())
         inverted = not apart.any() or contact[apart].mean() > 0.5
         raise InputError(
             f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
@@ -115,153 +188,51 @@ def check_loads(frame: Mapping[str, Array], where: str) -> list[Finding]:
             else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
         )
     found: list[Finding] = []
-    friction = float(np.nanmedian(frame["friction_N"][contact > 0.5]))
+    friction = float(touching["friction_N"])
     if friction < 0:
         found.append(look("friction.negative", subject="friction_N", friction_N=friction))
     elif friction > 0.3 * on:
         found.append(look("friction.high", subject="friction_N", friction_N=friction, load_N=on))
-    return found + _speeds(frame, contact, where)
-
-
-def check_course(checked: Mapping[str, Array], kind: str, place: Place) -> list[Finding]:
-    """What the columns show together, over the whole test (or rows picked from all of it)."""
-    bath = [float(np.nanmedian(checked[n])) for n in ROOM_AND_BATH if n in checked]
-    if kind != "ehl":
-        channels = {n: v for n, v in checked.items() if n.endswith("_degC") and n not in ROOM_AND_BATH}
-        return check_group(channels, place, max(bath) if bath else None)
-    room = float(np.nanmedian(checked["ambient_degC"]))
-    if room > 120.0:
+    fast, slow = (float(touching[f"speed_{disk}_rpm"]) for disk in DISKS)
+    for disk, value in zip(DISKS, (fast, slow)):
+        if not value > 0:
+            raise InputError(
+                f"column speed_{disk}_rpm is {value:.3g} in contact", where=where, expected="rotation in rpm"
+            )
+    if fast < 0.98 * slow:
         raise InputError(
-            f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
-            where=place.where,
-            expected="degrees Celsius",
+            f"column speed_fast_rpm ({fast:.4g}) is below speed_slow_rpm ({slow:.4g})",
+            where=where,
+            expected="the fast disk to turn faster",
+            remedy="the columns look swapped",
         )
-    groups = ({n: v for n, v in checked.items() if n.startswith(f"{disk}_")} for disk in DISKS)
-    found = [finding for group in groups for finding in check_group(group, place, room)]
-    return found + check_loads(checked, place.where)
+    if slow < 60.0:
+        found.append(look("speed.slow", subject="speed_slow_rpm", speed_rpm=slow))
+    return found
 
 
-def check_group(columns: Mapping[str, Array], place: Place, reference_degC: float | None) -> list[Finding]:
-    """Channels of one disk against one another: millivolts, and one that does not follow the rest.
+def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -> list[Finding]:
+    """Channels that look swapped: junctions nearer a heated surface must be warmer.
 
-    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
-    """
-    high = {n: float(np.nanquantile(v, 0.99)) for n, v in columns.items()}
-    low = {n: float(np.nanquantile(v, 0.01)) for n, v in columns.items()}
-    warm = _middle(high.values())
-    for name, value in high.items():
-        others = max(warm, reference_degC if reference_degC is not None else 0.0)
-        if value < 16.0 and low[name] > -5.0 and (others > value + 8.0 or warm < 16.0):
-            raise InputError(
-                f"column {name} stays between {low[name]:.3g} and {value:.3g}: this looks like millivolts",
-                where=place.where,
-                expected="degrees Celsius",
-                remedy="for type J write millivolts = true into rig.toml [logger]",
-            )
-    rise = {n: high[n] - low[n] for n in columns}
-    usual = _middle(rise.values())
-    for name, value in rise.items():
-        if usual > 10.0 and value < 0.1 * usual:
-            raise InputError(
-                f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
-                where=place.where,
-                remedy="check its wiring, or leave the channel out by repairing the disk",
-            )
-    if place.dt_s is None:
-        return []
-    noise = {n: _noise_K(v) for n, v in columns.items()}
-    calm = _middle(noise.values())
-    return [
-        look("noise.high", subject=name, noise_K=value, others_K=calm)
-        for name, value in noise.items()
-        if value > 4.0 * calm + 0.1
-    ]
-
-
-def check_places(frame: pd.DataFrame, kind: str, rig: Rig | None, disk: str | None) -> list[Finding]:
-    """Channels that look swapped, by the depths of their junctions in ``rig``."""
-    used = rig or load_rig()
-    if kind == "ehl":
-        contact = frame["contact"].to_numpy() > 0.5
-        first = int(np.argmax(contact))
-        late = contact & (np.arange(len(contact)) > first + 0.2 * contact.sum())
-        return [f for name in DISKS for f in check_swapped(frame, f"{name}_", _depths(used, name), late)]
-    if kind == "immersion":
-        mean = frame[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
-        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
-        if end - start > 10.0:
-            rise = (mean - start) / (end - start)
-            return check_swapped(frame, "", _depths(used, disk or ""), (rise > 0.05) & (rise < 0.35))
-    return []
-
-
-def check_swapped(frame: pd.DataFrame, prefix: str, depth_mm: Mapping[str, float], hot: Flags) -> list[Finding]:
-    """Junctions nearer a heated surface must be warmer: the pair that most stands the other way round is named.
-
-    ``hot`` marks the samples where heat flows in; the start of the record takes out static offsets.
+    The pair that most stands the other way round is named. ``tables`` of the disk tell the depths; ``hot`` marks the
+    samples where heat flows in; the start of the record takes out static offsets.
     """
     if hot.sum() < 20:
         return []
-    names = {c: f"{prefix}{c}_degC" for c in CHANNELS if f"{prefix}{c}_degC" in frame}
-    head = frame.iloc[: max(10, min(len(frame) // 20, 400))]
-    lead = {c: float(np.nanmean(frame[n].to_numpy()[hot]) - np.nanmean(head[n].to_numpy())) for c, n in names.items()}
-    pairs = [(s, d) for s in lead for d in lead if depth_mm[d] - depth_mm[s] >= 2.5]
+    depth_mm = {c: tables.thermocouples[c].depth_mm for c in CHANNELS}
+    readings = course[[f"{prefix}{c}_degC" for c in CHANNELS]].set_axis(list(CHANNELS), axis=1)
+    lead = (readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()).to_dict()
+    pairs = [(s, d) for s in CHANNELS for d in CHANNELS if depth_mm[d] - depth_mm[s] >= 2.5]
     wrong = [(s, d) for s, d in pairs if lead[s] < lead[d] - max(0.5, 0.02 * abs(lead[d]))]
     if not wrong:
         return []
     shallow, deep = min(wrong, key=lambda p: lead[p[0]] - lead[p[1]])
     found = look(
         "junctions.swapped",
-        subject=names[shallow],
-        other=names[deep],
+        subject=f"{prefix}{shallow}_degC",
+        other=f"{prefix}{deep}_degC",
         behind_K=lead[deep] - lead[shallow],
         depth_mm=depth_mm[shallow],
         other_depth_mm=depth_mm[deep],
     )
     return [found]
-
-
-def _depths(rig: Rig, disk: str) -> dict[str, float]:
-    junctions = rig.tables(disk).thermocouples
-    return {c: junctions[c].depth_mm for c in CHANNELS}
-
-
-def _middle(values: Iterable[float]) -> float:
-    """The middle one, or the upper one of two."""
-    ordered = sorted(values)
-    return ordered[len(ordered) // 2]
-
-
-def _noise_K(values: Array) -> float:
-    """White noise of a trace from its second differences (median, so that events do not count)."""
-    x = values[np.isfinite(values)]
-    return float(white_noise_sd(x, 2, centred=False)) if len(x) >= 10 else 0.0
-
-
-def _speeds(frame: Mapping[str, Array], contact: Array, where: str) -> list[Finding]:
-    speed = {d: float(np.nanmedian(frame[f"speed_{d}_rpm"][contact > 0.5])) for d in DISKS}
-    for disk, value in speed.items():
-        if not np.isfinite(value) or value <= 0:
-            raise InputError(
-                f"column speed_{disk}_rpm is {value:.3g} in contact", where=where, expected="rotation in rpm"
-            )
-    if speed["fast"] < 0.98 * speed["slow"]:
-        raise InputError(
-            f"column speed_fast_rpm ({speed['fast']:.4g}) is below speed_slow_rpm ({speed['slow']:.4g})",
-            where=where,
-            expected="the fast disk to turn faster",
-            remedy="the columns look swapped",
-        )
-    if speed["slow"] < 60.0:
-        return [look("speed.slow", subject="speed_slow_rpm", speed_rpm=speed["slow"])]
-    return []
-
-
-def _bounces(values: Array, name: str, place: Place) -> list[Finding]:
-    edges = np.flatnonzero(np.diff(values) != 0) + 1
-    if len(edges) < 3 or place.dt_s is None:
-        return []
-    close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
-    if len(close) >= 2 or (len(close) == 1 and len(edges) > 2):
-        return [look("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))]
-    return []

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from calibration import Array
-from calibration.columns import SWITCHES
 from calibration.errors import InputError
-from calibration.files.table import RowNumbers
-from calibration.finding import Finding, look, note
+from calibration.finding import Finding, Place, look, note
 
 LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
 SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
@@ -25,49 +21,27 @@ class Sampling:
 
     time_s: Array
     dt_s: float
-    place: NDArray[np.int32]
+    grid: NDArray[np.int32]
     findings: tuple[Finding, ...]
 
-    @property
-    def rows(self) -> int:
-        """Rows of the whole trace on the even grid."""
-        return int(self.place[-1]) + 1
 
-    def even_frame(self, columns: Mapping[str, Array], first: int, stop: int) -> pd.DataFrame:
-        """Rows ``first`` to ``stop`` on the even grid, up to the next row; ``columns`` hold those rows only.
-
-        Samples put in are NaN; a switch keeps its state in them.
-        """
-        place = self.place[first : stop + 1]
-        end = int(place[stop - first]) if stop < len(self.time_s) else self.rows
-        if end - place[0] == stop - first:
-            return pd.DataFrame({"time_s": self.time_s[first:stop].copy(), **columns}, copy=False)
-        even = {"time_s": np.interp(np.arange(place[0], end), place, self.time_s[first : stop + 1])}
-        for name, values in columns.items():
-            even[name] = np.full(end - int(place[0]), np.nan)
-            even[name][place[: stop - first] - place[0]] = values
-            if name in SWITCHES:
-                even[name] = np.array(pd.Series(even[name]).ffill(), dtype=np.float64)
-        return pd.DataFrame(even)
-
-
-def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s") -> Sampling:
+def check_time(time: Array, place: Place) -> Sampling:
     """The time (N,) [s] as logged, with single missing values filled, and its sampling.
 
     Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even and come back so. Raises InputError for time
     that repeats or runs backward (row, time), gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
     """
-    place = f"column {column}"
+    where = place.where
     if len(time) < 10:
         raise InputError(f"only {len(time)} rows", where=where, expected="at least 10 samples in time")
-    time, found = _filled(time, rows, where, column)
+    time, found = _filled(time, place)
     step = np.diff(time)
     if not (step > 0).all():
         i = int(np.argmax(step <= 0))
         verb = "repeats" if step[i] == 0 else "runs backward"
         many = int((step <= 0).sum())
         raise InputError(
-            f"{place}, row {rows.of(i + 1)}: time {verb} ({time[i]:.6g} s, then {time[i + 1]:.6g} s)"
+            f"column time_s, row {place.row(i + 1)}: time {verb} ({time[i]:.6g} s, then {time[i + 1]:.6g} s)"
             + (f", and in {many - 1} more rows" if many > 1 else ""),
             where=where,
             expected="time that rises from row to row",
@@ -78,14 +52,14 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
     if dt > SLOWEST_DT_S:
         ms = dt * 1e-3 < 0.2
         raise InputError(
-            f"{place}: samples stand {dt:.4g} s apart" + ("; this looks like milliseconds" if ms else ""),
+            f"column time_s: samples stand {dt:.4g} s apart" + ("; this looks like milliseconds" if ms else ""),
             where=where,
             expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
         )
     gap = int(np.argmax(step))
     if step[gap] > max(LONGEST_GAP_S, 3 * dt):
         raise InputError(
-            f"{place}, row {rows.of(gap + 1)}: {step[gap]:.4g} s are missing at {time[gap]:.6g} s",
+            f"column time_s, row {place.row(gap + 1)}: {step[gap]:.4g} s are missing at {time[gap]:.6g} s",
             where=where,
             expected=f"gaps of at most {LONGEST_GAP_S} s",
             remedy="cut the log there and use one part",
@@ -100,24 +74,24 @@ def check_time(time: Array, rows: RowNumbers, where: str, column: str = "time_s"
         if _even(time, row, row_s)[1] >= 0.45 * row_s:  # a lost sample bends the line more than rounded stamps do
             i = int(np.argmax(odd))
             raise InputError(
-                f"{place}, row {rows.of(i + 1)}: sampling is uneven ({step.min():.4g} to {step.max():.4g} s)",
+                f"column time_s, row {place.row(i + 1)}: sampling is uneven ({step.min():.4g} to {step.max():.4g} s)",
                 where=where,
                 expected="one sampling rate",
                 remedy="log at one rate, or resample first",
             )
         dt, grid = row_s, row
-        found.append(look("time.few_decimals", subject=column, rate_Hz=1 / dt))
+        found.append(look("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
         lone, jitter = np.full(len(step), True), np.full(len(step), False)
     if jitter.any():
         i = int(np.argmax(jitter))
-        found.append(note("time.jitter", subject=column, row=rows.of(i + 1), count=int(jitter.sum())))
+        found.append(note("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum())))
     lost = int(grid[-1]) - len(step)
     if lost:
         i = int(np.argmin(lone))
-        line, places = rows.of(i + 1), int((~lone).sum())
-        found.append(look("time.lost", subject=column, row=line, count=lost, places=places, first_s=float(time[i])))
+        line, places = place.row(i + 1), int((~lone).sum())
+        found.append(look("time.lost", subject="time_s", row=line, count=lost, places=places, first_s=float(time[i])))
     if dt > 0.05:
-        found.append(look("time.slow", subject=column, rate_Hz=1 / dt, lost_s=2 * dt))
+        found.append(look("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     even, away_s = _even(time, grid, dt)
     # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
     rounded = abs(usual - dt) >= 1e-3 * dt and away_s < dt
@@ -141,17 +115,17 @@ def _even(time: Array, place: NDArray[np.int32], dt_s: float) -> tuple[Array, fl
     return even, float(np.max(np.abs(even - time)))
 
 
-def _filled(time: Array, rows: RowNumbers, where: str, column: str) -> tuple[Array, list[Finding]]:
+def _filled(time: Array, place: Place) -> tuple[Array, list[Finding]]:
     bad = ~np.isfinite(time)
     if not bad.any():
         return time, []
     i = int(np.argmax(bad))
     if bad.sum() > 3 or bad[0] or bad[-1] or (bad[1:] & bad[:-1]).any():
         raise InputError(
-            f"column {column}, row {rows.of(i)}: {int(bad.sum())} times are missing",
-            where=where,
+            f"{place.at('time_s', i)}: {int(bad.sum())} times are missing",
+            where=place.where,
             expected="a time in each row",
         )
     index = np.arange(len(time))
     time = np.interp(index, index[~bad], time[~bad])
-    return time, [look("time.filled", subject=column, row=rows.of(i), count=int(bad.sum()))]
+    return time, [look("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]

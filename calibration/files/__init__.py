@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
@@ -9,12 +10,13 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.files.binary import ParquetTable, TdmsTable
-from calibration.files.csvtable import CsvTable
-from calibration.files.lvm import read_lvm
-from calibration.files.table import Columns, RowNumbers, Table, read_whole, shown
+from calibration.files.binary import parquet_table, tdms_table
+from calibration.files.csvtable import csv_table
+from calibration.files.dialect import sniff
+from calibration.files.lvm import MARK, lvm_table
+from calibration.files.table import Table, read_whole
 
-__all__ = ["Columns", "RowNumbers", "Table", "open_table", "read_numbers", "read_whole", "shown"]
+__all__ = ["Table", "open_table", "read_numbers", "read_whole", "sha256", "shown"]
 
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 
@@ -42,17 +44,17 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
         raise InputError("the file is empty", where=where, expected="a log")
     ending = file.suffix.lower()
     if head.startswith(b"TDSm") or ending == ".tdms":
-        return TdmsTable(file, where)
+        return tdms_table(file, where)
     if head.startswith(b"PAR1") or ending in (".parquet", ".pq"):
-        return ParquetTable(file, where)
-    if ending == ".lvm" or head.lstrip(b"\xef\xbb\xbf").startswith(b"LabVIEW Measurement"):
-        return read_lvm(file, where, known)
+        return parquet_table(file, where)
+    if head.removeprefix(b"\xef\xbb\xbf").startswith(MARK):
+        return lvm_table(file, where)
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
     if ending in NO_LOGS:
         expected = "a log (CSV, LVM, TDMS or Parquet)"
         raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
-    return CsvTable.open(file, where, known)
+    return csv_table(sniff(file, where, known))
 
 
 def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[str] = ()) -> dict[str, Array]:
@@ -68,6 +70,24 @@ def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[st
     columns = read_whole(table, [*names, *(n for n in optional if n in table.names)])
     for name, values in columns.data.items():
         if not np.isfinite(values).all():
-            row = columns.rows.of(int(np.argmin(np.isfinite(values))))
+            row = columns.place.row(int(np.argmin(np.isfinite(values))))
             raise InputError(f"column {name}, row {row}: no number", where=where)
     return columns.data
+
+
+def shown(path: Path) -> str:
+    """The path as errors show it: printable, on one line.
+
+    >>> shown(Path("a\\nb.csv"))
+    'a\\\\nb.csv'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+
+
+def sha256(path: str | Path) -> str:
+    """SHA-256 of the file's bytes as 64 hexadecimal digits, read in bounded memory."""
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as problem:
+        raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None

@@ -6,6 +6,7 @@ import codecs
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,7 @@ import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.files.table import RowNumbers
-from calibration.finding import Finding, look, note
+from calibration.finding import Finding, Place, look, note
 
 NUMBER = {
     ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
@@ -28,38 +28,30 @@ ABSENT = frozenset(
 )
 LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
 HEAD_BYTES = 1 << 17
+_Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int]  # separator, mark, header, skip, first row, fields
 FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How to read a text log; ``skip`` lines stand before the first row of data."""
+    """How to read a text log, a name for each of its columns; ``skip`` lines stand before the first row of data.
 
+    ``body`` stands for the file where its text had to be rewritten (UTF-16, columns parted by spaces).
+    """
+
+    where: str
     encoding: str
     separator: str
     decimal: str
     names: tuple[str, ...]
     skip: int
-    fields: int
     first_row: tuple[str, ...]
     metadata: dict[str, str] = field(default_factory=dict)
-
-    def columns(self, where: str) -> tuple[str, ...]:
-        """A name for each column, empty where the header has none. Raises InputError where they do not fit the rows."""
-        names = list(self.names)
-        while len(names) > self.fields and not names[-1]:
-            names.pop()
-        if len(names) > self.fields or self.fields > len(names) + 1:
-            raise InputError(
-                f"the header has {len(names)} names but row {self.skip + 1} has {self.fields} fields",
-                where=where,
-                expected="one name for each column",
-                remedy="decimal commas need semicolons or tabs between columns" if self.separator == "," else "",
-            )
-        return tuple(names + [""] * (self.fields - len(names)))
+    path: Path = Path()
+    body: bytes | None = None
 
 
-def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
+def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
     """The dialect of a text log from its first bytes.
 
     ``known`` are the names that a header may hold: among several lines of text above the first numbers (titles,
@@ -68,6 +60,8 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
 
     Raises InputError when the bytes are no text, or no header with rows of numbers below can be found.
     """
+    with open(path, "rb") as stream:
+        head = stream.read(HEAD_BYTES)
     if not head.strip(b"\x00 \r\n\t"):
         raise InputError("the file is empty", where=where, expected="a header row and rows of numbers")
     encoding = _encoding(head, where)
@@ -75,31 +69,51 @@ def sniff(head: bytes, where: str, known: Collection[str] = ()) -> Dialect:
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut
-    metadata = _metadata(lines)
-    best: tuple[float, Dialect] | None = None
-    for separator in ("\t", ";", ",", " "):
-        if separator == " " and best is not None:
+    tried: list[tuple[float, _Found]] = []
+    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", "."), (" ", ".,")):
+        if separator == " " and tried:
             break  # spaces part columns only where nothing else does
-        for decimal in (".", ",") if separator != "," else (".",):
-            found = _try(lines, separator, decimal, encoding, metadata, {k.lower() for k in known})
-            if found is not None and (best is None or found[0] > best[0]):
-                best = found
-    if best is None:
+        found = (_try(lines, separator, decimal, {k.lower() for k in known}) for decimal in decimals)
+        tried += [layout for layout in found if layout is not None]
+    if not tried:
         shown = next((line for line in lines if line.strip() and not line.startswith("#")), "")[:80]
         raise InputError(
             f"no table found (the text begins {shown!r})",
             where=where,
             expected="a header row, then rows of numbers separated by comma, semicolon, tab or spaces",
         )
-    dialect = best[1]
-    if not dialect.names:
+    separator, decimal, header, skip, first_row, fields = max(tried, key=lambda t: t[0])[1]
+    if not header:
         raise InputError(
-            f"row {dialect.skip + 1} is numbers and no header row stands above it",
+            f"row {skip + 1} is numbers and no header row stands above it",
             where=where,
             expected="a header row with the column names",
             remedy="write the names into the first row",
         )
-    return dialect
+    names = list(header)
+    while len(names) > fields and not names[-1]:
+        names.pop()
+    if len(names) > fields or fields > len(names) + 1:
+        raise InputError(
+            f"the header has {len(names)} names but row {skip + 1} has {fields} fields",
+            where=where,
+            expected="one name for each column",
+            remedy="decimal commas need semicolons or tabs between columns" if separator == "," else "",
+        )
+    names += [""] * (fields - len(names))
+    first_row = (*first_row, *[""] * fields)[:fields]
+    body = None
+    if encoding.startswith("utf-16"):
+        try:
+            body = path.read_bytes().decode(encoding).encode("utf-8")
+        except UnicodeDecodeError as problem:
+            raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
+    if separator == " ":
+        separator = "\t"
+        body = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body or path.read_bytes())
+        body = re.sub(rb"[ \t]+", b"\t", body)
+    metadata = _metadata(lines)
+    return Dialect(where, encoding, separator, decimal, tuple(names), skip, first_row, metadata, path, body)
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
@@ -155,15 +169,12 @@ def _is_cell(text: str, decimal: str) -> bool:
 
 def _is_data(parts: list[str], decimal: str) -> bool:
     full = [p for p in parts if p.lower() not in ABSENT]
-    if not full:
-        return False
-    good = sum(is_number(p, decimal) or CLOCK.fullmatch(p) is not None or p.lower() in FLAGS for p in full)
+    good = sum(_is_cell(p, decimal) for p in full)
     return good >= max(1.0, 0.6 * len(full)) and any(is_number(p, decimal) for p in full)
 
 
-def _try(
-    lines: list[str], separator: str, decimal: str, encoding: str, metadata: dict[str, str], known: set[str]
-) -> tuple[float, Dialect] | None:
+def _try(lines: list[str], separator: str, decimal: str, known: set[str]) -> tuple[float, _Found] | None:
+    """How well the lines fit this separator and decimal mark, and where header and data then are; None: not at all."""
     top = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     rows = [(i, split(line, separator)) for i, line in enumerate(lines) if i >= top and line.strip()]
     data = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and _is_data(parts, decimal)]
@@ -176,13 +187,11 @@ def _try(
     marks = sum(decimal in p for k in data[:50] for p in rows[k][1])
     score = exact / len(data) + 0.01 * fields + (0.001 if marks else 0.0)
     header = _header(rows[:first], fields, decimal, known)
-    if header is None:
-        names: tuple[str, ...] = ()
-    else:
-        names = tuple(rows[header][1])
+    if header is not None:
         # below the header only units may stand: a row that holds numbers is data, damaged or not
         first = next((k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25), first)
-    return score, Dialect(encoding, separator, decimal, names, rows[first][0], fields, tuple(rows[first][1]), metadata)
+    names = () if header is None else tuple(rows[header][1])
+    return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields)
 
 
 def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: set[str]) -> int | None:
@@ -204,23 +213,23 @@ class TextColumn:
     Whether it holds clock times is seen from the first piece with anything in it; ``clock`` says so beforehand.
     Clock times, with or without a date, are seconds since the first one, and midnight may pass.
 
-    >>> TextColumn("time", ".", "x.csv").numbers(["23:59:59.5", "00:00:00,25"], RowNumbers())
+    >>> TextColumn("time", ".", Place("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
     array([0.  , 0.75])
     """
 
-    def __init__(self, name: str, decimal: str, where: str, clock: bool | None = None) -> None:
-        self.name, self.decimal, self.where, self.clock = name, decimal, where, clock
+    def __init__(self, name: str, decimal: str, place: Place, clock: bool | None = None) -> None:
+        self.name, self.decimal, self.place, self.clock = name, decimal, place, clock
         self.bad, self.first_bad = 0, dict[str, Any]()
         self.first_s = self.last_s = np.nan
         self.days = 0.0
 
-    def numbers(self, texts: list[str], rows: RowNumbers) -> Array:
-        """Numbers (N,) from the cells of one piece, whose rows of the file are ``rows``."""
+    def numbers(self, texts: list[str], at: int) -> Array:
+        """Numbers (N,) from the cells of one piece, whose first is number ``at`` of the file's."""
         full = [t for t in texts if t.lower() not in ABSENT]
         if self.clock is None and full:
             self.clock = sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full)
         if self.clock:
-            return self._seconds(texts, rows)
+            return self._seconds(texts, at)
         out = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
             low = text.lower()
@@ -229,7 +238,7 @@ class TextColumn:
             elif low in FLAGS:
                 out[i] = FLAGS[low]
             elif low not in ABSENT:
-                self.first_bad = self.first_bad or {"row": rows.of(i), "text": text[:40]}
+                self.first_bad = self.first_bad or {"row": self.place.row(at + i), "text": text[:40]}
                 self.bad += 1
             elif "inf" in low:
                 out[i] = np.inf
@@ -248,12 +257,12 @@ class TextColumn:
             raise InputError(
                 f"column {self.name}, row {self.first_bad['row']}: {self.first_bad['text']!r} is no number "
                 f"({self.bad} of {cells} cells)",
-                where=self.where,
+                where=self.place.where,
                 expected=f"numbers with decimal {'comma' if self.decimal == ',' else 'point'}",
             )
         return [look("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]
 
-    def _seconds(self, texts: list[str], rows: RowNumbers) -> Array:
+    def _seconds(self, texts: list[str], at: int) -> Array:
         series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
         parts = series.str.extract(r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?")
         hour = pd.to_numeric(parts["h"]).to_numpy(dtype=float)
@@ -266,9 +275,8 @@ class TextColumn:
             return second
         if np.isnan(self.first_s):
             if not np.isfinite(second[0]):
-                raise InputError(
-                    f"column {self.name}, row {rows.of(0)}: {texts[0]!r} is no clock time", where=self.where
-                )
+                what = f"{self.place.at(self.name, at)}: {texts[0]!r} is no clock time"
+                raise InputError(what, where=self.place.where)
             self.first_s = self.last_s = float(second[0])
         steps = np.diff(second, prepend=self.last_s)
         days = self.days + np.cumsum(np.where(steps < -43200.0, 1.0, 0.0))

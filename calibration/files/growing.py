@@ -61,7 +61,7 @@ class GrowingTable:
         self.hash.update(whole)
         dialect = self.table.dialect
         lines = [split(line, dialect.separator) for line in whole.decode("latin-1").splitlines() if line.strip()]
-        good = [parts for parts in lines if len(parts) == dialect.fields]
+        good = [parts for parts in lines if len(parts) == len(dialect.names)]
         self.rows, self.bad = self.rows + len(good), self.bad + len(lines) - len(good)
         return [[_number(parts[at], dialect.decimal) for at in places] for parts in good]
 
@@ -74,7 +74,7 @@ def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
     if not path.exists() or path.stat().st_size == 0:
         return None
     table = open_table(path, known)
-    if not isinstance(table, CsvTable) or table.body is not None:
+    if not isinstance(table, CsvTable) or table.dialect.body is not None:
         raise InputError("does not grow line by line", where=shown(path), expected="a CSV log to follow (UTF-8)")
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]

@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from calibration.errors import InputError
-from calibration.files.csvtable import CsvTable
+from calibration.files.csvtable import csv_table
 from calibration.files.dialect import LINE_END, Dialect
-from calibration.files.table import PIECE_ROWS, Columns, Table, Track, align, read_whole
+from calibration.files.table import Columns, Table, Track, align, in_pieces, read_whole
 
+MARK = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
 _MARKS = {"tab": "\t", "comma": ",", "semicolon": ";"}
-
-
-@dataclass(frozen=True)
-class LvmTable:
-    """The numbers of a .lvm file, read at once."""
-
-    metadata: dict[str, str]
-    columns: Columns
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The channels, the time first where the file has none of its own."""
-        return tuple(self.columns.data)
-
-    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        """The wanted columns piece by piece."""
-        return replace(self.columns, data={name: self.columns.data[name] for name in wanted}).in_pieces(rows)
 
 
 @dataclass(frozen=True)
@@ -41,8 +25,8 @@ class _Segment:
     columns: Columns
 
 
-def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
-    """Read a .lvm file; one without LabVIEW's header is read as plain text.
+def lvm_table(path: Path, where: str) -> Table:
+    """Read a .lvm file, which begins with LabVIEW's mark, at once.
 
     ``X_Value`` becomes ``time_s`` unless the file has a ``time_s`` of its own; where LabVIEW wrote no X column the
     time is X0 + i Delta_X. Comments and notes are left out. Several segments follow one another.
@@ -53,15 +37,13 @@ def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
     except UnicodeDecodeError:
         text = raw.decode("cp1252", errors="replace")
     lines = LINE_END.split(text)
-    if not lines or not lines[0].startswith("LabVIEW Measurement"):
-        return CsvTable.open(path, where, known)
     end = next((i for i, line in enumerate(lines) if line.startswith(_END)), None)
     if end is None:
         raise InputError("the header never ends", where=where, expected=f"a line {_END}")
     head = _file_head(lines[1:end])
-    mark = head.get("Separator", "Tab")
+    mark = head.pop("Separator", "Tab")
     separator = _MARKS.get(mark.lower(), mark[:1] or "\t")
-    decimal = "," if head.get("Decimal_Separator") == "," else "."
+    decimal = "," if head.pop("Decimal_Separator", ".") == "," else "."
     segments, at = [], end + 1
     while (found := _segment(lines, at, separator, decimal, where)) is not None:
         segment, at = found
@@ -70,8 +52,8 @@ def read_lvm(path: Path, where: str, known: Collection[str] = ()) -> Table:
         raise InputError("holds no rows of data", where=where, expected="numbers below the header")
     if any(s.names != segments[0].names for s in segments):
         raise InputError("its segments hold different channels", where=where, remedy="save one segment a file")
-    metadata = {k: v for k, v in head.items() if k not in ("Separator", "Decimal_Separator")}
-    return LvmTable(metadata, _timed(segments, where))
+    whole = _timed(segments)
+    return Table(where, tuple(whole.data), head, partial(in_pieces, whole))
 
 
 def _file_head(lines: list[str]) -> dict[str, str]:
@@ -110,28 +92,26 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
         body.append(separator.join(lines[at].split(separator)[:width]))
     if not body:
         return None
-    return _Segment(head, names, _numbers(body, separator, decimal, names, where, first)), at
-
-
-def _numbers(body: list[str], separator: str, decimal: str, names: list[str], where: str, first: int) -> Columns:
-    """The rows as a text table whose first line is number ``first``; a name that comes again gets its place added."""
+    # the rows as a text whose first line is number first; a name that comes again gets its place added
     keys = tuple(n if names.index(n) == i else f"{n} {i + 1}" for i, n in enumerate(names))
-    dialect = Dialect("utf-8", separator, decimal, keys, first - 1, len(keys), tuple(body[0].split(separator)))
-    text = "\n" * (first - 1) + "\n".join(body) + "\n"
-    return read_whole(CsvTable(Path(), where, dialect, keys, {}, text.encode()), keys)
+    lined = "\n" * (first - 1) + "\n".join(body) + "\n"
+    row = tuple(body[0].split(separator))
+    dialect = Dialect(where, "utf-8", separator, decimal, keys, first - 1, row, body=lined.encode())
+    return _Segment(head, names, read_whole(csv_table(dialect), keys)), at
 
 
-def _timed(segments: list[_Segment], where: str) -> Columns:
+def _timed(segments: list[_Segment]) -> Columns:
     """The channels of all segments, one after another, with their time [s]."""
-    first, names = segments[0], segments[0].names
+    first, names, place = segments[0], segments[0].names, segments[0].columns.place
+    where = place.where
     values = np.concatenate([np.column_stack([*s.columns.data.values()]) for s in segments])
     found = tuple(f for s in segments for f in s.columns.findings)
     x_at = [i for i, n in enumerate(names) if n == "X_Value"]
     own = {n: np.ascontiguousarray(values[:, i]) for i, n in enumerate(names) if n not in ("", "X_Value")}
     if "time_s" in own or "time" in own:
-        return Columns(own, found, first.columns.rows)
+        return Columns(own, place, found)
     if len(x_at) == 1 and np.isfinite(values[:, x_at[0]]).any():
-        return Columns({"time_s": values[:, x_at[0]].copy(), **own}, found, first.columns.rows)
+        return Columns({"time_s": values[:, x_at[0]].copy(), **own}, place, found)
     if len(x_at) <= 1 and len(segments) > 1:
         raise InputError("has several segments and no X column", where=where, remedy="write X values in LabVIEW")
     tracks = {}
@@ -148,7 +128,7 @@ def _timed(segments: list[_Segment], where: str) -> Columns:
     time, data, said = align(tracks, where)
     if time is None:
         raise InputError("no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header")
-    return Columns({"time_s": time, **data}, (*found, *said), first.columns.rows)
+    return Columns({"time_s": time, **data}, place, (*found, *said))
 
 
 def _float(cells: list[str], index: int) -> float | None:

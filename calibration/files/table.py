@@ -2,92 +2,58 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.finding import Finding, look
+from calibration.finding import Finding, Place, look
 
 PIECE_ROWS = 50_000
 SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
 
 
 @dataclass(frozen=True)
-class RowNumbers:
-    """What people see in an editor: a sample's line is ``first`` plus the samples and blank lines before it.
+class Columns:
+    """The wanted columns, float64 of shape (N,), NaN where the file has no number; findings say what was done.
 
-    ``before``: samples of earlier pieces.
+    ``place`` tells where the samples of the whole file stand in it.
     """
 
-    first: int = 1
-    blank: tuple[int, ...] = ()
-    before: int = 0
-
-    def of(self, index: int) -> int:
-        """Line number of sample ``index`` of this piece."""
-        line = self.first + self.before + int(index)
-        for gap in self.blank:
-            line += gap <= line
-        return line
-
-    def after(self, samples: int) -> RowNumbers:
-        """The numbers of what follows ``samples`` samples."""
-        return RowNumbers(self.first, self.blank, self.before + samples)
+    data: dict[str, Array]
+    place: Place
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
-class Columns:
-    """The wanted columns, float64 of shape (N,), NaN where the file has no number; findings say what was done."""
+class Table:
+    """What every reader gives: the columns' names as the file has them, what it says about itself, its pieces.
 
-    data: dict[str, Array]
-    findings: tuple[Finding, ...] = ()
-    rows: RowNumbers = field(default_factory=RowNumbers)
+    ``pieces(wanted, rows)`` gives the wanted columns by their names in the file, about ``rows`` rows at a time, and may
+    be asked for again.
+    """
 
-    def in_pieces(self, rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        """The same columns, ``rows`` rows at a time; the findings come with the first."""
-        for start in range(0, len(next(iter(self.data.values()))), rows):
-            part = {name: values[start : start + rows] for name, values in self.data.items()}
-            yield Columns(part, () if start else self.findings, self.rows.after(start))
+    where: str
+    names: tuple[str, ...]
+    metadata: dict[str, str]
+    pieces: Callable[[Sequence[str], int], Iterator[Columns]]
 
 
-class Table(Protocol):
-    """What every reader offers."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The columns' names as the file has them."""
-        ...
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """What the file says about itself."""
-        ...
-
-    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        """The wanted columns by their names in the file, about ``rows`` rows at a time; may be asked for again."""
-        ...
+def in_pieces(whole: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+    """The wanted of columns that are read already, ``rows`` rows at a time; the findings come with the first."""
+    for start in range(0, len(next(iter(whole.data.values()))), rows):
+        part = {name: whole.data[name][start : start + rows] for name in wanted}
+        yield Columns(part, whole.place, () if start else whole.findings)
 
 
 def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
     """The wanted columns of the whole file: its pieces joined."""
-    parts = list(table.pieces(wanted))
+    parts = list(table.pieces(wanted, PIECE_ROWS))
     data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
-    return Columns(data, tuple(f for part in parts for f in part.findings), parts[0].rows if parts else RowNumbers())
-
-
-def shown(path: Path) -> str:
-    """The path as errors show it: printable, on one line.
-
-    >>> shown(Path("a\\nb.csv"))
-    'a\\\\nb.csv'
-    """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+    place = parts[0].place if parts else Place(table.where)
+    return Columns(data, place, tuple(f for part in parts for f in part.findings))
 
 
 @dataclass(frozen=True)
@@ -176,12 +142,3 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str
         moved = np.where(part == 0.0, v[whole], (1 - part) * v[whole] + part * v[after])
         data[name] = v[whole] if held else moved
     return at - at[0], data
-
-
-def sha256(path: str | Path) -> str:
-    """SHA-256 of the file's bytes as 64 hexadecimal digits, read in bounded memory."""
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as problem:
-        raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None

@@ -9,10 +9,10 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calibration import Array
-from calibration.checks.temperature import Place, TemperatureCheck, check_sample
+from calibration.checks.temperature import ColumnCheck, clean, course_noise_K
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.finding import Finding, look, note
+from calibration.finding import Finding, Place, look, note
 from calibration.lines.linefit import fit_line
 
 
@@ -136,8 +136,8 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
     for name, values in columns.items():
         checked[name] = values
         if name.endswith("_degC") and name != "setpoint_degC":
-            check = TemperatureCheck(name, place, check_sample(name, values, np.arange(len(values)), place))
-            checked[name] = check.clean(values)
+            course_noise_K(name, values, np.arange(len(values)), place)
+            check, checked[name] = ColumnCheck(name, place), clean(name, values)
             check.see(values, checked[name])
             found += check.judge()
     empty = ~np.isfinite(checked["prt_degC"])

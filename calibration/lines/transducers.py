@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -236,35 +236,19 @@ def temperature_degC(
     return np.asarray(np.where(beyond, np.copysign(np.inf, e), t))
 
 
-@dataclass(frozen=True)
-class MillivoltTable:
-    """A table whose ``couples`` (names in the file) hold millivolts of type J: its pieces hold degrees Celsius.
+def in_degC(table: Table, couples: Collection[str], cold_junction_degC: float) -> Table:
+    """A table whose ``couples`` (names in the file) hold millivolts of type J, giving degrees Celsius.
 
     What no couple gives becomes infinite, and is marked by the checks as impossible.
     """
 
-    table: Table
-    couples: frozenset[str]
-    cold_junction_degC: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The columns' names as the file has them."""
-        return self.table.names
-
-    @property
-    def metadata(self) -> dict[str, str]:
-        """What the file says about itself."""
-        return self.table.metadata
-
-    def pieces(self, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        """The wanted columns piece by piece."""
-        for part in self.table.pieces(wanted, rows):
-            converted = {
-                n: temperature_degC(part.data[n], self.cold_junction_degC, outside="inf")
-                for n in self.couples & part.data.keys()
-            }
+    def pieces(wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+        for part in table.pieces(wanted, rows):
+            mV = {n: v for n, v in part.data.items() if n in couples}
+            converted = {n: temperature_degC(v, cold_junction_degC, outside="inf") for n, v in mV.items()}
             yield replace(part, data=part.data | converted)
+
+    return replace(table, pieces=pieces)
 
 
 def _refuse_outside(x: Array, low: float, high: float, unit: str) -> None:

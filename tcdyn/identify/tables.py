@@ -12,7 +12,7 @@ import pandas as pd
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files import open_table, read_whole
-from calibration.files.csvtable import CsvTable
+from calibration.files.csvtable import CsvTable, text_of
 from tcdyn.identify.data import Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
@@ -108,7 +108,7 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
     d = table.dialect
     encoding = "utf-8" if d.encoding.startswith("utf-16") else d.encoding  # such text was rewritten
     try:
-        with table.stream() as stream:
+        with text_of(d) as stream:
             frame = pd.read_csv(
                 stream, sep=d.separator, decimal=d.decimal, header=None, skiprows=d.skip, encoding=encoding
             )

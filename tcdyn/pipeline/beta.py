@@ -10,8 +10,7 @@ from typing import Any
 import pandas as pd
 
 from calibration.errors import InputError
-from calibration.files import read_numbers
-from calibration.files.table import sha256
+from calibration.files import read_numbers, sha256
 from calibration.finding import look
 from calibration.lines.transducers import BearingFriction, fit_bearing_friction
 from calibration.log import Log, read_log

@@ -17,7 +17,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
-from calibration.files.table import sha256
+from calibration.files import sha256
 from calibration.files.write import write_text
 from calibration.finding import Finding, sentences
 from calibration.record import DiskRecord

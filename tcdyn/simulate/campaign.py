@@ -17,7 +17,7 @@ from pyarrow import csv, parquet
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.files.table import sha256
+from calibration.files import sha256
 from calibration.files.write import atomic_path, write_text
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml

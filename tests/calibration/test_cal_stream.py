@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
-from calibration.checks import temperature
+from calibration import log as reading
 from calibration.errors import InputError
 from calibration.log import iter_log, read_log, write_log
 
@@ -140,7 +140,7 @@ def test_tdms_is_read_in_pieces_with_time_stamps_and_with_channels_of_other_rate
 
 @pytest.mark.parametrize("form", ["spikes beside missing values", "contact in volts", "words among numbers"])
 def test_a_log_too_long_for_its_sample_gives_the_same_numbers(tmp_path, monkeypatch, form):
-    monkeypatch.setattr(temperature, "MOST", 1000)
+    monkeypatch.setattr(reading, "MOST", 1000)
     path = tmp_path / "log.csv"
     FORMS[form](ehl_frame()).to_csv(path, index=False)
     found, _ = together(path, "ehl", 300)

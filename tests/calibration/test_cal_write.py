@@ -12,7 +12,7 @@ import pytest
 from cal_cases import ehl_frame
 
 from calibration.errors import InputError
-from calibration.files.table import sha256
+from calibration.files import sha256
 from calibration.files.write import atomic_path, write_text
 from calibration.log import write_log
 
