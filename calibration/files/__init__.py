@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files.binary import parquet_table, tdms_table
-from calibration.files.csvtable import csv_table
+from calibration.files.csvtable import CsvTable, text_pieces
 from calibration.files.dialect import sniff
 from calibration.files.lvm import MARK, lvm_table
 from calibration.files.table import Table, read_whole
@@ -54,7 +55,8 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     if ending in NO_LOGS:
         expected = "a log (CSV, LVM, TDMS or Parquet)"
         raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
-    return csv_table(sniff(file, where, known))
+    dialect = sniff(file, where, known)
+    return CsvTable(where, dialect.names, dialect.metadata, partial(text_pieces, dialect), dialect)
 
 
 def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[str] = ()) -> dict[str, Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import IO
 
 import numpy as np
@@ -27,11 +26,6 @@ class CsvTable(Table):
     """A table of text, and the dialect it is written in."""
 
     dialect: Dialect
-
-
-def csv_table(dialect: Dialect) -> CsvTable:
-    """The table of a text whose dialect is known."""
-    return CsvTable(dialect.where, dialect.names, dialect.metadata, partial(text_pieces, dialect), dialect)
 
 
 def text_of(dialect: Dialect) -> IO[bytes]:

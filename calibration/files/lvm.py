@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import InputError
-from calibration.files.csvtable import csv_table
+from calibration.files.csvtable import text_pieces
 from calibration.files.dialect import LINE_END, Dialect
 from calibration.files.table import Columns, Table, Track, align, in_pieces, read_whole
 
@@ -97,7 +97,7 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     lined = "\n" * (first - 1) + "\n".join(body) + "\n"
     row = tuple(body[0].split(separator))
     dialect = Dialect(where, "utf-8", separator, decimal, keys, first - 1, row, body=lined.encode())
-    return _Segment(head, names, read_whole(csv_table(dialect), keys)), at
+    return _Segment(head, names, read_whole(Table(where, keys, {}, partial(text_pieces, dialect)), keys)), at
 
 
 def _timed(segments: list[_Segment]) -> Columns:
