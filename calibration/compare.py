@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -94,7 +94,7 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
 def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
     """Keys of rig.toml that the records were made with and that differ; names of columns have no part in a lag."""
     before, after = (r.setup.model_dump(exclude={"columns", "logger"}) for r in (old, new))
-    before["conditioning"], after["conditioning"] = (r.conditioning.model_dump() for r in (old, new))
+    before["conditioning"], after["conditioning"] = (asdict(r.conditioning) for r in (old, new))
     return [f"{key} was {was}, is {now}" for key, was, now in changed_keys(before, after)]
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, get_args
+from functools import cached_property
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration.errors import InputError
 
+STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 CHANNELS = ("a", "b", "c", "d", "e", "f")
 INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
 OUTER_ROW = ("a", "c", "e")  # nearer the surface: what the rim model is compared with
@@ -30,13 +32,15 @@ class Junction:
 
 @dataclass(frozen=True)
 class Conditioning:
-    """The known low-pass filter B(s) of the signal conditioning; ``poles = 0`` means none.
+    """[conditioning]: the known low-pass filter B(s) of the signal conditioning; ``poles = 0`` means none.
 
-    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: the maximally flat filter of that order.
+    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: the maximally flat filter of that order. The
+    cut-off is that of a 5B-series module's data sheet.
     """
 
-    cutoff_Hz: float = 4.0
-    poles: int = 2
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    cutoff_Hz: Annotated[float, Field(gt=0)] = 4.0
+    poles: Annotated[int, Field(ge=0, le=6)] = 2
     shape: FilterShape = "cascade"
 
     def __post_init__(self) -> None:
@@ -45,13 +49,14 @@ class Conditioning:
                 f"conditioning: no filter has the shape {self.shape!r}", expected=" or ".join(FILTER_SHAPES)
             )
 
+    @cached_property
     def factors(self) -> tuple[tuple[float, ...], ...]:
         """Factors of 1/B(s), ascending coefficients in s: lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
 
         The poles of a Butterworth filter of order n stand on a circle: zeta_k = sin((2k - 1) pi/2n), k = 1..n/2, and
         a real pole where n is odd.
 
-        >>> Conditioning(0.5 / math.pi, 2).factors()
+        >>> Conditioning(0.5 / math.pi, 2).factors
         ((1.0, 1.0), (1.0, 1.0))
         """
         tau, n = 1.0 / (2 * math.pi * self.cutoff_Hz), self.poles
@@ -62,14 +67,14 @@ class Conditioning:
         )
         return sections + ((1.0, tau),) * (n % 2)
 
-    @property
+    @cached_property
     def lag_s(self) -> float:
         """First moment of B's impulse response [s]: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).
 
         >>> round(Conditioning(4.0, 2).lag_s, 4)
         0.0796
         """
-        return sum(f[1] for f in self.factors())
+        return sum(f[1] for f in self.factors)
 
 
 @dataclass(frozen=True)
@@ -94,28 +99,23 @@ class DiskSetup:
         """alpha = K / (rho c) [m2/s]."""
         return self.conductivity_W_mK / (self.density_kg_m3 * self.specific_heat_J_kgK)
 
-    @property
-    def washer_W_m2K(self) -> float:
-        """Heat transfer coefficient of a washer, K_c / w_c [W/m2K] (section 3.4.4.3)."""
-        return self.washer_conductivity_W_mK / self.washer_thickness_m
-
 
 class RigTable(BaseModel):
     """A table of ``rig.toml``: unknown keys and numbers out of range are refused."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = STRICT
 
 
 class DiskTable(RigTable):
     """[disk]; bore radius and steel are assumptions, not the thesis's (design, section 3)."""
 
-    outer_radius_mm: float = Field(38.1, gt=5, lt=500)
-    bore_radius_mm: float = Field(20.5, ge=0, lt=500)
-    width_mm: float = Field(9.53, gt=1, lt=200)
-    crown_radius_mm: float = Field(304.8, gt=1, lt=1e5)
-    conductivity_W_mK: float = Field(41.0, gt=0.1, lt=2500)
-    density_kg_m3: float = Field(7850.0, gt=100, lt=25000)
-    specific_heat_J_kgK: float = Field(470.0, gt=50, lt=6000)
+    outer_radius_mm: float = Field(default=38.1, gt=5, lt=500)
+    bore_radius_mm: float = Field(default=20.5, ge=0, lt=500)
+    width_mm: float = Field(default=9.53, gt=1, lt=200)
+    crown_radius_mm: float = Field(default=304.8, gt=1, lt=1e5)
+    conductivity_W_mK: float = Field(default=41.0, gt=0.1, lt=2500)
+    density_kg_m3: float = Field(default=7850.0, gt=100, lt=25000)
+    specific_heat_J_kgK: float = Field(default=470.0, gt=50, lt=6000)
 
     @model_validator(mode="after")
     def _bore_inside(self) -> DiskTable:
@@ -134,8 +134,8 @@ class DiskTable(RigTable):
 class WasherTable(RigTable):
     """[washer]; the thickness is assumed."""
 
-    conductivity_W_mK: float = Field(1.46, ge=0, lt=500)
-    thickness_mm: float = Field(8.0, gt=0.1, lt=200)
+    conductivity_W_mK: float = Field(default=1.46, ge=0, lt=500)
+    thickness_mm: float = Field(default=8.0, gt=0.1, lt=200)
 
 
 class JunctionTable(RigTable):
@@ -143,47 +143,35 @@ class JunctionTable(RigTable):
 
     depth_mm: float = Field(gt=0.05, lt=100)  # a depth below 50 um is one given in metres
     z_mm: float = Field(gt=0.05, lt=200)
-    angle_deg: float = Field(0.0, ge=-360, le=360)
-
-
-class ConditioningTable(RigTable):
-    """[conditioning]; cutoff of a 5B-series module's data sheet."""
-
-    cutoff_Hz: float = Field(4.0, gt=0)
-    poles: int = Field(2, ge=0, le=6)
-    shape: FilterShape = "cascade"
-
-    def conditioning(self) -> Conditioning:
-        """The filter B itself."""
-        return Conditioning(self.cutoff_Hz, self.poles, self.shape)
+    angle_deg: float = Field(default=0.0, ge=-360, le=360)
 
 
 class ContactTable(RigTable):
     """[contact]."""
 
-    gear_ratio: float = Field(4.24, ge=1, lt=100)
-    speed_exponent: float = Field(0.667, ge=0, le=2)
+    gear_ratio: float = Field(default=4.24, ge=1, lt=100)
+    speed_exponent: float = Field(default=0.667, ge=0, le=2)
 
 
 class LoggerTable(RigTable):
     """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
 
     millivolts: bool = False
-    cold_junction_degC: float = Field(0.0, ge=-50, le=100)
+    cold_junction_degC: float = Field(default=0.0, ge=-50, le=100)
 
 
 class UncertaintyTable(RigTable):
     """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
 
-    depth_mm: float = Field(0.1, ge=0, lt=5)
-    conductivity_rel: float = Field(0.03, ge=0, lt=0.5)
-    heat_capacity_rel: float = Field(0.02, ge=0, lt=0.5)
-    washer_rel: float = Field(0.20, ge=0, lt=1)
-    half_width_rel: float = Field(0.03, ge=0, lt=0.5)
-    friction_rel: float = Field(0.01, ge=0, lt=0.5)
-    ambient_K: float = Field(1.0, ge=0, lt=50)
-    speed_exponent_low: float = Field(0.571, ge=0, le=2)
-    speed_exponent_high: float = Field(0.8, ge=0, le=2)
+    depth_mm: float = Field(default=0.1, ge=0, lt=5)
+    conductivity_rel: float = Field(default=0.03, ge=0, lt=0.5)
+    heat_capacity_rel: float = Field(default=0.02, ge=0, lt=0.5)
+    washer_rel: float = Field(default=0.20, ge=0, lt=1)
+    half_width_rel: float = Field(default=0.03, ge=0, lt=0.5)
+    friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
+    ambient_K: float = Field(default=1.0, ge=0, lt=50)
+    speed_exponent_low: float = Field(default=0.571, ge=0, le=2)
+    speed_exponent_high: float = Field(default=0.8, ge=0, le=2)
 
     @model_validator(mode="after")
     def _exponents_in_order(self) -> UncertaintyTable:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from calibration.disk import CHANNELS, ConditioningTable, DiskSetup
+from calibration.disk import CHANNELS, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files import sha256
@@ -23,7 +23,7 @@ from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
 from calibration.result import Result
-from calibration.rig import RigTables, setup_from_tables
+from calibration.rig import RigTables
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
@@ -63,17 +63,6 @@ class ChannelChain(_Part):
     cement_s: Lag = 0.0
     lag_s: Estimate
 
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """The parameters by name, as ``tcdyn.Chain`` takes them."""
-        return self.model_dump(exclude={"lag_s"})
-
-    @property
-    def own_lag_s(self) -> float:
-        """First moment of the parameters [s], the filter left out."""
-        pair_s = 2 * self.pair[0] * self.pair[1] if self.pair else 0.0
-        return self.delay_s + sum(self.taus_s) - self.zero_s + pair_s + self.cement_s / 2
-
 
 class ChainRecord(_Part):
     """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order a to f."""
@@ -99,10 +88,6 @@ class ChainRecord(_Part):
             _agrees(rest, lag.value - common, f"differential_lag_s.{name}: {{}} s, but lag - mean is {{}} s")
         return self
 
-    def lag_covariance(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """Covariance of the lags (M, M) [s^2] in the order of sorted channels."""
-        return np.array(self.covariance, dtype=float)
-
 
 class DiskRecord(Result, _Part):
     """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
@@ -114,10 +99,10 @@ class DiskRecord(Result, _Part):
     inputs: list[InputFile] = Field(default_factory=list)
     static: dict[str, StaticLine]
     chain: ChainRecord | None = None
-    conditioning: ConditioningTable = Field(default_factory=lambda: ConditioningTable.model_validate({}))
+    conditioning: Conditioning = Conditioning()
     fit: dict[str, Any] = Field(default_factory=dict)
     findings: list[Finding] = Field(default_factory=list)
-    setup: RigTables = Field(default_factory=lambda: RigTables.model_validate({}))
+    setup: RigTables = RigTables()
 
     @model_validator(mode="before")
     @classmethod
@@ -140,9 +125,11 @@ class DiskRecord(Result, _Part):
         except ValueError:
             raise ValueError(f"created: {self.created!r} is no date (ISO 8601)") from None
         if self.chain is not None:
-            own = self.conditioning.conditioning().lag_s
             for name, c in self.chain.channels.items():
-                _agrees(c.lag_s, c.own_lag_s + own, f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s")
+                pair_s = 2 * c.pair[0] * c.pair[1] if c.pair else 0.0
+                own_s = c.delay_s + sum(c.taus_s) - c.zero_s + pair_s + c.cement_s / 2
+                lag_s = own_s + self.conditioning.lag_s
+                _agrees(c.lag_s, lag_s, f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s")
         return self
 
     @computed_field  # type: ignore[prop-decorator]
@@ -153,7 +140,7 @@ class DiskRecord(Result, _Part):
 
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
-        return setup_from_tables(self.disk, self.setup)
+        return self.setup.setup(self.disk)
 
     def summary(self) -> str:
         """Disk, day, files, common lag and warnings, in a few lines."""

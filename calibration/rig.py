@@ -15,7 +15,7 @@ from calibration.disk import (
     CHANNELS,
     INNER_ROW,
     OUTER_ROW,
-    ConditioningTable,
+    Conditioning,
     ContactTable,
     DiskSetup,
     DiskTable,
@@ -39,22 +39,18 @@ _DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
 }
 
 
-def _default(table: type[RigTable]) -> Any:
-    return Field(default_factory=lambda: table.model_validate({}))
-
-
 class RigTables(RigTable):
     """Everything that describes one disk and its test."""
 
-    disk: DiskTable = _default(DiskTable)
-    washer: WasherTable = _default(WasherTable)
+    disk: DiskTable = DiskTable()
+    washer: WasherTable = WasherTable()
     thermocouples: dict[str, JunctionTable] = Field(
         default_factory=lambda: {k: JunctionTable(**v) for k, v in _DEFAULT_JUNCTIONS.items()}
     )
-    contact: ContactTable = _default(ContactTable)
-    conditioning: ConditioningTable = _default(ConditioningTable)
-    logger: LoggerTable = _default(LoggerTable)
-    uncertainty: UncertaintyTable = _default(UncertaintyTable)
+    contact: ContactTable = ContactTable()
+    conditioning: Conditioning = Conditioning()
+    logger: LoggerTable = LoggerTable()
+    uncertainty: UncertaintyTable = UncertaintyTable()
     columns: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -75,11 +71,7 @@ class RigTables(RigTable):
                 raise ValueError(f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore")
             if junction.z_mm >= self.disk.width_mm:
                 raise ValueError(f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width")
-        self._rim_is_a_rim()
-        return self
-
-    def _rim_is_a_rim(self) -> None:
-        """Refuse what the rim model would refuse in the middle of an analysis: its edge is the row d, b, f."""
+        # what the rim model would refuse in the middle of an analysis: its edge is the row d, b, f
         j = self.thermocouples
         zs = [j[name].z_mm for name in INNER_ROW]
         if not zs[0] < zs[1] < zs[2]:
@@ -93,6 +85,25 @@ class RigTables(RigTable):
                     f"thermocouples.{name}: depth_mm is {j[name].depth_mm:g}; expected at most that of b, "
                     f"{j['b'].depth_mm:g}: a, c, e lie between the running surface and the row d, b, f"
                 )
+        return self
+
+    def setup(self, name: str) -> DiskSetup:
+        """The disk in SI units."""
+        d, w, j = self.disk, self.washer, self.thermocouples
+        return DiskSetup(
+            name=name,
+            outer_radius_m=d.outer_radius_mm * 1e-3,
+            bore_radius_m=d.bore_radius_mm * 1e-3,
+            width_m=d.width_mm * 1e-3,
+            crown_radius_m=d.crown_radius_mm * 1e-3,
+            conductivity_W_mK=d.conductivity_W_mK,
+            density_kg_m3=d.density_kg_m3,
+            specific_heat_J_kgK=d.specific_heat_J_kgK,
+            washer_conductivity_W_mK=w.conductivity_W_mK,
+            washer_thickness_m=w.thickness_mm * 1e-3,
+            junctions={k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)},
+            conditioning=self.conditioning,
+        )
 
 
 class Rig(Result, BaseModel):
@@ -138,28 +149,7 @@ class Rig(Result, BaseModel):
 
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
-        return setup_from_tables(disk, self.tables(disk))
-
-
-def setup_from_tables(name: str, tables: RigTables) -> DiskSetup:
-    """Turn the tables people write (mm) into a ``DiskSetup`` (SI)."""
-    d, w = tables.disk, tables.washer
-    return DiskSetup(
-        name=name,
-        outer_radius_m=d.outer_radius_mm * 1e-3,
-        bore_radius_m=d.bore_radius_mm * 1e-3,
-        width_m=d.width_mm * 1e-3,
-        crown_radius_m=d.crown_radius_mm * 1e-3,
-        conductivity_W_mK=d.conductivity_W_mK,
-        density_kg_m3=d.density_kg_m3,
-        specific_heat_J_kgK=d.specific_heat_J_kgK,
-        washer_conductivity_W_mK=w.conductivity_W_mK,
-        washer_thickness_m=w.thickness_mm * 1e-3,
-        junctions={
-            k: Junction(j.depth_mm * 1e-3, j.z_mm * 1e-3, j.angle_deg) for k, j in sorted(tables.thermocouples.items())
-        },
-        conditioning=tables.conditioning.conditioning(),
-    )
+        return self.tables(disk).setup(disk)
 
 
 def load_rig(path: str | Path | None = None) -> Rig:
@@ -198,7 +188,7 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         except ValidationError as problem:
             first = problem.errors()[0]
             place = [*([] if name == "common" else [name]), *(str(part) for part in first["loc"])]
-            if first["type"] == "extra_forbidden":
+            if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
                 message = "there is no such key"
             elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
                 message = str(first["ctx"]["error"])

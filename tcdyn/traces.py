@@ -143,7 +143,7 @@ def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "", lag: b
         tuple(f"{prefix}{ch}_degC" for ch in CHANNELS),
         tuple(record.static[ch] for ch in CHANNELS),
         record_chains(record, setup) if lag else (NO_CHAIN,) * len(CHANNELS),
-        record.chain.lag_covariance() if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS))),
+        np.array(record.chain.covariance, dtype=float) if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS))),
     )
 
 
@@ -153,7 +153,7 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
     Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
     """
     assert record.chain is not None
-    own = record.conditioning.conditioning()
+    own = record.conditioning
     if setup.conditioning.poles != own.poles or (own.poles > 0 and setup.conditioning != own):
         raise InputError(
             f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
@@ -162,7 +162,8 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             remedy="give the rig file of the calibration, rig=rig.toml, or calibrate again",
             parameters=("rig=rig.toml",),
         )
-    return tuple(Chain(**record.chain.channels[c].parameters, conditioning=own) for c in CHANNELS)
+    kept = record.chain.channels
+    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s"}), conditioning=own) for c in CHANNELS)
 
 
 def _filter_text(b: Conditioning) -> str:

@@ -136,11 +136,11 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
     """
     low, high = columns.quantile(0.01), columns.quantile(0.99)
     warm = _upper_median(high)
-    for name, value in high.items():
+    for name, least, value in zip(columns, low, high):
         others = max(warm, reference_degC if reference_degC is not None else 0.0)
-        if value < 16.0 and low[name] > -5.0 and (others > value + 8.0 or warm < 16.0):
+        if value < 16.0 and least > -5.0 and (others > value + 8.0 or warm < 16.0):
             raise InputError(
-                f"column {name} stays between {low[name]:.3g} and {value:.3g}: this looks like millivolts",
+                f"column {name} stays between {least:.3g} and {value:.3g}: this looks like millivolts",
                 where=place.where,
                 expected="degrees Celsius",
                 remedy="for type J write millivolts = true into rig.toml [logger]",

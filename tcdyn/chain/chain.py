@@ -58,7 +58,7 @@ class Chain(Result):
             found.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
         if self.cement_s:
             found += [(1.0, self.cement_s * share) for share in cement_lags()]
-        return (*found, *self.conditioning.factors())
+        return (*found, *self.conditioning.factors)
 
     @cached_property
     def rational(self) -> Rational:

@@ -88,7 +88,7 @@ class Rim:
             "conductivity_W_mK": setup.conductivity_W_mK,
             "density_kg_m3": setup.density_kg_m3,
             "specific_heat_J_kgK": setup.specific_heat_J_kgK,
-            "washer_W_m2K": setup.washer_W_m2K,
+            "washer_W_m2K": setup.washer_conductivity_W_mK / setup.washer_thickness_m,
             "boundary_z_m": tuple(junctions[name].z_m for name in ("d", "b", "f")),
         }
         return cls(**{**fields, **changes})

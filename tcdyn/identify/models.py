@@ -48,7 +48,7 @@ class Known:
         if isinstance(part, Known):
             return part
         if isinstance(part, Conditioning):
-            return cls(factors=tuple(Factor(f, free=False) for f in part.factors()))
+            return cls(factors=tuple(Factor(f, free=False) for f in part.factors))
         system: Any = part
         return cls.ratio(system.num[0][0][::-1], system.den[0][0][::-1])
 

@@ -173,9 +173,9 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
     if "setup" not in record.model_fields_set:
         return []
-    stated = rig.tables(disk).model_dump(include=MADE_OF)
-    changed = changed_keys(record.setup.model_dump(include=MADE_OF), stated)
-    if not changed:
+    own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
+    if own == stated:
         return []
+    changed = changed_keys(own, stated)
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]

@@ -253,7 +253,7 @@ def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.floa
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
     """The conditioning filter B applied to deviations ``u`` (n, M) on the grid: real poles one after the other, of a
     complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2))."""
-    for factor in filter_.factors():
+    for factor in filter_.factors:
         for p in np.roots(factor[::-1]).astype(complex):
             if abs(p.imag) < ONE * abs(p):
                 u = np.asarray(lag_on_grid(u, dt_s, -p.real))

@@ -168,9 +168,10 @@ def _links(disk: DiskTruth, g: _Grid) -> list[Link]:
 def _faces_to_ambient(disk: DiskTruth, g: _Grid) -> Array:
     """Conductances to ambient [W/K] of the washer faces and of the shaft outside the disk."""
     s, out = disk.setup, np.zeros(g.size)
-    if s.washer_W_m2K > 0:
+    washer = s.washer_conductivity_W_mK / s.washer_thickness_m
+    if washer > 0:
         for face, step in ((0, g.z[0]), (-1, s.width_m - g.z[-1])):
-            out[g.cells[:, face]] += g.face_area / (1 / s.washer_W_m2K + step / s.conductivity_W_mK)
+            out[g.cells[:, face]] += g.face_area / (1 / washer + step / s.conductivity_W_mK)
     per_cell = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
     per_cell[g.first_under : g.first_under + len(g.z)] = 0.0
     out[g.shaft] += per_cell

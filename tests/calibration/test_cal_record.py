@@ -14,7 +14,7 @@ from scipy import signal
 from typer.testing import CliRunner
 
 from calibration.compare import check_record, diff_records
-from calibration.disk import CHANNELS
+from calibration.disk import CHANNELS, Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import look, note
@@ -40,7 +40,7 @@ from tcdyn.traces import record_chains
 def make_chain(shift_s: float = 0.0) -> ChainRecord:
     lags = {c: 0.70 + 0.01 * k + (shift_s if c == "e" else 0.0) for k, c in enumerate(CHANNELS)}
     common = float(np.mean(list(lags.values())))
-    filter_s = load_rig().common.conditioning.conditioning().lag_s
+    filter_s = load_rig().common.conditioning.lag_s
     covariance = 0.04 * np.ones((6, 6)) + 2.5e-5 * np.eye(6)
     u = float(np.sqrt(covariance[0, 0]))
     return ChainRecord(
@@ -84,10 +84,10 @@ def test_inputs_carry_their_hashes(tmp_path):
 def test_the_filters_factors_make_its_polynomial_and_its_lag_is_their_first_moment():
     for shape in ("cascade", "butterworth"):
         for poles in range(1, 5):
-            b = load_rig().common.conditioning.model_copy(update={"shape": shape, "poles": poles}).conditioning()
+            b = Conditioning(4.0, poles, shape)
             _, den = signal.butter(poles, 2 * np.pi * b.cutoff_Hz, analog=True)
             den = den if shape == "butterworth" else np.poly(np.full(poles, -2 * np.pi * b.cutoff_Hz))
-            product = reduce(np.polymul, (f[::-1] for f in b.factors()), [1.0])
+            product = reduce(np.polymul, (f[::-1] for f in b.factors), [1.0])
             assert product == pytest.approx(den / den[-1], rel=1e-12)  # rounding of the polynomial's products
             assert b.lag_s == pytest.approx(den[-2] / den[-1], rel=1e-12)
 

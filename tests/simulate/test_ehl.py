@@ -125,7 +125,8 @@ def test_uncertain_rigs_scatter_as_rig_toml_states() -> None:
     assert scatter(depth) == pytest.approx(0.1e-3, **near)
     assert scatter([r.fast.setup.conductivity_W_mK / 41 for r in rigs]) == pytest.approx(0.03, **near)
     assert scatter([r.slow.setup.specific_heat_J_kgK / 470 for r in rigs]) == pytest.approx(0.02, **near)
-    assert scatter([r.fast.setup.washer_W_m2K / nominal.washer_W_m2K for r in rigs]) == pytest.approx(0.2, **near)
+    washer = [r.fast.setup.washer_conductivity_W_mK / nominal.washer_conductivity_W_mK for r in rigs]
+    assert scatter(washer) == pytest.approx(0.2, **near)
     assert scatter([r.half_width_scale for r in rigs]) == pytest.approx(0.03, **near)
     assert scatter([r.friction_scale for r in rigs]) == pytest.approx(0.01, **near)
     exponents = [r.speed_exponent for r in rigs]
