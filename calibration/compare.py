@@ -11,8 +11,8 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.finding import Finding, doubts, look
-from calibration.lines.static import apply_static, outside_range, static_u
+from calibration.finding import Finding, doubts, look, note, once, sentences
+from calibration.lines.static import apply_static, line_doubts, outside_range, static_u
 from calibration.record import DiskRecord, moment, now_utc
 from calibration.result import Result, jsonable
 from calibration.rig import changed_keys
@@ -28,7 +28,12 @@ class RecordDiff(Result):
     """
 
     table: pd.DataFrame
-    notes: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return sentences(self.findings)
 
     @property
     def significant(self) -> pd.DataFrame:
@@ -66,13 +71,13 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             f"records of disk {old.disk!r} and of disk {new.disk!r}", expected="two calibrations of one disk"
         )
     rows: list[tuple[str, float, float, float]] = []
-    notes: list[str] = []
+    found: list[Finding] = []
     for c in sorted(set(old.static) & set(new.static)):
         a, b = old.static[c], new.static[c]
         low = max(a.range_degC[0], b.range_degC[0])
         high = min(a.range_degC[1], b.range_degC[1])
         if low >= high:
-            notes.append(f"channel {c}: the calibrated ranges do not overlap")
+            found.append(look("record.ranges_apart", subject=c))
             continue
         for t in (low, high):
             logged = (t - a.offset) / a.gain
@@ -80,22 +85,17 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             rows.append((f"{c} at {t:.0f} degC", t, float(apply_static(logged, b)), u))
     if old.chain is not None and new.chain is not None:
         for c in sorted(set(old.chain.channels) & set(new.chain.channels)):
-            before, after = old.chain.channels[c].lag_s, new.chain.channels[c].lag_s
-            rows.append((f"{c} lag_s", before.value, after.value, float(np.hypot(before.u, after.u))))
-            first, second = old.chain.differential_lag_s[c], new.chain.differential_lag_s[c]
-            rows.append((f"{c} differential lag_s", first.value, second.value, float(np.hypot(first.u, second.u))))
-    notes += _changed_tables(old, new)
-    gone = sorted(set(old.static) ^ set(new.static))
-    if gone:
-        notes.append(f"channels {', '.join(gone)} stand in one record only")
-    return RecordDiff(_holm(rows), tuple(notes))
-
-
-def _changed_tables(old: DiskRecord, new: DiskRecord) -> list[str]:
-    """Keys of rig.toml that the records were made with and that differ; names of columns have no part in a lag."""
-    before, after = (r.setup.model_dump(exclude={"columns", "logger"}) for r in (old, new))
-    before["conditioning"], after["conditioning"] = (asdict(r.conditioning) for r in (old, new))
-    return [f"{key} was {was}, is {now}" for key, was, now in changed_keys(before, after)]
+            lags = [(r.chain.channels[c].lag_s, r.chain.differential_lag_s[c]) for r in (old, new) if r.chain]
+            for name, before, after in zip((f"{c} lag_s", f"{c} differential lag_s"), *lags):
+                rows.append((name, before.value, after.value, float(np.hypot(before.u, after.u))))
+    # what of rig.toml the records were made with differs; names of columns have no part in a lag
+    made = [
+        r.setup.model_dump(exclude={"columns", "logger"}) | {"conditioning": asdict(r.conditioning)} for r in (old, new)
+    ]
+    found += [note("record.changed", subject=key, was=was, now=now) for key, was, now in changed_keys(*made)]
+    if gone := sorted(set(old.static) ^ set(new.static)):
+        found.append(look("record.in_one_only", channels=gone))
+    return RecordDiff(_holm(rows), tuple(found))
 
 
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
@@ -114,11 +114,13 @@ def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
 def check_record(record: DiskRecord) -> tuple[Finding, ...]:
     """What a careful reader would ask about a sound record; empty when nothing.
 
-    What was noticed while it was made is among it; notes, which tell of what was mended in full, are not.
+    What was noticed while it was made is among it; notes, which tell of what was mended in full, are not. A record of
+    version 0.1 kept sentences only, so what the tests of its lines say is found anew from their numbers.
     """
     found = list(doubts(record.findings))
-    missing = [c for c in CHANNELS if c not in record.static]
-    if missing:
+    for c, line in record.static.items():
+        found += line_doubts(c, line)
+    if missing := [c for c in CHANNELS if c not in record.static]:
         found.append(look("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):
         found.append(look("record.future", created=record.created))
@@ -131,7 +133,7 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
         if u > 0.5:
             found.append(look("record.line_unsure", subject=c, u_K=u))
     if record.chain is None:
-        return (*found, look("record.no_chain"))
+        return once([*found, look("record.no_chain")])
     common = record.chain.common_lag_s
     for c, chain in record.chain.channels.items():
         lag, apart = chain.lag_s, record.chain.differential_lag_s[c]
@@ -139,4 +141,4 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
             found.append(look("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
         if abs(apart.value) > 0.5 * common.value and abs(apart.value) > 2 * apart.u:
             found.append(look("record.lag_apart", subject=c, apart_s=apart.value, u_s=apart.u))
-    return tuple(found)
+    return once(found)

@@ -155,11 +155,6 @@ def refuse(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) 
     return Finding(code, Grade.REFUSE, where, subject, numbers)
 
 
-def with_where(findings: Iterable[Finding], where: str) -> tuple[Finding, ...]:
-    """All ``findings`` with ``where`` in front of where they were."""
-    return tuple(f.at(where) for f in findings)
-
-
 def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Each finding once, in order."""
     return tuple(dict.fromkeys(findings))

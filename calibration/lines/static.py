@@ -129,14 +129,8 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
 
 
 def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tuple[StaticLine, list[Finding]]:
-    lack = lack_of_fit_p(fit, rows["setpoint_degC"].to_numpy())
-    curve = quadratic_p(fit)
     within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
     found, variance = list[Finding](), shared_u**2
-    if lack is not None and lack < SIGNIFICANT:
-        found.append(look("line.lack_of_fit", subject=channel, p=lack))
-    if curve is not None and curve < SIGNIFICANT:
-        found.append(look("line.curved", subject=channel, p=curve))
     if shift_p is not None and shift_p < SIGNIFICANT:
         variance += shift_u**2
         found.append(look("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p))
@@ -154,10 +148,16 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
         repeatability_sd_degC=within,
         n=len(fit.y),
         r_squared=fit.r_squared,
-        lack_of_fit_p=lack,
-        quadratic_p=curve,
+        lack_of_fit_p=lack_of_fit_p(fit, rows["setpoint_degC"].to_numpy()),
+        quadratic_p=quadratic_p(fit),
     )
-    return line, found
+    return line, [*line_doubts(channel, line), *found]
+
+
+def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
+    """What the tests of a line say against it, at the 1 % level."""
+    tests = {"line.lack_of_fit": line.lack_of_fit_p, "line.curved": line.quadratic_p}
+    return [look(code, subject=channel, p=p) for code, p in tests.items() if p is not None and p < SIGNIFICANT]
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import open_table, shown
-from calibration.finding import Finding, look, sentences, with_where
+from calibration.finding import Finding, look, sentences
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
@@ -217,7 +217,7 @@ def compensate_log(
             frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
             if way.removes_lag:
                 frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
-        findings += with_where((*done[disk].findings, *one.outside_lines("the log")), disk)
+        findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
     begun = float(frame["time_s"].iloc[0])
     events_s = sorted(t - begun for t in known) or [t for t, _ in next(iter(done.values())).events_s]

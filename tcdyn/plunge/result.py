@@ -11,7 +11,7 @@ import pandas as pd
 from calibration import Array, Flags
 from calibration.disk import DiskSetup
 from calibration.estimate import Estimate, rounded, with_u
-from calibration.finding import Finding, look, note, once, sentences, with_where
+from calibration.finding import Finding, look, note, once, sentences
 from immersion.correlations import check_validity
 from tcdyn.chain import Chain
 from tcdyn.fitting import inverse
@@ -208,7 +208,7 @@ class PlungeFit:
                 out.append(look("plunge.pull", where=where, subject="" if where else subject, kind=kind, sds=pull))
         for run, model, surface, factor in zip(self.runs, problem.models, self.optimum.surfaces, problem.noise):
             beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
-            out += with_where((*run.entry.findings, *beyond), run.name)
+            out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]
             if model.blocks.spikes:
                 out.append(note("plunge.spikes", where=run.name, count=model.blocks.spikes))
             if max(factor.common, factor.differential) > COLOURED:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.disk import DISKS
 from calibration.estimate import rounded
-from calibration.finding import Finding, with_where
+from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.tables import (
     budget_table,
@@ -203,7 +203,7 @@ def write_beta_report(
     found: list[Finding] = []
     for name, p in tests.items():
         sections += beta_sections(p, name, (truths or {}).get(name))
-        found += p.findings if len(tests) == 1 else with_where(p.findings, name)
+        found += p.findings if len(tests) == 1 else [f.at(name) for f in p.findings]
     said = "\n\n".join(verdict(p) if len(tests) == 1 else f"{name}: {verdict(p)}" for name, p in tests.items())
     title = "Heat partition: " + ", ".join(tests)
     told = list(dict.fromkeys(line for p in tests.values() for line in assumed(p)))

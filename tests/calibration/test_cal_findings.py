@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from calibration.finding import Finding, Grade, channel_of, look, note, once, sentences, with_where
+from calibration.finding import Finding, Grade, channel_of, look, note, once, sentences
 from calibration.words import OLD, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,7 +59,7 @@ def test_a_finding_comes_back_from_a_file_with_the_sentence_it_had() -> None:
 def test_findings_are_told_once_and_keep_their_order() -> None:
     first, second = note("said", text="b"), look("said", text="a")
     assert once([first, second, first]) == (first, second)
-    assert sentences(with_where([first, second], "A1")) == ("A1: b", "A1: a")
+    assert sentences(f.at("A1") for f in (first, second)) == ("A1: b", "A1: a")
 
 
 @pytest.mark.parametrize("name", ["e", "e_degC", "fast_e_degC", "slow_e", "rig2_e_degC"])

@@ -243,6 +243,13 @@ def test_check_names_what_a_reader_would_ask():
     assert check_record(make_record(findings=[MENDED])) == ()  # a note: mended in full, nothing to decide
 
 
+def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
+    data = json.loads(Path(__file__).with_name("of_version_0_1.disk.json").read_text())
+    data["static"]["c"]["quadratic_p"] = 1e-4
+    (curved,) = (f for f in check_record(parse_record(data, "old")) if f.code.startswith("line."))
+    assert (curved.code, curved.subject, curved.numbers) == ("line.curved", "c", {"p": 1e-4})
+
+
 def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
     data = RECORD.to_dict()
     data["setup"]["columns"] = {"fast_a_degC": "TC1"}
