@@ -139,11 +139,12 @@ def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "", lag: b
     known = set(record.chain.channels) if lag and record.chain else set(CHANNELS)
     if absent := [ch for ch in CHANNELS if ch not in record.static or ch not in known]:
         raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
+    covariance = record.chain.covariance if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS)))
     return DiskChannels(
         tuple(f"{prefix}{ch}_degC" for ch in CHANNELS),
         tuple(record.static[ch] for ch in CHANNELS),
         record_chains(record, setup) if lag else (NO_CHAIN,) * len(CHANNELS),
-        np.array(record.chain.covariance, dtype=float) if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS))),
+        np.array(covariance, dtype=float),
     )
 
 
