@@ -156,8 +156,12 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
     """What the tests of a line say against it, at the 1 % level."""
-    tests = {"line.lack_of_fit": line.lack_of_fit_p, "line.curved": line.quadratic_p}
-    return [look(code, subject=channel, p=p) for code, p in tests.items() if p is not None and p < SIGNIFICANT]
+    found = list[Finding]()
+    if line.lack_of_fit_p is not None and line.lack_of_fit_p < SIGNIFICANT:
+        found.append(look("line.lack_of_fit", subject=channel, p=line.lack_of_fit_p))
+    if line.quadratic_p is not None and line.quadratic_p < SIGNIFICANT:
+        found.append(look("line.curved", subject=channel, p=line.quadratic_p))
+    return found
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
