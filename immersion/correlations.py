@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,106 +11,73 @@ from numpy.typing import ArrayLike
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
-from immersion.fluids import Fluid, FluidProperties
+from immersion.fluids import Curve, Fluid, FluidProperties
 
 GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """A mean Nusselt number Nu(Ra, Pr), its characteristic length, range and source."""
+    """A mean Nusselt number of natural convection, its characteristic length, range and source.
+
+    Nu = {floor + factor Ra^exponent / [1 + (prandtl/Pr)^inner]^outer}^power
+
+    ``prandtl = 0``: no Prandtl number but that in Ra. Every correlation here is of this form.
+    """
 
     name: str
     title: str
-    nusselt: Callable[[Array, Array], Array]
     length: Literal["width", "diameter"]
     ra_range: tuple[float, float]
     source: str
+    factor: float
+    exponent: float
+    floor: float = 0.0
+    prandtl: float = 0.0
+    inner: float = 1.0
+    outer: float = 1.0
+    power: float = 1.0
 
+    def nusselt(self, ra: ArrayLike, pr: ArrayLike) -> Array:
+        """Nu of Rayleigh and Prandtl numbers, arrays of one shape.
 
-def nu_mcadams(ra: ArrayLike, pr: ArrayLike) -> Array:
-    """Mean Nusselt number of a vertical plate or cylinder: Nu = 0.59 Ra^0.25 (thesis 5.2); 1e4 < Ra < 1e9.
-
-    >>> round(float(nu_mcadams(1e6, 60.0)), 2)
-    18.66
-    """
-    del pr  # hidden in Ra
-    return np.asarray(0.59 * np.asarray(ra, dtype=float) ** 0.25)
-
-
-def nu_similarity(ra: ArrayLike, pr: ArrayLike) -> Array:
-    """Mean Nusselt number of a vertical plate, integral solution (thesis 5.3 times 4/3); laminar, Ra < 1e9.
-
-    Nu = (4/3) 0.508 Pr^0.5 (0.952 + Pr)^-0.25 Gr^0.25, Gr = Ra/Pr.
-
-    >>> round(float(nu_similarity(1e6, 60.0)), 2)
-    21.34
-    """
-    ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
-    return np.asarray(4 / 3 * 0.508 * (pr / (0.952 + pr)) ** 0.25 * ra**0.25)
-
-
-def nu_churchill_chu_laminar(ra: ArrayLike, pr: ArrayLike) -> Array:
-    """Mean Nusselt number of a vertical plate, Churchill and Chu, laminar (thesis 5.4); Ra < 1e9, any Pr.
-
-    Nu = 0.68 + 0.670 Ra^0.25 / [1 + (0.492/Pr)^(9/16)]^(4/9)
-
-    >>> round(float(nu_churchill_chu_laminar(1e6, 60.0)), 2)
-    21.26
-    """
-    ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
-    return np.asarray(0.68 + 0.670 * ra**0.25 / (1 + (0.492 / pr) ** (9 / 16)) ** (4 / 9))
-
-
-def nu_churchill_chu(ra: ArrayLike, pr: ArrayLike) -> Array:
-    """Mean Nusselt number of a vertical plate at any Ra up to 1e12, Churchill and Chu (1975).
-
-    Nu = {0.825 + 0.387 Ra^(1/6) / [1 + (0.492/Pr)^(9/16)]^(8/27)}^2
-
-    >>> round(float(nu_churchill_chu(1e6, 60.0)), 1)
-    21.4
-    """
-    ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
-    return np.asarray((0.825 + 0.387 * ra ** (1 / 6) / (1 + (0.492 / pr) ** (9 / 16)) ** (8 / 27)) ** 2)
-
-
-def nu_horizontal_cylinder(ra: ArrayLike, pr: ArrayLike) -> Array:
-    """Mean Nusselt number of a long horizontal cylinder, Ra on its diameter, Churchill and Chu (1975).
-
-    Nu = {0.60 + 0.387 Ra_D^(1/6) / [1 + (0.559/Pr)^(9/16)]^(8/27)}^2; 1e-5 < Ra_D < 1e12.
-
-    >>> round(float(nu_horizontal_cylinder(1e6, 60.0)), 1)
-    19.3
-    """
-    ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
-    return np.asarray((0.60 + 0.387 * ra ** (1 / 6) / (1 + (0.559 / pr) ** (9 / 16)) ** (8 / 27)) ** 2)
+        >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
+        [18.7, 21.3, 21.3, 21.4, 19.3]
+        """
+        ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
+        shape = (1 + (self.prandtl / pr) ** self.inner) ** self.outer
+        return np.asarray((self.floor + self.factor * ra**self.exponent / shape) ** self.power)
 
 
 _HOLMAN = "Holman (2010), quoted by Al-Hamood (2015) section 5.7"
+_PLATE = "Churchill and Chu (1975) eq. 9"
+_CYLINDER = "Churchill and Chu (1975), horizontal cylinder; a long cylinder is assumed"
 CORRELATIONS: dict[str, Correlation] = {
     c.name: c
     for c in (
-        Correlation("mcadams", "(5.2)", nu_mcadams, "width", (1e4, 1e9), _HOLMAN),
-        Correlation("similarity", "(5.3)", nu_similarity, "width", (1e4, 1e9), _HOLMAN),
-        Correlation("churchill-chu-laminar", "(5.4)", nu_churchill_chu_laminar, "width", (1e-1, 1e9), _HOLMAN),
+        # vertical plate or cylinder: 0.59 Ra^0.25
+        Correlation("mcadams", "(5.2)", "width", (1e4, 1e9), _HOLMAN, 0.59, 1 / 4),
+        # vertical plate, integral solution (thesis 5.3 times 4/3): 0.508 Pr^0.5 (0.952 + Pr)^-0.25 Gr^0.25, Gr = Ra/Pr
         Correlation(
-            "churchill-chu",
-            "all Ra",
-            nu_churchill_chu,
-            "width",
-            (1e-1, 1e12),
-            "Churchill and Chu (1975) eq. 9",
+            "similarity", "(5.3)", "width", (1e4, 1e9), _HOLMAN, 4 / 3 * 0.508, 1 / 4, prandtl=0.952, outer=1 / 4
         ),
+        # vertical plate, laminar: 0.68 + 0.670 Ra^0.25 / [1 + (0.492/Pr)^(9/16)]^(4/9)
         Correlation(
-            "horizontal-cylinder",
-            "horizontal",
-            nu_horizontal_cylinder,
-            "diameter",
-            (1e-5, 1e12),
-            "Churchill and Chu (1975), horizontal cylinder; a long cylinder is assumed",
+            "churchill-chu-laminar", "(5.4)", "width", (1e-1, 1e9), _HOLMAN,
+            0.670, 1 / 4, floor=0.68, prandtl=0.492, inner=9 / 16, outer=4 / 9,
+        ),
+        # vertical plate, any Ra: {0.825 + 0.387 Ra^(1/6) / [1 + (0.492/Pr)^(9/16)]^(8/27)}^2
+        Correlation(
+            "churchill-chu", "all Ra", "width", (1e-1, 1e12), _PLATE,
+            0.387, 1 / 6, floor=0.825, prandtl=0.492, inner=9 / 16, outer=8 / 27, power=2,
+        ),
+        # long horizontal cylinder, Ra on its diameter: {0.60 + 0.387 Ra^(1/6) / [1 + (0.559/Pr)^(9/16)]^(8/27)}^2
+        Correlation(
+            "horizontal-cylinder", "horizontal", "diameter", (1e-5, 1e12), _CYLINDER,
+            0.387, 1 / 6, floor=0.60, prandtl=0.559, inner=9 / 16, outer=8 / 27, power=2,
         ),
     )
-}
+}  # fmt: skip
 THESIS_THREE = ("mcadams", "similarity", "churchill-chu-laminar")
 _ALIASES = {"5.2": "mcadams", "5.3": "similarity", "5.4": "churchill-chu-laminar"}
 
@@ -135,55 +101,35 @@ class Bath:
     width_m: float
     diameter_m: float
 
-    @property
-    def length_m(self) -> float:
-        """Characteristic length of the correlation [m]."""
-        return self.width_m if self.correlation.length == "width" else self.diameter_m
+    def film(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[FluidProperties, float, Array]:
+        """Fluid properties at the film temperature (the mean of both), the correlation's length [m], and Gr.
 
-    def properties(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> FluidProperties:
-        """Fluid properties at the film temperature, the mean of surface and fluid."""
-        return self.fluid.at((np.asarray(surface_degC, dtype=float) + np.asarray(fluid_degC, dtype=float)) / 2)
-
-    def _film(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[FluidProperties, Array]:
-        p = self.properties(surface_degC, fluid_degC)
-        step = np.abs(np.asarray(fluid_degC, dtype=float) - surface_degC)
-        return p, np.asarray(GRAVITY_M_S2 * np.abs(p.beta_1_K) * step * self.length_m**3 / p.nu_m2_s**2)
-
-    def grashof(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
-        """Gr = g beta |dT| L^3 / nu^2 at the film temperature."""
-        return self._film(surface_degC, fluid_degC)[1]
-
-    def rayleigh(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
-        """Ra = Gr Pr."""
-        p, gr = self._film(surface_degC, fluid_degC)
-        return np.asarray(gr * p.prandtl)
+        Gr = g beta |dT| L^3 / nu^2; Ra = Gr Pr.
+        """
+        surface, fluid = np.asarray(surface_degC, dtype=float), np.asarray(fluid_degC, dtype=float)
+        p, length = self.fluid.at((surface + fluid) / 2), getattr(self, f"{self.correlation.length}_m")
+        buoyancy = GRAVITY_M_S2 * np.abs(p.beta_1_K) * np.abs(fluid - surface)
+        return p, length, np.asarray(buoyancy * length**3 / p.nu_m2_s**2)
 
     def h_W_m2K(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
         """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature."""
-        p, gr = self._film(surface_degC, fluid_degC)
-        pr = p.prandtl
-        return np.asarray(self.correlation.nusselt(np.asarray(gr * pr), pr) * p.k_W_mK / self.length_m)
+        p, length, gr = self.film(surface_degC, fluid_degC)
+        return np.asarray(self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length)
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
         """Relative standard uncertainty of h from each fluid property, and their root sum of squares ("total").
 
-        Each property is raised by its own standard uncertainty at the film temperature and h computed again.
+        Each property is raised by its own standard uncertainty at the film temperature and h computed again; for the
+        expansion the density curve is tilted about that temperature.
         """
+        f, film = self.fluid, np.asarray((surface_degC + fluid_degC) / 2)
+        raised = {n: _stretched(getattr(f, n), 0.0, getattr(f, f"u_{n}")) for n in ("rho", "c", "k", "nu")}
+        fluids = {n: replace(f, **{n: curve}) for n, curve in raised.items()}
+        fluids["beta"] = replace(f, rho=_stretched(f.rho, float(f.rho(film)), f.u_beta))
         base = float(self.h_W_m2K(surface_degC, fluid_degC))
-        f, parts = self.fluid, {}
-        scaled = {
-            "rho": replace(f, rho=_scaled(f.rho, f.u_rho)),
-            "c": replace(f, c=_scaled(f.c, f.u_c)),
-            "k": replace(f, k=_scaled(f.k, f.u_k)),
-            "nu": replace(f, nu=_scaled(f.nu, f.u_nu)),
-        }
-        for name, other in scaled.items():
-            parts[name] = abs(float(replace(self, fluid=other).h_W_m2K(surface_degC, fluid_degC)) / base - 1)
-        film = (surface_degC + fluid_degC) / 2
-        steeper = replace(f, rho=_tilted(f.rho, film, f.u_beta))
-        parts["beta"] = abs(float(replace(self, fluid=steeper).h_W_m2K(surface_degC, fluid_degC)) / base - 1)
-        parts["total"] = float(np.sqrt(sum(v**2 for v in parts.values())))
-        return parts
+        h = {n: float(replace(self, fluid=other).h_W_m2K(surface_degC, fluid_degC)) for n, other in fluids.items()}
+        parts = {n: abs(value / base - 1) for n, value in h.items()}
+        return {**parts, "total": float(np.hypot.reduce([*parts.values()]))}
 
 
 def check_validity(bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[Finding, ...]:
@@ -197,23 +143,18 @@ def check_validity(bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike) -
     step = np.abs(bulk - surface)
     matters = step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
     surface, bulk = surface[matters], bulk[matters]
-    c, ra, found = bath.correlation, bath.rayleigh(surface, bulk), []
-    low, high = float(np.min(ra)), float(np.max(ra))
+    c, (p, _, gr), found = bath.correlation, bath.film(surface, bulk), []
+    low, high = float(np.min(gr * p.prandtl)), float(np.max(gr * p.prandtl))
     if low < c.ra_range[0] or high > c.ra_range[1]:
         found.append(look("correlation.range", subject=c.name, title=c.title, holds=c.ra_range, ran=(low, high)))
     film = (surface + bulk) / 2
     found += bath.fluid.outside(float(np.min(film)), float(np.max(film)))
-    gr = replace(bath, correlation=CORRELATIONS["mcadams"]).grashof(surface, bulk)  # on the plate's length
     ratio, least = bath.diameter_m / bath.width_m, float(35 / np.min(gr) ** 0.25)
-    if ratio < least and c.length == "width":
+    if c.length == "width" and ratio < least:
         found.append(look("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
     return tuple(found)
 
 
-def _scaled(curve: Callable[[Array], Array], u: float) -> Callable[[Array], Array]:
-    return lambda T: np.asarray(curve(T) * (1 + u))
-
-
-def _tilted(curve: Callable[[Array], Array], centre: float, u: float) -> Callable[[Array], Array]:
-    at = float(curve(np.asarray(centre, dtype=float)))
-    return lambda T: np.asarray(at + (curve(T) - at) * (1 + u))
+def _stretched(curve: Curve, centre: float, u: float) -> Curve:
+    """The curve with its distances from the value ``centre`` longer by the share ``u``."""
+    return lambda T: np.asarray(centre + (curve(T) - centre) * (1 + u))

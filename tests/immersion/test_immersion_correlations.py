@@ -5,46 +5,41 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from immersion.correlations import (
-    CORRELATIONS,
-    Bath,
-    check_validity,
-    correlation,
-    nu_churchill_chu,
-    nu_churchill_chu_laminar,
-    nu_horizontal_cylinder,
-    nu_mcadams,
-    nu_similarity,
-)
+from immersion.correlations import CORRELATIONS, Bath, check_validity, correlation
 from immersion.fluids import fluid
+
+
+def nusselt(name: str, ra: float, pr: float) -> float:
+    return float(CORRELATIONS[name].nusselt(ra, pr))
+
 
 OIL = Bath(fluid("mobil-jet-ii"), correlation("5.4"), 0.00953, 0.0762)
 
 
 def test_the_three_of_the_thesis_at_oil_conditions() -> None:
     # ANCHORS: Pr = 60, Ra = 1e6; two decimals are given
-    assert float(nu_mcadams(1e6, 60)) == pytest.approx(18.66, abs=0.005)
-    assert float(nu_similarity(1e6, 60)) == pytest.approx(21.34, abs=0.005)
-    assert float(nu_churchill_chu_laminar(1e6, 60)) == pytest.approx(21.26, abs=0.005)
+    assert nusselt("mcadams", 1e6, 60) == pytest.approx(18.66, abs=0.005)
+    assert nusselt("similarity", 1e6, 60) == pytest.approx(21.34, abs=0.005)
+    assert nusselt("churchill-chu-laminar", 1e6, 60) == pytest.approx(21.26, abs=0.005)
 
 
 @pytest.mark.parametrize("pr", [0.7, 6.0, 60.0, 300.0])
 @pytest.mark.parametrize("ra", [1e4, 1e6, 1e8])
 def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
     gr = ra / pr
-    assert float(nu_churchill_chu(ra, pr)) == pytest.approx(ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9)
-    assert float(nu_horizontal_cylinder(ra, pr)) == pytest.approx(
+    assert nusselt("churchill-chu", ra, pr) == pytest.approx(ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9)
+    assert nusselt("horizontal-cylinder", ra, pr) == pytest.approx(
         ht.Nu_horizontal_cylinder_Churchill_Chu(Pr=pr, Gr=gr), rel=1e-9
     )
-    assert float(nu_mcadams(ra, pr)) == pytest.approx(
+    assert nusselt("mcadams", ra, pr) == pytest.approx(
         ht.Nu_vertical_cylinder_McAdams_Weiss_Saunders(Pr=pr, Gr=gr, turbulent=False), rel=1e-9
     )
 
 
 def test_the_boundary_layer_solution_is_met_at_high_prandtl_number() -> None:
     # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies 1.1 % above it
-    assert float(nu_similarity(1e6, 1e9)) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
-    assert float(nu_churchill_chu_laminar(1e8, 1e9)) / 100.0 == pytest.approx(0.670, abs=0.007)  # 0.68 left over
+    assert nusselt("similarity", 1e6, 1e9) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
+    assert nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0 == pytest.approx(0.670, abs=0.007)  # 0.68 left over
 
 
 def test_h_vanishes_with_the_difference_and_grows_with_its_fourth_root() -> None:
