@@ -20,6 +20,7 @@ from calibration.finding import Finding, look
 
 Curve = Callable[[Array], Array]
 ZERO_C = 273.15
+UNCERTAINTIES = {"u_rho_rel", "u_c_rel", "u_k_rel", "u_nu_rel", "u_beta_rel"}
 COLUMNS = ("T_degC", "rho_kg_m3", "c_J_kgK", "k_W_mK", "nu_m2_s")
 _BOUNDS = {
     "T_degC": (-100.0, 500.0),
@@ -28,7 +29,6 @@ _BOUNDS = {
     "k_W_mK": (0.005, 100.0),
     "nu_m2_s": (1e-8, 1e-1),
 }
-_DEFAULT_U = {"u_rho_rel": 0.005, "u_c_rel": 0.05, "u_k_rel": 0.05, "u_nu_rel": 0.05, "u_beta_rel": 0.12}
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class Fluid:
     """A fluid: four curves of temperature [degC], their relative standard uncertainties, and their range.
 
     ``beta = -(d rho/dT)/rho`` is the derivative of the density curve; its uncertainty is stated separately because
-    published expansion coefficients of one oil differ far more than its densities.
+    published expansion coefficients of one oil differ far more than its densities. The uncertainties are those of a
+    lubricating oil unless stated.
 
     >>> oil = fluid("mobil-jet-ii")
     >>> round(float(oil.at(100.0).prandtl))
@@ -65,12 +66,12 @@ class Fluid:
     k: Curve
     nu: Curve
     range_degC: tuple[float, float]
-    u_rho: float
-    u_c: float
-    u_k: float
-    u_nu: float
-    u_beta: float
     source: str
+    u_rho: float = 0.005
+    u_c: float = 0.05
+    u_k: float = 0.05
+    u_nu: float = 0.05
+    u_beta: float = 0.12
 
     def at(self, T_degC: ArrayLike) -> FluidProperties:
         """The properties at ``T_degC`` (any shape); beta by a central difference of 0.5 K in density."""
@@ -88,43 +89,7 @@ class Fluid:
         return (look("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
 
 
-def walther_viscosity_m2_s(T_degC: ArrayLike, low: tuple[float, float], high: tuple[float, float]) -> Array:
-    """Kinematic viscosity by ASTM D341 through two points (T [degC], nu [mm2/s]).
-
-    log10 log10(nu + 0.7) = A - B log10 T_K, valid for nu above 2 mm2/s.
-
-    >>> round(float(walther_viscosity_m2_s(100.0, (40.0, 27.6), (100.0, 5.1))) * 1e6, 6)
-    5.1
-    """
-    (t1, n1), (t2, n2) = low, high
-    w1, w2 = (np.log10(np.log10(n + 0.7)) for n in (n1, n2))
-    x1, x2 = np.log10(t1 + ZERO_C), np.log10(t2 + ZERO_C)
-    slope = (w1 - w2) / (x2 - x1)
-    w = w1 - slope * (np.log10(np.asarray(T_degC, dtype=float) + ZERO_C) - x1)
-    return np.asarray((10 ** (10**w) - 0.7) * 1e-6)
-
-
-def _jet_oil() -> Fluid:
-    """Mobil Jet Oil II: product density and viscosity; c and k of the MIL-L-23699 class (bearing codes)."""
-    return Fluid(
-        name="mobil-jet-ii",
-        rho=lambda T: 1003.5 - 0.70 * (T - 15.0),
-        c=lambda T: np.full_like(T, 2000.0),
-        k=lambda T: 0.14868 - 2.2275e-4 * (T + ZERO_C - 366.67),
-        nu=lambda T: walther_viscosity_m2_s(T, (40.0, 27.6), (100.0, 5.1)),
-        range_degC=(15.0, 200.0),
-        u_rho=0.005,
-        u_c=0.05,
-        u_k=0.05,
-        u_nu=0.05,
-        u_beta=0.12,
-        source="product data sheet (density 15 degC, viscosity 40 and 100 degC, ASTM D341 between); c, k and the slope "
-        "of density of MIL-L-23699 oils",
-    )
-
-
 _WATER_C = np.array([4219.9, 4195.5, 4184.4, 4180.1, 4179.6, 4181.5, 4185.1, 4190.2, 4196.9, 4205.3, 4215.7])
-_WATER_C_CURVE = CubicSpline(np.arange(0.0, 101.0, 10.0), _WATER_C)
 
 
 def _water_density(T: Array) -> Array:
@@ -146,26 +111,6 @@ def _water_conductivity(T: Array) -> Array:
     return np.asarray(1.6630 * x**-1.15 - 1.7781 * x**-3.4 + 1.1567 * x**-6.0 - 0.432115 * x**-7.6)
 
 
-def _water() -> Fluid:
-    return Fluid(
-        name="water",
-        rho=_water_density,
-        c=lambda T: np.asarray(_WATER_C_CURVE(T)),
-        k=_water_conductivity,
-        nu=_water_viscosity,
-        range_degC=(0.0, 100.0),
-        u_rho=1e-4,
-        u_c=0.002,
-        u_k=0.01,
-        u_nu=0.01,
-        u_beta=0.01,
-        source="Kell (1975) density; Patek, Hruby, Klomfar, Souckova and Harvey (2009) viscosity and conductivity",
-    )
-
-
-FLUIDS: dict[str, Callable[[], Fluid]] = {"mobil-jet-ii": _jet_oil, "water": _water}
-
-
 def fluid(name: str) -> Fluid:
     """A built-in fluid by name; a path ending in .csv is read as the user's own table.
 
@@ -185,7 +130,7 @@ def fluid(name: str) -> Fluid:
             expected=f"one of {', '.join(sorted(FLUIDS))}, or a CSV table",
             remedy="a table has the columns T_degC, rho_kg_m3, c_J_kgK, k_W_mK, nu_m2_s",
         )
-    return FLUIDS[key]()
+    return FLUIDS[key]
 
 
 def read_fluid(path: str | Path) -> Fluid:
@@ -219,21 +164,14 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
     rho, c, k, nu = (columns[name_][order] for name_ in COLUMNS[1:])
     if np.any(np.diff(rho) >= 0):
         raise InputError("rho_kg_m3 must fall with T_degC", where=where, remedy="natural convection needs expansion")
-    u = {key: _column_mean(table, key, default, where) for key, default in _DEFAULT_U.items()}
-    return Fluid(
-        name=name,
-        rho=_spline(T, rho),
-        c=_spline(T, c),
-        k=_spline(T, k),
-        nu=_viscosity_spline(T, nu),
-        range_degC=(float(T[0]), float(T[-1])),
-        u_rho=u["u_rho_rel"],
-        u_c=u["u_c_rel"],
-        u_k=u["u_k_rel"],
-        u_nu=u["u_nu_rel"],
-        u_beta=u["u_beta_rel"],
-        source=where,
-    )
+    u: dict[str, float] = {}
+    for column in UNCERTAINTIES & set(table.columns):
+        values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
+        if not np.all((values >= 0) & (values < 1)):
+            raise InputError(f"column {column} must hold relative uncertainties", where=where, expected="0 to 1")
+        u[column.removesuffix("_rel")] = float(np.mean(values))
+    curves = (_spline(T, rho), _spline(T, c), _spline(T, k), _viscosity_spline(T, nu))
+    return Fluid(name, *curves, range_degC=(float(T[0]), float(T[-1])), source=where, **u)
 
 
 def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
@@ -251,15 +189,6 @@ def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
     return values
 
 
-def _column_mean(table: pd.DataFrame, column: str, default: float, where: str) -> float:
-    if column not in table.columns:
-        return default
-    values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
-    if not np.all((values >= 0) & (values < 1)):
-        raise InputError(f"column {column} must hold relative uncertainties", where=where, expected="0 to 1")
-    return float(np.mean(values))
-
-
 def _spline(x: Array, y: Array) -> Curve:
     if len(x) == 2:
         slope = (y[1] - y[0]) / (x[1] - x[0])
@@ -274,3 +203,31 @@ def _viscosity_spline(T: Array, nu: Array) -> Curve:
         return lambda t: np.asarray(np.exp(log_curve(t)))
     curve = _spline(np.log10(T + ZERO_C), np.log10(np.log10(nu * 1e6 + 0.7)))
     return lambda t: np.asarray((10 ** (10 ** curve(np.log10(t + ZERO_C))) - 0.7) * 1e-6)
+
+
+_JET_DEGC = np.array([40.0, 100.0])
+JET_OIL = Fluid(
+    "mobil-jet-ii",
+    rho=_spline(_JET_DEGC, 1003.5 - 0.70 * (_JET_DEGC - 15.0)),
+    c=_spline(_JET_DEGC, np.full(2, 2000.0)),
+    k=_spline(_JET_DEGC, 0.14868 - 2.2275e-4 * (_JET_DEGC + ZERO_C - 366.67)),
+    nu=_viscosity_spline(_JET_DEGC, np.array([27.6e-6, 5.1e-6])),
+    range_degC=(15.0, 200.0),
+    source="product data sheet (density 15 degC, viscosity 40 and 100 degC, ASTM D341 between); c, k and the slope "
+    "of density of MIL-L-23699 oils (bearing codes)",
+)
+WATER = Fluid(
+    "water",
+    rho=_water_density,
+    c=_spline(np.arange(0.0, 101.0, 10.0), _WATER_C),
+    k=_water_conductivity,
+    nu=_water_viscosity,
+    range_degC=(0.0, 100.0),
+    source="Kell (1975) density; Patek, Hruby, Klomfar, Souckova and Harvey (2009) viscosity and conductivity",
+    u_rho=1e-4,
+    u_c=0.002,
+    u_k=0.01,
+    u_nu=0.01,
+    u_beta=0.01,
+)
+FLUIDS: dict[str, Fluid] = {f.name: f for f in (JET_OIL, WATER)}
