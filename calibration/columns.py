@@ -16,16 +16,16 @@ Kind = Literal["oven", "immersion", "ehl", "hole"]
 
 @dataclass(frozen=True)
 class Layout:
-    """What one kind of log must hold, may hold, and is called in sentences."""
+    """What one kind of log is called in sentences, its columns in canonical order, and those that may be missing."""
 
     name: str
-    required: tuple[str, ...]
+    columns: tuple[str, ...]
     optional: tuple[str, ...] = ()
 
     @property
-    def all(self) -> tuple[str, ...]:
-        """Required and optional columns, in canonical order."""
-        return self.required + self.optional
+    def required(self) -> tuple[str, ...]:
+        """The columns that must be there."""
+        return tuple(c for c in self.columns if c not in self.optional)
 
 
 DISK_CHANNELS = tuple(f"{c}_degC" for c in CHANNELS)
@@ -35,23 +35,23 @@ ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 
 LAYOUTS: dict[str, Layout] = {
-    "oven": Layout("an oven log", ("prt_degC", *DISK_CHANNELS), ("repeat", "setpoint_degC", "time_s")),
-    "immersion": Layout("an immersion log", ("time_s", "switch", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)),
-    "ehl": Layout(
-        "an EHL log",
-        ("time_s", *EHL_RUNNING, *EHL_CHANNELS, "ambient_degC"),
-        ("oil_degC",),
+    "oven": Layout(
+        "an oven log",
+        ("time_s", "repeat", "setpoint_degC", "prt_degC", *DISK_CHANNELS),
+        ("time_s", "repeat", "setpoint_degC"),
     ),
-    "hole": Layout("a hole-comparison log", ("time_s",), ("switch", "probe_degC", "fluid_degC")),
-}
-ORDER: dict[str, tuple[str, ...]] = {
-    "oven": ("time_s", "repeat", "setpoint_degC", "prt_degC", *DISK_CHANNELS),
-    "immersion": ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS),
-    "ehl": LAYOUTS["ehl"].all,
-    "hole": LAYOUTS["hole"].all,
+    "immersion": Layout(
+        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)
+    ),
+    "ehl": Layout("an EHL log", ("time_s", *EHL_RUNNING, *EHL_CHANNELS, "ambient_degC", "oil_degC"), ("oil_degC",)),
+    "hole": Layout(
+        "a hole-comparison log",
+        ("time_s", "switch", "probe_degC", "fluid_degC"),
+        ("switch", "probe_degC", "fluid_degC"),
+    ),
 }
 FEW = 3  # names that a question may hold; more stand in the lines to write only
-KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.all))
+KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
 
 
 def is_couple(name: str) -> bool:
@@ -90,11 +90,18 @@ def match_columns(
 
     Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
     """
-    layout = LAYOUTS[kind]
-    mapping = dict(mapping or {})
-    _check_mapping(mapping)
+    layout, mapping = LAYOUTS[kind], mapping or {}
+    for key in mapping:
+        if key not in KNOWN and not key.endswith("_degC"):
+            close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
+            raise InputError(
+                f"{key!r} is not a canonical column",
+                where="rig.toml [columns]",
+                expected='canonical name = "name in the log file"',
+                remedy=f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}",
+            )
     chosen: dict[str, str] = {}
-    wanted = ORDER[kind]
+    wanted = layout.columns
     if kind == "hole":
         taken = set(mapping.values()) | set(wanted)
         wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in taken)
@@ -110,7 +117,7 @@ def match_columns(
     missing = [c for c in layout.required if c not in chosen]
     if missing:
         raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping)
-    channels = [c for c in chosen if c.endswith("_degC") and c not in layout.all]
+    channels = [c for c in chosen if c.endswith("_degC") and c not in layout.columns]
     if kind == "hole" and len(channels) < 2:
         raise InputError(
             f"has {len(channels)} thermocouple column(s)",
@@ -149,18 +156,6 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
     return by_key[close[0]] if close else None
 
 
-def _check_mapping(mapping: Mapping[str, str]) -> None:
-    for key in mapping:
-        if key not in KNOWN and not key.endswith("_degC"):
-            close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
-            raise InputError(
-                f"{key!r} is not a canonical column",
-                where="rig.toml [columns]",
-                expected='canonical name = "name in the log file"',
-                remedy=f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}",
-            )
-
-
 def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
     if names.count(name) > 1:
         at = [i + 1 for i, n in enumerate(names) if n == name]
@@ -185,7 +180,7 @@ def _missing(
             expected=layout.name,
             remedy=f"give {layout.name} here",
         )
-    free = [n for n in names if n not in KNOWN or n not in layout.all]
+    free = [n for n in names if n not in KNOWN or n not in layout.columns]
     near: dict[str, str] = {}
     for m in missing:
         like = suggestion(m, (n for n in free if n not in near.values()))

@@ -132,13 +132,8 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str
     data: dict[str, Array] = {}
     for name, track in tracks.items():
         place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
-        whole = np.minimum((place + SAME).astype(int), len(track.values) - 1)
-        after = np.minimum(whole + 1, len(track.values) - 1)
-        part = np.clip(place - whole, 0.0, 1.0)
-        part[part < SAME] = 0.0
-        v = track.values
-        levels = np.unique(v[np.isfinite(v)][:100_000])
-        held = len(levels) <= 2
-        moved = np.where(part == 0.0, v[whole], (1 - part) * v[whole] + part * v[after])
-        data[name] = v[whole] if held else moved
+        nearest, v = np.rint(place), track.values
+        place = np.where(np.abs(place - nearest) < SAME, nearest, place)
+        held = len(np.unique(v[np.isfinite(v)][:100_000])) <= 2
+        data[name] = v[place.astype(int)] if held else np.interp(place, np.arange(len(v)), v)
     return at - at[0], data

@@ -126,21 +126,12 @@ def test_lags_on_the_graded_grid_are_those_of_the_chain() -> None:
     np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)
 
 
-class Sections(Conditioning):
-    """A filter whose quadratic section is given as two lags [s]."""
-
-    taus: tuple[float, float]
-
-    def factors(self) -> tuple[tuple[float, ...], ...]:
-        return ((1.0, sum(self.taus), self.taus[0] * self.taus[1]),)
-
-
 @pytest.mark.parametrize("taus", [(0.05, 0.01), (0.04, 0.04), (0.04, 0.04 * (1 + 1e-9))])
 def test_a_section_of_two_real_poles_is_two_lags_also_where_they_are_one(taus: tuple[float, float]) -> None:
     t = np.concatenate([np.arange(0, 3, 0.01), np.arange(3, 30, 0.1)])
     u = (1 - np.exp(-t / 2.0))[:, None] * [1.0, -3.0]
-    section = Sections()
-    object.__setattr__(section, "taus", taus)
+    section = Conditioning()
+    vars(section)["factors"] = ((1.0, sum(taus), taus[0] * taus[1]),)  # one quadratic section, given as two lags [s]
     expected = lag_on_grid(lag_on_grid(u, np.diff(t), 1 / taus[0]), np.diff(t), 1 / taus[1])
     # in the other order the straight lines between the knots bend elsewhere: curvature 0.25/s2 times dt^2/8, times 3
     np.testing.assert_allclose(conditioned(u, np.diff(t), section), expected, atol=4e-4)
