@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +123,9 @@ class Bath:
         expansion the density curve is tilted about that temperature.
         """
         f, film = self.fluid, np.asarray((surface_degC + fluid_degC) / 2)
-        raised = {n: _stretched(getattr(f, n), 0.0, getattr(f, f"u_{n}")) for n in ("rho", "c", "k", "nu")}
+        raised: dict[str, Any] = {
+            n: _stretched(getattr(f, n), 0.0, getattr(f, f"u_{n}")) for n in ("rho", "c", "k", "nu")
+        }
         fluids = {n: replace(f, **{n: curve}) for n, curve in raised.items()}
         fluids["beta"] = replace(f, rho=_stretched(f.rho, float(f.rho(film)), f.u_beta))
         base = float(self.h_W_m2K(surface_degC, fluid_degC))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -164,7 +165,7 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
     rho, c, k, nu = (columns[name_][order] for name_ in COLUMNS[1:])
     if np.any(np.diff(rho) >= 0):
         raise InputError("rho_kg_m3 must fall with T_degC", where=where, remedy="natural convection needs expansion")
-    u: dict[str, float] = {}
+    u: dict[str, Any] = {}
     for column in UNCERTAINTIES & set(table.columns):
         values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
         if not np.all((values >= 0) & (values < 1)):
@@ -219,7 +220,7 @@ JET_OIL = Fluid(
 WATER = Fluid(
     "water",
     rho=_water_density,
-    c=_spline(np.arange(0.0, 101.0, 10.0), _WATER_C),
+    c=_spline(np.linspace(0.0, 100.0, 11), _WATER_C),
     k=_water_conductivity,
     nu=_water_viscosity,
     range_degC=(0.0, 100.0),
