@@ -19,8 +19,8 @@ from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Initial, Posed, pose
-from tcdyn.identify.search import Fit, check_causality, ordered, search, with_noise
-from tcdyn.identify.start import polished
+from tcdyn.identify.search import Fit, ordered, search, with_noise
+from tcdyn.identify.start import check_causality, polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
