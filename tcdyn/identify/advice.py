@@ -1,8 +1,9 @@
-"""Which model to use, or that none is good enough: the comparison in plain words, and its table for people."""
+"""Which model of a comparison to use and why, or that none is good enough; its table for people."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,61 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.validate import ALARM
 
+DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
 HALF = 50.0  # per cent of fit below which coloured residuals are no longer a mere disturbance
 
 
-def follows_input(row: pd.Series) -> bool:
-    """Whether a model's residuals still follow the input (1 % level), so that it misses dynamics."""
-    return bool(row.get("p_input", 1.0) < ALARM)
+def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, str]:
+    """The row to use and a sentence why.
+
+    The lowest BIC among models without complaint (no parameter on a bound or undetermined) whose residuals do not
+    follow the input; failing that, among those that the data do not determine but whose residuals do not follow the
+    input; then among those without complaint. A model is passed over for another kind only where that one's BIC is
+    less than 10 above it: what explains decisively less of the output passes the tests for want of power. Within a
+    kind the best gives way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
+    held-out error is better by more than 5 %. ``left_out`` are names that are not considered.
+    """
+    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
+    sound = good[good["determined"]]
+    following = good.get("p_input", pd.Series(1.0, good.index)) < ALARM
+    passing, explaining = sound[~following[sound.index]], good[~following]
+    limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
+    pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
+    best = pool.iloc[0]
+    near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
+    lowest = "the lowest BIC" if best["BIC"] == good["BIC"].min() else "the lowest BIC of those that qualify"
+    reason = f"{best['model']} has {lowest}"
+    if len(near):
+        best = near.sort_values("parameters").iloc[0]
+        reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"
+    rival = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE].sort_values("held_out_rms").iloc[0]
+    if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
+        reason = (
+            f"{rival['model']} simulates the held-out part better ({rival['held_out_rms']:.4g} against "
+            f"{best['held_out_rms']:.4g} rms) than {best['model']}, which has the lower BIC"
+        )
+        best = rival
+    elif len(pool) > 1:
+        reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
+        if not best["held_out_rms"] > pool["held_out_rms"].min():
+            reason += ", the least of all"
+    ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
+    if len(ties) and not len(near):
+        reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
+    skipped, left = good[~good["determined"]], sound[~sound["model"].isin(pool["model"])]
+    asides = (
+        (skipped[skipped["BIC"] < best["BIC"]], "would score better but", "is are", "not determined by these data"),
+        (left[left["BIC"] < best["BIC"]], "would score better but", "misses miss", "dynamics"),
+        (
+            table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
+            "", "is are", "left out, for the pair does not oscillate and is two lags",
+        ),
+    )  # fmt: skip
+    for rows, before, verbs, after in asides:
+        if len(rows):
+            words = (", ".join(rows["model"]), before, verbs.split()[len(rows) > 1], after)
+            reason += "; " + " ".join(filter(None, words))
+    return str(best["model"]), reason + "."
 
 
 def verdict(
@@ -36,26 +86,25 @@ def verdict(
         troubles: codes of what to do about the record, as its residuals say (``Validation.troubles``).
     """
     row = table[table["model"] == recommended].iloc[0]
-    coloured = bool(row.get("p_white", 1.0) < ALARM)
-    known = bool(np.isfinite(row["held_out_percent"]))  # there is none where the output of that part never moves
-    common: dict[str, Any] = {"subject": recommended, "why": why, "troubles": list(troubles)}
-    if known:
-        common["held_out_percent"] = float(row["held_out_percent"])
-    percent = float(row["fit_percent"])
+    coloured, percent = bool(row.get("p_white", 1.0) < ALARM), float(row["fit_percent"])
+    held_out = float(row["held_out_percent"])  # not a number where the output of that part never moves
     against = None
-    if follows_input(row):
+    if row.get("p_input", 1.0) < ALARM:
         against = "dynamics"
-    elif known and row["held_out_percent"] < 0 and row["held_out_rms"] > 2 * row["rms"]:
+    elif held_out < 0 and row["held_out_rms"] > 2 * row["rms"]:
         against = "held out"
     elif coloured and percent < HALF:
         against = "colour"
+    numbers: dict[str, Any] = {"subject": recommended, "why": why, "troubles": list(troubles), "fit_percent": percent}
+    if np.isfinite(held_out):
+        numbers["held_out_percent"] = held_out
     if against:
-        return refuse("models.none", against=against, fit_percent=percent, untried=list(untried[:3]), **common)
+        return refuse("models.none", against=against, untried=list(untried[:3]), **numbers)
     if not row["determined"]:
-        return look("models.undetermined", remark=row["remark"], **common)
-    worse = coloured and known and bool(row["held_out_percent"] < 0)
-    common |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF, "fit_percent": percent}
-    return look("models.provisional", **common) if troubles or worse else note("models.recommended", **common)
+        return look("models.undetermined", remark=row["remark"], **numbers)
+    worse = coloured and held_out < 0
+    numbers |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF}
+    return look("models.provisional", **numbers) if troubles or worse else note("models.recommended", **numbers)
 
 
 def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
@@ -64,6 +113,7 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     ``unit`` is the output's; models that could not be fitted are left out.
     """
     good = table[table["BIC"].notna()]
+    white, following = ([f"{p:.2f}" if p >= ALARM else "below 0.01" for p in good[c]] for c in ("p_white", "p_input"))
     return pd.DataFrame(
         {
             "model": good["model"].to_list(),
@@ -72,8 +122,8 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
             f"rms{f' [{unit}]' if unit else ''}": [f"{v:.3g}" for v in good["rms"]],
             "held out [%]": [f"{v:.2f}" if np.isfinite(v) else "" for v in good["held_out_percent"]],
             "BIC above best": [f"{v:.1f}" for v in good["BIC"] - good["BIC"].min()],
-            "white p": [_p(v) for v in good["p_white"]],
-            "input p": [_p(v) for v in good["p_input"]],
+            "white p": white,
+            "input p": following,
         }
     )
 
@@ -86,10 +136,6 @@ COLUMNS = (
 )
 
 
-def _p(p: float) -> str:
-    return f"{p:.2f}" if p >= ALARM else "below 0.01"
-
-
 def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) -> str:
     """How to write the model as the chain that :func:`tcdyn.smooth` removes; empty where it is none.
 
@@ -99,17 +145,14 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
         chain = model.chain(conditioning)
     except InputError:
         return ""
-    lags = "".join(f"{tau:.4g}, " for tau in chain.taus_s).rstrip(" " if len(chain.taus_s) == 1 else ", ")
-    parts = [f"({lags})"]
-    parts += [f"{name}={value:.4g}" for name in ("zero_s", "delay_s", "cement_s") if (value := getattr(chain, name))]
-    if chain.pair is not None:
-        parts.append(f"pair=({chain.pair[0]:.4g}, {chain.pair[1]:.4g})")
-    parts.append(f"conditioning={_filter(conditioning)}")
+    parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if getattr(chain, f.name)]
     return f"To remove this lag from other traces: tcdyn.smooth(y, dt, Chain({', '.join(parts)})); the gain is left in."
 
 
-def _filter(b: Conditioning) -> str:
-    if not b.poles:
+def _digits(value: Any) -> str:
+    """A number, or those of a tuple, with four digits; anything else as Python writes it."""
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_digits, value))},)"
+    if isinstance(value, Conditioning) and not value.poles:
         return "Conditioning(poles=0)"
-    shape = "" if b.shape == "cascade" else f", {b.shape!r}"
-    return f"Conditioning({b.cutoff_Hz:g}, {b.poles}{shape})"
+    return f"{value:.4g}" if isinstance(value, float) else repr(value)

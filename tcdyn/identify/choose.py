@@ -1,9 +1,8 @@
-"""Choice of order and structure: AICc, BIC and held-out simulation error in one table, a recommended row and
-why."""
+"""Models compared on one record: AICc, BIC and held-out simulation error in one table, and all their fits."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,22 +10,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding
 from calibration.result import Result, jsonable
-from tcdyn.chain.rational import realise
-from tcdyn.identify.advice import COLUMNS, order_table, verdict
-from tcdyn.identify.data import IOData, Segment, cut
+from tcdyn.identify.advice import COLUMNS, order_table, recommend, verdict
+from tcdyn.identify.data import SHORTEST, IOData, cut
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import percent_times
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ALARM, off_equilibrium, validate
+from tcdyn.identify.start import polished
+from tcdyn.identify.validate import Validation, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
-DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
 Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
@@ -55,10 +52,15 @@ class Comparison(Result):
         return "\n".join([*lines, "", shown, "", COLUMNS])
 
     @cached_property
+    def validation(self) -> Validation:
+        """What the residuals of the recommended model say."""
+        return validate(self.best)
+
+    @property
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = [name for name in OFFERED if name not in set(self.table["model"])]
-        return verdict(self.table, self.recommended, self.why, untried, validate(self.best).troubles)
+        return verdict(self.table, self.recommended, self.why, untried, self.validation.troubles)
 
     @property
     def advice(self) -> str:
@@ -92,7 +94,7 @@ def compare(
     each model before it is fitted.
     """
     found = compared(data, models, held_out, progress, options)
-    if "initial" in options or not off_equilibrium(found.best):
+    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
         return found
 
     def again(name: str, number: int, count: int) -> None:
@@ -195,93 +197,25 @@ def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IODat
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on.
 
-    Nothing is re-estimated but a state: a record that the fit has begun is continued from the state it found; any
-    other whose state is free (after a gap, or all with "estimated") gets the state that suits it best.
+    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"): a record that is scored
+    from some time on is continued from the state that suits what came before, any other gets the state that suits it.
     """
-    model, problem = result.identified, replace(result.problem, dt_s=test.dt_s, hold=test.hold)
-    rational = model.rational
-    system = realise(rational, sensitivities=False)
-    errors, spreads = [], []
-    for k, run in enumerate(test.runs):
-        for s in cut(run, k, test.dt_s):
-            y = problem.driven(system, s, rational.delay_s)[0] + model.offset
-            if s.resumed or problem.initial == "estimated":
-                y = y + free_response(result, s, s.y - y)
-            late = s.seen & (s.start_s + np.arange(len(y)) * test.dt_s >= from_s)
-            errors.append((s.y - y)[late])
-            spreads.append(s.y[late] - np.mean(s.y[late]) if late.any() else s.y[late])
-    e, spread = np.concatenate(errors), np.concatenate(spreads)
-    if len(e) == 0:
+    model = result.identified
+    segments, scored = [], []
+    for s in (s for k, run in enumerate(test.runs) for s in cut(run, k, test.dt_s)):
+        late = s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s)
+        before = s.seen & ~late
+        segments.append(replace(s, y=s.y - model.offset, seen=before if before.sum() >= SHORTEST else s.seen))
+        scored.append(late)
+    known = replace(model.model, fixed=model.theta, offset="none")
+    posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold)
+    answers = posed.outputs(polished(posed, {})[1], jacobian=False)
+    assert answers is not None
+    error = np.concatenate([(s.y - y)[late] for s, (y, _), late in zip(segments, answers, scored)])
+    spread = np.concatenate(
+        [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
+    )
+    if len(error) == 0:
         return np.nan, np.nan
-    top, base = float(np.sqrt(np.mean(e**2))), float(np.sqrt(np.mean(spread**2)))
+    top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
     return top, 100 * (1 - top / base) if base > 0 else np.nan
-
-
-def free_response(result: Fit, piece: Segment, left: Array) -> Array:
-    """What the initial state of ``piece`` leaves in its output (N,): that of the fitted segment with which it begins,
-    else the one that explains most of ``left`` (N,), its output less the response to its input."""
-    problem, rational = result.problem, result.identified.rational
-    for k in problem.loose:
-        s = problem.segments[k]
-        m = min(len(s.y), len(piece.y))
-        if s.start_s == piece.start_s and np.array_equal(s.y[:m], piece.y[:m], equal_nan=True):
-            return np.asarray(problem.free_response(rational, result.x[problem.state_slice(k)], len(left))[0])
-    rows = problem.state_rows(problem.free_response(rational, np.ones(problem.n_states), len(left)))
-    state = np.linalg.lstsq(rows[:, piece.seen].T, left[piece.seen], rcond=1e-10)[0]
-    return np.asarray(state @ rows)
-
-
-def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, str]:
-    """The row to use and a sentence why.
-
-    The lowest BIC among models without complaint (no parameter on a bound or undetermined) whose residuals do not
-    follow the input; failing that, among those that the data do not determine but whose residuals do not follow the
-    input; then among those without complaint. A model is passed over for another kind only where that one's BIC is
-    less than 10 above it: what explains decisively less of the output passes the tests for want of power. Within a
-    kind the best gives way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
-    held-out error is better by more than 5 %. ``left_out`` are names that are not considered.
-    """
-    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
-    sound = good[good["determined"]]
-    following = good.get("p_input", pd.Series(1.0, good.index)) < ALARM
-    passing, explaining = sound[~following[sound.index]], good[~following]
-    limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
-    pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
-    best = pool.iloc[0]
-    near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
-    lowest = "the lowest BIC" if best["BIC"] == good["BIC"].min() else "the lowest BIC of those that qualify"
-    reason = f"{best['model']} has {lowest}"
-    if len(near):
-        best = near.sort_values("parameters").iloc[0]
-        reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"
-    rival = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE].sort_values("held_out_rms").iloc[0]
-    if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
-        reason = (
-            f"{rival['model']} simulates the held-out part better ({rival['held_out_rms']:.4g} against "
-            f"{best['held_out_rms']:.4g} rms) than {best['model']}, which has the lower BIC"
-        )
-        best = rival
-    elif len(pool) > 1:
-        reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
-        if not best["held_out_rms"] > pool["held_out_rms"].min():
-            reason += ", the least of all"
-    ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
-    if len(ties) and not len(near):
-        reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
-    skipped, left = good[~good["determined"]], sound[~sound["model"].isin(pool["model"])]
-    asides = (
-        (skipped[skipped["BIC"] < best["BIC"]], "would score better but", "is are", "not determined by these data"),
-        (left[left["BIC"] < best["BIC"]], "would score better but", "misses miss", "dynamics"),
-        (
-            table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
-            "", "is are", "left out, for the pair does not oscillate and is two lags",
-        ),
-    )  # fmt: skip
-    for rows, before, verbs, after in asides:
-        if len(rows):
-            words = (", ".join(rows["model"]), before, verbs.split()[len(rows) > 1], after)
-            reason += "; " + " ".join(filter(None, words))
-    return str(best["model"]), reason + "."
-
-
-__all__ = ["CANDIDATES", "Comparison", "compare", "held_out_score", "recommend"]

@@ -128,14 +128,14 @@ class Model:
 
     def chain_rule(self, theta: Mapping[str, float]) -> Array:
         """d(coefficients)/d(free parameters), shape (rows, P), rows as in ``Realisation`` without the first."""
-        columns = []
-        for name in self.free:
-            p: dict[str, Any] = dict(self.full(theta))
-            p[name] += 1j * STEP
+        at = self.full(theta)
+
+        def column(p: Mapping[str, Any]) -> list[Any]:
             num, below = self.coefficients(p)
-            above = np.convolve(num, self.known.num)
-            columns.append([*above, *(c for f in below for c in f[1:]), p.get("Td", 0.0)])
-        return np.array(columns, dtype=complex).reshape(len(columns), -1).T.imag / STEP
+            return [*np.convolve(num, self.known.num), *(c for f in below for c in f[1:]), p.get("Td", 0.0)]
+
+        columns = np.array([column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex)
+        return columns.reshape(len(self.free), len(column(at))).T.imag / STEP
 
     def with_fixed(self, **values: float) -> Model:
         """The same structure with more parameters held at a value."""

@@ -99,23 +99,24 @@ def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Arr
     """r^2 of the output with the input behind each lag ``taus_s`` (T,) and shifted by -ahead..behind samples.
 
     (T, ahead + 1 + behind), over all segments, negative where the gain would be. The integrators and the known part are
-    in it; before its first and after its last sample a segment's lagged input stays where it was.
+    in it; before its first sample a segment's lagged input is as there, after its last it is not known.
     """
-    known, system = problem.model.known, problem.model.integrators
-    total, whole = np.zeros((len(taus_s), ahead + 1 + behind)), 1e-300
+    known, integrators = problem.model.known, problem.model.integrators
+    total, whole = np.zeros((len(taus_s), ahead + 1 + behind)), np.full(ahead + 1 + behind, 1e-300)
     for s in problem.segments:
         y = filled(s) - filled(s).mean()
-        whole += float(y @ y)
+        count = np.clip(len(y) - np.arange(ahead, -behind - 1, -1), 1, len(y))  # samples that have both
+        of_y = np.cumsum([np.append(0.0, y), np.append(0.0, y**2)], axis=1)[:, count]
+        whole += of_y[1] - of_y[0] ** 2 / count
         for row, tau in zip(total, taus_s):
-            lag = realise(Rational(np.array(known.num), (Factor((1.0, tau)), *known.factors), 0.0, system), False)
+            lag = realise(Rational(np.array(known.num), (Factor((1.0, tau)), *known.factors), 0.0, integrators), False)
             x = simulate_rows(lag, s.u, problem.dt_s, 0.0, problem.hold, problem.begun)[0]
-            x = np.concatenate([np.full(behind, x[0]), x, np.full(ahead, x[-1])]) - x[0]
-            along = correlate(x, y, "valid", "fft")
-            sums = np.cumsum([np.zeros(len(x) + 1), np.append(0.0, x), np.append(0.0, x**2)], axis=1)[1:]
-            first, second = sums[:, len(y) :] - sums[:, : -len(y)]
-            spread = np.maximum(second - first**2 / len(y), 1e-12 * sums[1, -1] + 1e-300)
-            row += (np.sign(along) * along**2 / spread)[::-1]
-    return total / whole
+            x = np.concatenate([np.zeros(behind + 1), x - x[0], np.zeros(ahead)])
+            sums = np.cumsum([x, x**2], axis=1)
+            first, second = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
+            along = correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
+            row += np.sign(along) * along**2 / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
+    return np.asarray(total / whole)
 
 
 def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ResidualTest, Validation, validate
+from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, dressed, figure
 
 
@@ -102,9 +102,8 @@ def dynamics_figure(model: Identified) -> Figure:
     return fig
 
 
-def residual_figure(fit: Fit, validation: Validation | None = None) -> Figure:
+def residual_figure(fit: Fit, v: Validation) -> Figure:
     """Residuals, their autocorrelation and their correlation with the input."""
-    v = validation or validate(fit)
     fig, axes = figure(1, 3, 12.0, 3.2)
     draw_residuals(fit, axes[0])
     draw_correlation(v.whiteness, axes[1], "residual autocorrelation")

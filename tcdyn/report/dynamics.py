@@ -9,11 +9,10 @@ import pandas as pd
 
 from calibration.disk import Conditioning
 from calibration.estimate import rounded, with_u
-from calibration.finding import look
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, IOData, percent_times
-from tcdyn.identify.advice import COLUMNS, as_chain, follows_input, order_table
+from tcdyn.identify.advice import COLUMNS, as_chain, order_table
 from tcdyn.identify.search import Fit
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
@@ -113,22 +112,20 @@ def write_identify_report(
             dynamics_figure(model),
             "Step response and Bode diagram of the identified model with 95 % bands.",
         ),
-        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best)),
+        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best, comparison.validation)),
     ]
     if level:
         sections.append(Section("Does the lag depend on the level?", level))
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
-    alarms = list(model.findings)
-    if follows_input(comparison.table[comparison.table["model"] == comparison.recommended].iloc[0]):
-        alarms = [look("said", text=model.sentence), *alarms]
+    missed = [f for f in comparison.validation.findings if f.code == "residuals.follow_input"]
     write_page(
         path,
         f"{model.input_name} to {model.output_name}: {model.model.name}",
         sections,
         verdict=comparison.advice,
-        findings=alarms,
+        findings=[*missed, *model.findings],
         assumptions=[
             f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
             "is known without error, and the system is linear and does not change in time",

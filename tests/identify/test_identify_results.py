@@ -21,7 +21,7 @@ from tcdyn.identify import (
     step_band,
     validate,
 )
-from tcdyn.identify.choose import recommend
+from tcdyn.identify.advice import recommend
 from tcdyn.identify.narx import temperature_dependence
 
 
