@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -90,7 +91,9 @@ def identify(
     record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
     fixed = {} if gain is None else {"Kp": gain}
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
-    structures = [structure(name, fixed, no_offset, filter_) for name in split_models(models)]
+    structures = [
+        structure(name.strip(), fixed, no_offset, filter_) for name in re.split(r",(?![^(]*\))", models) if name.strip()
+    ]
     loss = "huber" if robust else "linear"
     with counted(len(structures), quiet or json_) as progress:
         comparison = compare(record, structures, held_out=held_out, progress=progress, loss=loss, check=check, **begun)
@@ -114,19 +117,6 @@ def identify(
         print(dump(content), end="")
         return
     say(f"wrote {json_path} and {html_path}", quiet)
-
-
-def split_models(text: str) -> list[str]:
-    """Names separated by commas that are not inside brackets."""
-    names, depth, current = [], 0, ""
-    for c in text:
-        depth += (c == "(") - (c == ")")
-        if c == "," and depth == 0:
-            names.append(current)
-            current = ""
-        else:
-            current += c
-    return [n.strip() for n in [*names, current] if n.strip()]
 
 
 def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Conditioning) -> Any:

@@ -16,7 +16,6 @@ from calibration.result import Result, jsonable
 from tcdyn.identify.advice import COLUMNS, order_table, recommend, verdict
 from tcdyn.identify.data import SHORTEST, IOData, cut
 from tcdyn.identify.fit import fit
-from tcdyn.identify.identified import percent_times
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
@@ -43,13 +42,8 @@ class Comparison(Result):
 
     def summary(self) -> str:
         """Which model to use and why, or that none will do; the recommended model; the order table."""
-        lines = [self.advice, "", self.best.summary()]
-        model = self.best.identified
-        if not model.model.integrators:
-            times = ", ".join(f"{k} = {v.text('s')}" for k, v in percent_times(model).items())
-            lines.append(f"  lag (first moment) {model.lag_s.text('s')}; step response {times}")
-        shown = order_table(self.table, model.output_unit).to_string(index=False)
-        return "\n".join([*lines, "", shown, "", COLUMNS])
+        shown = order_table(self.table, self.best.identified.output_unit).to_string(index=False)
+        return "\n".join([self.advice, "", self.best.summary(), "", shown, "", COLUMNS])
 
     @cached_property
     def validation(self) -> Validation:
@@ -209,7 +203,7 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
         scored.append(late)
     known = replace(model.model, fixed=model.theta, offset="none")
     posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold)
-    answers = posed.outputs(polished(posed, {})[1], jacobian=False)
+    answers = posed.outputs(polished(posed, {})[1])
     assert answers is not None
     error = np.concatenate([(s.y - y)[late] for s, (y, _), late in zip(segments, answers, scored)])
     spread = np.concatenate(

@@ -62,7 +62,7 @@ def fit(
         check_causality(problem, data.name or "identify")
     x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1] if start is not None else None
     optimum = search(problem, start=x0)
-    if problem.loose:  # initial states are best searched in the time scale of the model, linear ones solved anew
+    if any(problem.loose):  # initial states are best searched in the time scale of the model, linear ones solved anew
         problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
         optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
     if loss != "linear":
@@ -92,19 +92,19 @@ def assemble(
     n, model, x = problem.n_seen, problem.model, optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
-    blank = Identified(model, problem.theta(x), np.zeros((len(model.free),) * 2), {})
-    result = Fit(blank, problem, optimum, -answer[0], np.zeros((problem.size,) * 2), noise, loss)
-    cov_x, robust = covariance_of(result, covariance)
+    root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
+    e, j = -optimum.residual * root, optimum.jacobian * root[:, None]
+    cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss if noise.white else "linear")
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
-    u = dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
-    sse = float(result.innovation @ result.innovation)
+    theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
+    sse, offsets = float(e @ e), x[problem.n_model : problem.places[0][1].start]
     identified = Identified(
         model=model,
-        theta=blank.theta,
+        theta=theta,
         covariance=cov,
-        estimates={name: Estimate.normal(blank.theta[name], u[name]) for name in model.free},
-        offset=float(np.mean(x[problem.n_model :][: problem.n_offsets])) if problem.n_offsets else 0.0,
+        estimates={name: Estimate.normal(theta[name], u[name]) for name in model.free},
+        offset=float(np.mean(offsets)) if len(offsets) else 0.0,
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
         dt_s=problem.dt_s,
@@ -112,9 +112,9 @@ def assemble(
         output_name=data.output_names[0],
         input_unit=data.input_units[0],
         output_unit=data.output_units[0],
-        findings=noticed(problem, optimum, blank.theta, u),
+        findings=noticed(problem, optimum, theta, u),
     )
-    result = replace(result, identified=identified, covariance_x=cov_x)
+    result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss)
     checked = validate(result)
     count = problem.size + 1 + len(noise.ar) + len(noise.ma)
     likelihood = n * np.log(max(sse, 1e-300) / n)
@@ -133,18 +133,20 @@ def assemble(
     return result if intervals == "quadratic" or loss != "linear" else profiled(result, intervals == "profile")
 
 
-def covariance_of(found: Fit, kind: Covariance) -> tuple[Array, bool]:
-    """Covariance of x, and whether it is wider than white noise alone makes it."""
-    problem, e, j = found.problem, found.innovation, found.weighted_jacobian
+def covariance_of(
+    problem: Posed, optimum: Optimum, residual: Array, e: Array, j: Array, kind: Covariance, loss: Loss
+) -> tuple[Array, bool]:
+    """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
+    noise alone makes it."""
     bread = inverse(j.T @ j)
     cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
     coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
     if kind == "robust" or coloured:
         cov_x, wider = sandwich(j, e, problem.parts), True
-    if found.loss != "linear" and found.noise.white:
-        cov_x = robust_covariance(found.optimum.residual, found.optimum.jacobian, found.loss)
+    if loss != "linear":
+        cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
     step = problem.rounding_step
-    if np.sqrt(np.mean(found.residual**2)) < step:  # no noise shakes it: equal readings share one error
+    if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
         edges = [part.start for part in problem.parts]
         new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
         half = np.add.reduceat(j, new, axis=0) @ bread
@@ -236,6 +238,3 @@ def poor(found: Fit, name: str) -> bool:
         lag = first_moment(found.problem, found.x)
         return abs(found.estimates["Tz"].value) < 0.1 * lag  # there zero and dead time act alike
     return name == "Td" and e.low95 < 0
-
-
-__all__ = ["Fit", "fit", "profile"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,27 +71,23 @@ class Identified(Result):
         """Static gain (of the part before the integrator)."""
         return float(self.rational.num[0])
 
-    @property
+    @cached_property
     def lag_s(self) -> Estimate:
-        """First moment of the impulse response [s], the known part's own included, with its interval."""
-        return Estimate.normal(self.lag_at(self.theta), float(np.sqrt(max(self.propagate(self.lag_gradient()), 0.0))))
+        """First moment of the impulse response [s], the known part's own included, with its interval.
 
-    def lag_at(self, theta: Mapping[str, float]) -> float:
-        """First moment at other parameters: Td + sum of a_1 - b_1/b_0."""
-        return self.model.rational(theta).lag_s
-
-    def lag_gradient(self) -> Array:
-        """d(lag_s)/d(free parameters), by the chain rule of the coefficients."""
-        num = self.rational.num
-        row = [num[1] / num[0] ** 2, -1.0 / num[0]] if len(num) > 1 else []
-        row += [0.0] * (len(num) - len(row))
-        for f in self.rational.factors:
+        Td + sum of a_1 - b_1/b_0, and by the chain rule of the coefficients its derivatives with the free parameters.
+        """
+        g = self.rational
+        row = [g.num[1] / g.num[0] ** 2, -1.0 / g.num[0]] if len(g.num) > 1 else []
+        row += [0.0] * (len(g.num) - len(row))
+        for f in g.factors:
             row += [1.0, *[0.0] * (len(f.coefs) - 2)] if f.free else []
-        return np.asarray([*row, 1.0] @ self.model.chain_rule(self.theta))
+        slopes = np.asarray([*row, 1.0] @ self.model.chain_rule(self.theta))
+        return Estimate.normal(g.lag_s, float(self.u_of(slopes[:, None])[0]))
 
-    def propagate(self, gradient: Array) -> float:
-        """Variance of a quantity with that gradient by the free parameters."""
-        return float(gradient @ self.covariance @ gradient)
+    def u_of(self, slopes: Array) -> Array:
+        """Standard uncertainties (N,) of quantities with these ``slopes`` (P, N) by the free parameters."""
+        return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", slopes, self.covariance, slopes), 0.0)))
 
     def simulate(
         self, u: Array, dt_s: float | None = None, hold: Hold | None = None, start: Start = "equilibrium"
@@ -123,22 +120,27 @@ class Identified(Result):
         )
 
     def summary(self) -> str:
-        """The parameters with their standard uncertainties, the lag and what validation said."""
-        m = self.model
+        """The table people read: parameters, the lag, how well it fits, what validation said and was noticed."""
+        m, s = self.model, self.statistics
         lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {self.hold.upper()}, dt = {self.dt_s:g} s"]
-        lines += [f"  {n} {e.text(m.unit(n))}" for n, e in self.estimates.items()]
-        lines += [] if m.integrators else [f"  lag (first moment) {self.lag_s.text('s')}"]
-        said = [self.sentence] if self.sentence else []
-        return "\n".join([*lines, *(f"  {s}" for s in said), *(f"  warning: {w}" for w in self.warnings)])
+        for name, value, u, low, high, unit in self.card().itertuples(index=False):
+            lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
+        lines += [f"  {name:5s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
+        if s:
+            lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
+        lines += [f"  {self.sentence}"] if self.sentence else []
+        return "\n".join([*lines, *(f"  warning: {w}" for w in self.warnings)])
 
     def card(self) -> pd.DataFrame:
-        """Free parameters, one row each."""
-        rows = [
-            (n, *rounded(e.value, e.u), rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0], self.model.unit(n))
-            for n, e in self.estimates.items()
+        """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""
+        rows = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
+        if not self.model.integrators:
+            rows += [(name, e, "s") for name, e in {"lag": self.lag_s, **percent_times(self)}.items()]
+        digits = [
+            (name, *rounded(e.value, e.u), *(rounded(x, e.u)[0] for x in (e.low95, e.high95)), unit)
+            for name, e, unit in rows
         ]
-        columns = ["parameter", "value", "u", "low 95 %", "high 95 %", "unit"]
-        return pd.DataFrame(rows, columns=columns)
+        return pd.DataFrame(digits, columns=["quantity", "value", "u", "low 95 %", "high 95 %", "unit"])
 
     def to_json(self) -> str:
         """The model as JSON text, complete: :meth:`from_json` gives it back."""
@@ -249,12 +251,7 @@ def step_band(model: Identified, time_s: Array | None = None) -> Band:
     """The unit step response with its band, by first-order propagation of the covariance."""
     t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
     y, j = step_rows(model, t)
-    return Band(t, y, deviation(j, model.covariance))
-
-
-def deviation(j: Array, covariance: Array) -> Array:
-    """sqrt(diag(J' C J)) for J (P, N)."""
-    return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", j, covariance, j), 0.0)))
+    return Band(t, y, model.u_of(j))
 
 
 def percent_times(model: Identified) -> dict[str, Estimate]:
@@ -276,8 +273,8 @@ def percent_times(model: Identified) -> dict[str, Estimate]:
         i = max(int(np.argmax(share >= q)), 1)
         at = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
         steep = max(float(np.interp(at, t, slope)), 1e-12)
-        gradient = -np.array([np.interp(at, t, row) for row in derivative]) / steep
-        out[name] = Estimate.normal(at, float(np.sqrt(max(model.propagate(gradient), 0.0))))
+        slopes = -np.array([[np.interp(at, t, row)] for row in derivative]) / steep
+        out[name] = Estimate.normal(at, float(model.u_of(slopes)[0]))
     return out
 
 
@@ -288,13 +285,13 @@ def bode_band(model: Identified, frequency_Hz: Array | None = None) -> BodeBand:
     """
     g = model.rational
     if frequency_Hz is None:
-        corner = 1 / (2 * np.pi * max(model.lag_at(model.theta), model.dt_s)) if not g.integrators else 0.1 / model.dt_s
+        corner = 1 / (2 * np.pi * max(g.lag_s, model.dt_s)) if not g.integrators else 0.1 / model.dt_s
         frequency_Hz = np.geomspace(corner / 100, min(corner * 100, 0.5 / model.dt_s), 200)
     f = np.asarray(frequency_Hz, dtype=float)
     value = g.frequency_response(f)
     relative = model.model.chain_rule(model.theta).T @ (g.frequency_sensitivity(f) / value)
-    magnitude = deviation(20 / np.log(10) * relative.real, model.covariance)
-    phase = deviation(np.degrees(relative.imag), model.covariance)
+    magnitude = model.u_of(20 / np.log(10) * relative.real)
+    phase = model.u_of(np.degrees(relative.imag))
     return BodeBand(
         Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
     )

@@ -12,7 +12,7 @@ import numpy as np
 from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import rounding_sd
-from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
+from tcdyn.chain.rational import Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
 from tcdyn.identify.data import SHORTEST, IOData, Segment, cut
 from tcdyn.identify.models import Model
@@ -38,39 +38,28 @@ class Posed:
         """Free model parameters."""
         return len(self.model.free)
 
-    @property
-    def n_offsets(self) -> int:
-        """Free output offsets; none where an integrator's free state is one already."""
-        if self.model.integrators and len(self.loose) == len(self.segments):
-            return 0
-        return {"free": 1, "per run": len({s.run for s in self.segments}), "none": 0}[self.model.offset]
-
-    def offset_at(self, k: int) -> int:
-        """Where in x the offset of segment ``k`` is."""
-        runs = sorted({s.run for s in self.segments})
-        return self.n_model + (runs.index(self.segments[k].run) if self.model.offset == "per run" else 0)
-
-    @property
-    def n_states(self) -> int:
-        """Initial-state coefficients of a segment whose state is free."""
-        return self.model.order + self.model.integrators + len(self.model.known.den) - 1
+    @cached_property
+    def loose(self) -> tuple[bool, ...]:
+        """Whether the initial state of each segment is free."""
+        return tuple(s.resumed or self.initial == "estimated" for s in self.segments)
 
     @cached_property
-    def loose(self) -> tuple[int, ...]:
-        """Indices of the segments whose initial state is free."""
-        return tuple(k for k, s in enumerate(self.segments) if s.resumed or self.initial == "estimated")
+    def places(self) -> tuple[tuple[slice, slice], ...]:
+        """Where in x the offset and the initial state of each segment stand; empty where there is none.
 
-    def state_slice(self, k: int) -> slice:
-        """Where in x the initial state of segment ``k`` is; empty where it is not free."""
-        if k not in self.loose:
-            return slice(0, 0)
-        at = self.n_model + self.n_offsets + self.n_states * self.loose.index(k)
-        return slice(at, at + self.n_states)
+        There is no offset where an integrator's free state is one already.
+        """
+        m, runs = self.model, sorted({s.run for s in self.segments})
+        offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (not (m.integrators and all(self.loose)))
+        states = m.order + m.integrators + len(m.known.den) - 1
+        edges = self.n_model + offsets + states * np.cumsum([0, *self.loose])
+        own = [self.n_model + (runs.index(s.run) if m.offset == "per run" else 0) for s in self.segments]
+        return tuple((slice(o, o + (offsets > 0)), slice(a, b)) for o, a, b in zip(own, edges, edges[1:].tolist()))
 
     @property
     def size(self) -> int:
         """Length of x."""
-        return self.n_model + self.n_offsets + self.n_states * len(self.loose)
+        return self.places[-1][1].stop
 
     @property
     def n_seen(self) -> int:
@@ -110,12 +99,6 @@ class Posed:
     def begun(self) -> Start:
         """The state in which runs begin, unless it is estimated."""
         return "zero" if self.initial == "zero" else "equilibrium"
-
-    def driven(self, system: Realisation, segment: Segment, delay_s: float) -> Array:
-        """Rows (R, N) of the response to a segment's input, and to what a dead time brings in from before a gap."""
-        past = segment.history(self.reach) if segment.resumed else segment.past
-        u = np.concatenate([past, segment.u])
-        return simulate_rows(system, u, self.dt_s, delay_s, self.hold, self.begun)[:, len(past) :]
 
     def natural_scale(self, x: Array) -> Array:
         """d(natural parameter)/dx of the free model parameters (n_model,)."""
@@ -157,66 +140,49 @@ class Posed:
                 lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * self.longest_s)
         return lower, upper
 
-    def state_polynomial(self, q: Array) -> Array:
-        """Ascending numerator of the free response from its scaled coefficients."""
-        return q * self.time_scale_s ** np.arange(1, len(q) + 1)
-
-    def outputs(self, x: Array, jacobian: bool = True) -> list[tuple[Array, Array]] | None:
+    def outputs(self, x: Array) -> list[tuple[Array, Array]] | None:
         """Per segment the model output (N,) and its Jacobian (N, size); None where the model is unstable."""
-        theta = self.theta(x)
+        theta, n = self.theta(x), self.n_model
         rational = self.model.rational(theta)
         if not rational.stable:
             return None
-        system = realise(rational, jacobian)
-        rule = self.model.chain_rule(theta) * self.natural_scale(x) if jacobian else np.zeros((0, 0))
+        system, rule = realise(rational), self.model.chain_rule(theta) * self.natural_scale(x)
         answers = []
-        for k, segment in enumerate(self.segments):
-            rows = self.driven(system, segment, rational.delay_s)
-            y, j = rows[0], np.zeros((len(segment.u), self.size if jacobian else 0))
-            if jacobian:
-                j[:, : self.n_model] = rows[1:].T @ rule
-            if self.n_offsets:
-                y = y + x[self.offset_at(k)]
-                j[:, self.offset_at(k) :][:, :1] = 1.0
-            at = self.state_slice(k)
-            if k in self.loose:
-                free = self.free_response(rational, x[at], len(y))
-                y = y + free[0]
-                if jacobian:
-                    by_factor = free[1 + self.n_states : -1]
-                    j[:, : self.n_model] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
-                    j[:, at] = self.state_rows(free).T
+        for segment, (offset, state) in zip(self.segments, self.places):
+            past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
+            u = np.concatenate([past, segment.u])
+            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
+            y, j = rows[0] + x[offset].sum(), np.zeros((len(segment.u), self.size))
+            j[:, :n] = rows[1:].T @ rule
+            j[:, offset] = 1.0
+            if count := len(x[state]):
+                scale = self.time_scale_s ** np.arange(1.0, count + 1)
+                begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
+                free = free_rows(begun, len(y), self.dt_s)  # its value, d/dnumerator, d/dfactor coefficients
+                y, by_factor = y + free[0], free[1 + count : -1]
+                j[:, :n] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
+                j[:, state] = free[1 : 1 + count].T * scale
             answers.append((y, j))
         return answers
-
-    def free_response(self, rational: Rational, q: Array, n: int) -> Array:
-        """Rows of the initial-state response: its value, d/dnumerator, d/dfactor coefficients."""
-        return free_rows(realise(replace(rational, num=self.state_polynomial(q), delay_s=0.0)), n, self.dt_s)
-
-    def state_rows(self, free: Array) -> Array:
-        """d(output)/d(initial-state coefficients), (n_states, N), among the rows of :meth:`free_response`."""
-        return np.asarray(free[1 : 1 + self.n_states] * self.state_polynomial(np.ones(self.n_states))[:, None])
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
         """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian."""
         answers = self.outputs(x)
         if answers is None:
             return None
-        r = [y[s.seen] - s.y[s.seen] for s, (y, _) in zip(self.segments, answers)]
-        residual = np.concatenate(r)
-        if not np.all(np.isfinite(residual)):
-            return None
-        return residual, np.vstack([j[s.seen] for s, (_, j) in zip(self.segments, answers)])
+        seen = [(y[s.seen] - s.y[s.seen], j[s.seen]) for s, (y, j) in zip(self.segments, answers)]
+        residual, jacobian = (np.concatenate(each) for each in zip(*seen))
+        return (residual, jacobian) if np.isfinite(residual).all() else None
 
-    def core(self, noise: Noise | None = None, root: Array | None = None) -> Problem:
+    def core(self, noise: Noise | None = None, root: Array | float = 1.0) -> Problem:
         """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``."""
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:
             answer = self.evaluate(x)
             if answer is None:
                 return None
-            r, j = answer if root is None else (answer[0] * root, answer[1] * root[:, None])
-            return (r, j) if noise is None else (noise.whiten(r, self.parts), noise.whiten(j, self.parts))
+            whiten = (noise or Noise()).whiten
+            return whiten(answer[0] * root, self.parts), whiten((answer[1].T * root).T, self.parts)
 
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))

@@ -12,7 +12,7 @@ import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.estimate import Estimate, rounded
+from calibration.estimate import Estimate
 from calibration.finding import Finding
 from calibration.result import Result
 from tcdyn.fitting import Loss, Noise, Optimum, Problem, fit_arma, least, minimise
@@ -25,15 +25,17 @@ from tcdyn.identify.start import starts
 class Fit(Result):
     """A finished fit: the identified model and everything needed to judge it.
 
-    ``residual`` (N,) is measured minus simulated at the measured samples; ``optimum`` that of the residuals which
-    were minimised, filtered by the ``noise`` model and without the robust loss's weights; ``covariance_x`` is that of
-    the whole vector x.
+    ``residual`` (N,) is measured minus simulated at the measured samples, ``innovation`` (N,) the same after the noise
+    model and the robust loss's weights, ``slopes`` (N, size) its negative Jacobian by x; ``optimum`` is that of the
+    innovation without those weights; ``covariance_x`` is that of the whole vector x.
     """
 
     identified: Identified
     problem: Posed
     optimum: Optimum
     residual: Array
+    innovation: Array
+    slopes: Array
     covariance_x: Array
     noise: Noise
     loss: Loss = "linear"
@@ -42,18 +44,6 @@ class Fit(Result):
     def x(self) -> Array:
         """All that was fitted: model parameters (positive ones as logarithms), offsets, initial states."""
         return self.optimum.theta
-
-    @property
-    def innovation(self) -> Array:
-        """``residual`` (N,) after the noise model and the robust weights."""
-        weights = self.optimum.weights
-        return -self.optimum.residual * (1.0 if weights is None else np.sqrt(weights))
-
-    @property
-    def weighted_jacobian(self) -> Array:
-        """d(-innovation)/dx (N, size)."""
-        weights = self.optimum.weights
-        return self.optimum.jacobian if weights is None else self.optimum.jacobian * np.sqrt(weights)[:, None]
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -72,26 +62,13 @@ class Fit(Result):
 
     def simulated(self) -> list[Array]:
         """The model's output over every segment of the data (N,)."""
-        answers = self.problem.outputs(self.x, jacobian=False)
+        answers = self.problem.outputs(self.x)
         assert answers is not None
         return [y for y, _ in answers]
 
     def summary(self) -> str:
         """The table people read."""
-        m, s = self.identified, self.identified.statistics
-        lines = [f"{m.model.name}: {m.input_name} -> {m.output_name}, {m.hold.upper()}, dt = {m.dt_s:g} s"]
-        for name in m.model.names:
-            unit = m.model.unit(name)
-            if name in self.estimates:
-                e = self.estimates[name]
-                value, u = rounded(e.value, e.u)
-                interval = f"[{rounded(e.low95, e.u)[0]}, {rounded(e.high95, e.u)[0]}]"
-                lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} {interval} {unit}")
-            else:
-                lines.append(f"  {name:5s} {m.theta[name]:12.5g} (fixed) {unit}")
-        lines.append(f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}")
-        lines += [f"  {m.sentence}", *(f"  warning: {w}" for w in self.warnings)]
-        return "\n".join(lines)
+        return self.identified.summary()
 
     def to_dict(self) -> dict[str, Any]:
         """The identified model as its file holds it."""
@@ -173,13 +150,12 @@ def ordered(posed: Posed, optimum: Optimum) -> Optimum:
 def with_noise(posed: Posed, optimum: Optimum, order: tuple[int, int]) -> tuple[Optimum, Noise]:
     """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction
     error. Robust weights stay as ``optimum`` has them."""
-    root = None if optimum.weights is None else np.sqrt(optimum.weights)
+    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
     model, cost = Noise(), np.inf
-    plain = posed.core(root=root)
     for _ in range(12):
-        answer = plain.evaluate(optimum.theta)
+        answer = posed.evaluate(optimum.theta)
         assert answer is not None
-        model = fit_arma(answer[0], posed.parts, *order)
+        model = fit_arma(answer[0] * root, posed.parts, *order)
         optimum = search(posed, posed.core(model, root), optimum.theta)
         if cost - optimum.cost < 1e-7 * optimum.cost:
             break

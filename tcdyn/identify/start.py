@@ -148,8 +148,8 @@ def check_causality(problem: Posed, where: str) -> None:
         for row in taus:
             score = np.abs(explained(plain, row, reach, reach))
             for side, part in enumerate((score[:, : reach - 2], score[:, reach - 2 :])):
-                k, at = np.unravel_index(int(np.argmax(part)), part.shape)
-                best[side] = max(best[side], (float(part[k, at]), int(at), float(row[k])))
+                k, place = map(int, np.unravel_index(int(np.argmax(part)), part.shape))
+                best[side] = max(best[side], (float(part[k, place]), place, float(row[k])))
         (early, at, _), (late, _, _) = best
         if not (early > 0.3 and 1 - early < 0.7 * (1 - late)):
             return

@@ -27,13 +27,11 @@ ALARM = 0.01  # p below which the findings speak up; the bounds themselves are a
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Normalised correlations at ``lags_s``, the pointwise 95 % bound of each, and the joint test."""
+    """Normalised correlations at ``lags_s``, the pointwise 95 % bound of each, and p of the joint test."""
 
     lags_s: Array
     value: Array
     bound95: Array
-    statistic: float
-    degrees: int
     p: float
 
 
@@ -45,9 +43,6 @@ class Validation:
     input: ResidualTest
     fit_percent: float
     rms: float
-    spikes: int
-    largest_spike: float
-    coloured: bool
     findings: tuple[Finding, ...]
 
     @property
@@ -71,7 +66,7 @@ class Validation:
 def validate(fit: Fit, lags: int = 20) -> Validation:
     """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags."""
     problem, parts = fit.problem, fit.problem.parts
-    e, j, r = fit.innovation, fit.weighted_jacobian, fit.residual
+    e, j, r = fit.innovation, fit.slopes, fit.residual
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
@@ -87,8 +82,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
     raw = r if fit.noise.white else e
     scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
-    standard = np.abs(raw) / scale
-    spikes = int(np.sum(standard > float(stats.norm.isf(0.005 / len(raw)))))
+    spikes = int(np.sum(np.abs(raw) > scale * float(stats.norm.isf(0.005 / len(raw)))))
     percent = fit_percent(problem, r)
     unsettled = off_equilibrium(fit)
     found = [_verdict(fit, white, cross, coloured, rounding, percent)]
@@ -98,16 +92,14 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         found.append(note("record.gaps", count=resumed))
     found += unsettled
     found += drift(problem, r) if coloured else ()
-    found += coarse(fit)
+    if (rms := float(np.sqrt(np.mean(r**2)))) < problem.rounding_step:
+        found.append(look("record.coarse", step=problem.rounding_step, rms=rms))
     found += feedback(ew, jw, ahead, u[:, 1:])
     return Validation(
         whiteness=white,
         input=cross,
         fit_percent=percent,
-        rms=float(np.sqrt(np.mean(r**2))),
-        spikes=spikes,
-        largest_spike=float(standard.max()),
-        coloured=coloured,
+        rms=rms,
         findings=tuple(found),
     )
 
@@ -142,15 +134,8 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
             taken[k] += float(np.sum(q[s][k:] * q[s][:-k]))
     z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
     value = total[1:] / max(total[0], 1e-300)
-    statistic = float(np.sum(z**2))
-    return ResidualTest(
-        lags_s=np.asarray(dt_s * np.arange(1, lags + 1)),
-        value=value,
-        bound95=1.96 * np.sqrt(pairs[1:]) / n,
-        statistic=statistic,
-        degrees=lags,
-        p=float(stats.chi2.sf(statistic, lags)),
-    )
+    bound = 1.96 * np.sqrt(pairs[1:]) / n
+    return ResidualTest(np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(stats.chi2.sf(np.sum(z**2), lags)))
 
 
 def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
@@ -190,14 +175,13 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     alive = np.linalg.norm(left, axis=0) > 1e-6
     basis = orthonormal(left[:, alive])
     rank = basis.shape[1]
-    explained = float(np.sum((basis.T @ e) ** 2))
-    statistic, tail = 0.0, 1.0
-    if rank and n - p - rank > 0:
-        statistic = (explained / rank) / max((total - explained) / (n - p - rank), 1e-300)
-        tail = float(stats.f.sf(statistic, rank, n - p - rank))
+    explained, left_over, tail = float(np.sum((basis.T @ e) ** 2)), n - p - rank, 1.0
+    if rank and left_over > 0:
+        ratio = (explained / rank) / max((total - explained) / left_over, 1e-300)
+        tail = float(stats.f.sf(ratio, rank, left_over))
     value = (left.T @ e) / np.sqrt(total)
     bound = 1.96 * np.linalg.norm(left, axis=0) * np.sqrt(variance / total)
-    return ResidualTest(lags_s=lags_s, value=value, bound95=bound, statistic=statistic, degrees=rank, p=tail)
+    return ResidualTest(lags_s, value, bound, tail)
 
 
 def fit_percent(problem: Posed, residual: Array) -> float:
@@ -207,12 +191,6 @@ def fit_percent(problem: Posed, residual: Array) -> float:
     return 100.0 * (1.0 - float(np.sqrt(top / spread))) if spread > 0 else 0.0
 
 
-def coarse(fit: Fit) -> tuple[Finding, ...]:
-    """Whether the residuals are smaller than the steps in which the output is rounded."""
-    step, rms = fit.problem.rounding_step, float(np.sqrt(np.mean(fit.residual**2)))
-    return (look("record.coarse", step=step, rms=rms),) if rms < step else ()
-
-
 def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
     """Whether a run begins 4 rms or more off the equilibrium that was assumed (median of 3 samples)."""
     problem = fit.problem
@@ -220,7 +198,7 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
         return ()
     rms = float(np.sqrt(np.mean(fit.residual**2)))
     at = np.cumsum([0, *(s.seen.sum() for s in problem.segments)])
-    starts = [fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if k not in problem.loose]
+    starts = [fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if not problem.loose[k]]
     first = abs(max((float(np.median(r)) for r in starts), key=abs, default=0.0))
     return (look("record.off_equilibrium", off=first, times_rms=first / rms),) if first > 4 * rms else ()
 

@@ -8,12 +8,10 @@ from pathlib import Path
 import pandas as pd
 
 from calibration.disk import Conditioning
-from calibration.estimate import rounded, with_u
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
-from tcdyn.identify import Comparison, IOData, percent_times
+from tcdyn.identify import Comparison, IOData
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table
-from tcdyn.identify.search import Fit
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import figure
@@ -68,21 +66,6 @@ def design_table(design: Design) -> pd.DataFrame:
     )
 
 
-def parameter_table(fit: Fit) -> pd.DataFrame:
-    """Parameters, lag and percent times with their intervals."""
-    model = fit.identified
-    rows = [(n, e, model.model.unit(n)) for n, e in fit.estimates.items()]
-    if not model.model.integrators:
-        rows += [("lag", model.lag_s, "s"), *((n, e, "s") for n, e in percent_times(model).items())]
-    ends = [(rounded(e.low95, e.u)[0], rounded(e.high95, e.u)[0]) for _, e, _ in rows]
-    return pd.DataFrame(
-        [
-            {"quantity": n, "value": with_u(e.value, e.u), "95 % interval": f"{low} to {high}", "unit": unit}
-            for (n, e, unit), (low, high) in zip(rows, ends)
-        ]
-    )
-
-
 def write_identify_report(
     path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = ""
 ) -> None:
@@ -97,7 +80,7 @@ def write_identify_report(
         Section(
             f"{model.model.name}: parameters",
             f"Where the quadratic intervals are poor these are of the profile likelihood. {as_chain(model, filter_)}",
-            parameter_table(best),
+            model.card(),
         ),
         Section(
             f"{model.model.name}: fit",
