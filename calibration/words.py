@@ -298,6 +298,30 @@ def _spikes(count: int, robust: bool, **_: Any) -> str:
     return f"{count} sample{'s stand' if count > 1 else ' stands'} out as spikes{remedy}."
 
 
+def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: bool, least: bool, **more: Any) -> str:
+    said = f"{subject} has the lowest {by}"
+    if by == "parameters":
+        said = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
+    if by == "held out":
+        said = (
+            f"{subject} simulates the held-out part better ({rms:.4g} against {other_rms:.4g} rms) than {other}, which "
+            "has the lower BIC"
+        )
+    elif not only:
+        said += f" and simulates the held-out part to {rms:.4g} rms" + (", the least of all" if least else "")
+    if more["ties"]:
+        said += f"; {' and '.join(more['ties'])} within 2 of its BIC would do as well"
+    for group, one, several, rest in (
+        ("undetermined", "would score better but is", "would score better but are", "not determined by these data"),
+        ("missing", "would score better but misses", "would score better but miss", "dynamics"),
+        ("pairs", "is", "are", "left out, for the pair does not oscillate and is two lags"),
+    ):
+        if names := more[group]:
+            said += f"; {', '.join(names)} {several if len(names) > 1 else one} {rest}"
+    freed = " As a run starts off the equilibrium, the state at each start was estimated."
+    return f"{said}." + (freed if more.get("freed") else "")
+
+
 REMEDIES = {  # of what is wrong with the record from which a model was to be identified
     "record.off_equilibrium": "let the runs start off equilibrium (initial=estimated)",
     "record.drift": "take the drift out of the output",
@@ -362,6 +386,7 @@ def _use(
 
 
 IDENTIFY: dict[str, Words] = {
+    "models.why": _why,
     "models.none": _none,
     "models.undetermined": _undetermined,
     "models.provisional": _use,

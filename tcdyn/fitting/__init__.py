@@ -32,7 +32,7 @@ fits the rest again; ``loss="huber"`` forgives spikes. Coloured residuals are th
 cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
-from tcdyn.fitting.descend import Loss, held, least, minimise, robust_covariance
+from tcdyn.fitting.descend import Loss, free_directions, held, least, minimise, robust_covariance
 from tcdyn.fitting.noise import Noise, autocovariance, correlation_length, fit_ar, fit_arma, sandwich, wave_factor
 from tcdyn.fitting.problem import (
     Evaluate,
@@ -40,7 +40,6 @@ from tcdyn.fitting.problem import (
     Problem,
     Status,
     determined,
-    free_directions,
     from_rows,
     inverse,
     orthonormal,

@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from calibration import Array
-from tcdyn.fitting.problem import Optimum, Problem, Status, free_directions, inverse
+from tcdyn.fitting.problem import Optimum, Problem, Status, inverse
 
 Loss = Literal["linear", "huber", "bisquare"]
 TUNING = {"huber": 1.345, "bisquare": 4.685}  # 95 % efficiency for normal noise
@@ -78,7 +79,7 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     there, has stayed.
     """
     row = near.problem.toward(toward)
-    directions = free_directions(near.problem.size, [near.problem.fixed])
+    directions = free_directions(near.problem.fixed)
     follow = directions @ inverse(directions.T @ near.information @ directions) @ directions.T @ row
     found = None
     for along in (follow, directions @ (directions.T @ row)):
@@ -105,10 +106,8 @@ def _descend(
     tolerance: float,
     relative: float,
 ) -> Optimum:
-    rows = np.vstack(
-        [np.zeros((0, problem.size)), *(np.atleast_2d(r) for r in (problem.fixed, fixed) if r is not None)]
-    )
-    directions = free_directions(problem.size, [rows])
+    rows = problem.fixed if fixed is None else np.vstack([problem.fixed, fixed])
+    directions = free_directions(rows)
     now = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
     if now is None:
         nothing = np.zeros((0, problem.size))
@@ -117,7 +116,7 @@ def _descend(
     damping, status, steps, idle, left = 1e-3, Status.STALLED, 0, 0, False
     while steps < limit:
         at_end = _pushed_out(now, problem, directions)
-        free = free_directions(problem.size, [rows, np.eye(problem.size)[at_end]]) if len(at_end) else directions
+        free = free_directions(np.vstack([rows, np.eye(problem.size)[at_end]])) if len(at_end) else directions
         done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
         slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
@@ -135,8 +134,7 @@ def _descend(
         trial, left = None, False
         for _ in range(TRIALS):
             step = -free @ (scale * _damped(curvature, slope, damping))
-            if problem.largest is not None:
-                step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
+            step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
             trial = _state(problem, _inside(now.theta + step, problem, rows), weights)
             left |= trial is None
             if trial is not None and trial.cost <= now.cost:
@@ -152,6 +150,21 @@ def _descend(
     )
 
 
+def free_directions(fixed: Array) -> Array:
+    """Orthonormal directions (P, F) that leave every combination ``fixed`` (C, P) as it is.
+
+    Parameters that no combination holds keep axes of their own, so that their scales stay apart.
+    """
+    moving = np.any(fixed != 0, axis=0)
+    own = np.eye(fixed.shape[1])[:, ~moving]
+    within = np.zeros((len(moving), 0))
+    if moving.any():
+        basis = null_space(fixed[:, moving])
+        within = np.zeros((len(moving), basis.shape[1]))
+        within[moving] = basis
+    return np.hstack([own, within])
+
+
 def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
     """``theta`` (P,) put into the box with the combinations ``rows`` @ theta (C,) as they are; None if that cannot be.
 
@@ -160,7 +173,7 @@ def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
     value, size = rows @ theta, np.abs(rows) @ np.abs(theta)
     free = np.any(rows != 0, axis=0)
     for _ in range(problem.size + 1):
-        put = np.clip(theta, *problem.box)
+        put = np.clip(theta, problem.lower, problem.upper)
         gap = value - rows @ put
         if np.all(np.abs(gap) <= 1e-12 * size):
             return np.asarray(put)
@@ -175,9 +188,8 @@ def _pushed_out(now: _State, problem: Problem, directions: Array) -> NDArray[np.
 
     The descent's part within the box is what non-negative multipliers of the bounds' normals leave of the gradient.
     """
-    lower, upper = problem.box
-    low = now.theta <= lower
-    at = np.flatnonzero(low | (now.theta >= upper))
+    low = now.theta <= problem.lower
+    at = np.flatnonzero(low | (now.theta >= problem.upper))
     normals = directions[at].T * np.where(low[at], 1.0, -1.0)
     slope = directions.T @ now.gradient
     push = np.abs(normals.T @ slope).max(initial=0.0)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import null_space
 
 from calibration import Array
 
@@ -35,41 +34,33 @@ class Problem:
     known, and its Jacobian (N, P); None where the model cannot be computed (unstable, outside a table).
     ``prior_mean``, ``prior_sd`` (P,): inf where nothing was known. ``lower``, ``upper`` (P,): the box. ``largest``
     (P,): the most that one step of a search may change a parameter by. ``fixed`` (C, P): combinations
-    ``fixed @ theta`` that every search leaves as they are at its start. What is None is not asked for.
+    ``fixed @ theta`` that every search leaves as they are at its start. What is None is not asked for, and then holds
+    what says so. ``size`` is P, ``precision`` (P,) is 1/prior_sd^2.
     """
 
     names: tuple[str, ...]
     evaluate: Evaluate
-    prior_mean: Array | None = None
-    prior_sd: Array | None = None
-    lower: Array | None = None
-    upper: Array | None = None
-    largest: Array | None = None
-    fixed: Array | None = None
+    prior_mean: Array = None  # type: ignore[assignment]
+    prior_sd: Array = None  # type: ignore[assignment]
+    lower: Array = None  # type: ignore[assignment]
+    upper: Array = None  # type: ignore[assignment]
+    largest: Array = None  # type: ignore[assignment]
+    fixed: Array = None  # type: ignore[assignment]
+    size: int = field(init=False, repr=False)
+    precision: Array = field(init=False, repr=False)
 
-    @property
-    def size(self) -> int:
-        """Number of parameters P."""
-        return len(self.names)
-
-    @cached_property
-    def precision(self) -> Array:
-        """1/prior_sd^2 (P,), zero where nothing was known."""
-        if self.prior_sd is None:
-            return np.zeros(self.size)
-        return np.where(np.isfinite(self.prior_sd), 1 / np.asarray(self.prior_sd) ** 2, 0.0)
-
-    @cached_property
-    def box(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (P,), infinite where there is none."""
-        low = np.full(self.size, -np.inf) if self.lower is None else np.asarray(self.lower, dtype=float)
-        high = np.full(self.size, np.inf) if self.upper is None else np.asarray(self.upper, dtype=float)
-        return low, high
+    def __post_init__(self) -> None:
+        p = len(self.names)
+        object.__setattr__(self, "size", p)
+        plain = {"prior_mean": 0.0, "prior_sd": np.inf, "lower": -np.inf, "upper": np.inf, "largest": np.inf}
+        for name, nothing in plain.items():
+            given = getattr(self, name)
+            object.__setattr__(self, name, np.full(p, nothing) if given is None else np.asarray(given, dtype=float))
+        object.__setattr__(self, "fixed", np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed))
+        object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
     def beyond_prior(self, theta: Array) -> Array:
         """theta - prior_mean (P,), zero where nothing was known."""
-        if self.prior_mean is None:
-            return np.zeros(self.size)
         return np.asarray(np.where(self.precision > 0, theta - self.prior_mean, 0.0))
 
     def toward(self, name: str | Array) -> Array:
@@ -123,38 +114,17 @@ class Optimum:
         return float(np.sqrt(max(float(toward @ self.covariance @ toward), 0.0)))
 
     @property
-    def told(self) -> dict[str, float]:
-        """By parameter with a prior: the share of its prior variance that the data removed, 0 to 1."""
-        left = np.diag(self.covariance) * self.problem.precision
-        return {n: float(1 - v) for n, v, w in zip(self.problem.names, left, self.problem.precision) if w > 0}
-
-    @property
     def pulls(self) -> dict[str, float]:
         """By parameter with a prior: how far the data moved it, in units of what noise alone would have moved it by.
 
         (theta - prior_mean)/sqrt(prior variance - posterior variance): normal with unit variance if all is well. The
-        data alone would ask for prior_mean + (theta - prior_mean)/told.
+        data alone would ask for prior_mean + (theta - prior_mean)/told, told being the share of the prior variance
+        that they removed.
         """
-        shift = self.problem.beyond_prior(self.theta) * np.sqrt(self.problem.precision)
-        by_name = dict(zip(self.problem.names, shift))
-        return {n: float(by_name[n] / np.sqrt(max(told, LEAST_TOLD))) for n, told in self.told.items()}
-
-
-def free_directions(size: int, fixed: Sequence[Array | None]) -> Array:
-    """Orthonormal directions (P, F) that leave every combination of ``fixed``, arrays (C, P), as it is.
-
-    Parameters that no combination holds keep axes of their own, so that their scales stay apart.
-    """
-    rows = [np.atleast_2d(f) for f in fixed if f is not None and np.size(f)]
-    if not rows:
-        return np.eye(size)
-    held = np.vstack(rows)
-    moving = np.any(held != 0, axis=0)
-    within = null_space(held[:, moving])
-    directions = np.zeros((size, size - int(moving.sum()) + within.shape[1]))
-    directions[~moving, : int((~moving).sum())] = np.eye(int((~moving).sum()))
-    directions[moving, int((~moving).sum()) :] = within
-    return directions
+        precision, shift = self.problem.precision, self.problem.beyond_prior(self.theta)
+        told = 1 - np.diag(self.covariance) * precision
+        pull = shift * np.sqrt(precision / np.maximum(told, LEAST_TOLD))
+        return {n: float(z) for n, z, w in zip(self.problem.names, pull, precision) if w > 0}
 
 
 def inverse(information: Array) -> Array:

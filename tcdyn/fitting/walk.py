@@ -142,5 +142,5 @@ def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
     at = np.flatnonzero(row)
     if len(at) != 1:
         return -np.inf, np.inf
-    ends = sorted(float(b[at[0]] * row[at[0]]) for b in optimum.problem.box)
+    ends = sorted(float(b[at[0]] * row[at[0]]) for b in (optimum.problem.lower, optimum.problem.upper))
     return ends[0], ends[1]

@@ -20,8 +20,8 @@ DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
 HALF = 50.0  # per cent of fit below which coloured residuals are no longer a mere disturbance
 
 
-def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, str]:
-    """The row to use and a sentence why.
+def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, Finding]:
+    """The row to use, and why.
 
     The lowest BIC among models without complaint (no parameter on a bound or undetermined) whose residuals do not
     follow the input; failing that, among those that the data do not determine but whose residuals do not follow the
@@ -36,52 +36,45 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     passing, explaining = sound[~following[sound.index]], good[~following]
     limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
     pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
-    best = pool.iloc[0]
+    best = other = pool.iloc[0]
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
-    lowest = "the lowest BIC" if best["BIC"] == good["BIC"].min() else "the lowest BIC of those that qualify"
-    reason = f"{best['model']} has {lowest}"
+    by = "BIC" if best["BIC"] == good["BIC"].min() else "BIC of those that qualify"
     if len(near):
-        best = near.sort_values("parameters").iloc[0]
-        reason = f"{best['model']} has fewer parameters than {pool.iloc[0]['model']} and a BIC within 2 of it"
+        best, by = near.sort_values("parameters").iloc[0], "parameters"
     rival = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE].sort_values("held_out_rms").iloc[0]
     if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
-        reason = (
-            f"{rival['model']} simulates the held-out part better ({rival['held_out_rms']:.4g} against "
-            f"{best['held_out_rms']:.4g} rms) than {best['model']}, which has the lower BIC"
-        )
-        best = rival
-    elif len(pool) > 1:
-        reason += f" and simulates the held-out part to {best['held_out_rms']:.4g} rms"
-        if not best["held_out_rms"] > pool["held_out_rms"].min():
-            reason += ", the least of all"
+        best, other, by = rival, best, "held out"
+    better = table["BIC"] < best["BIC"]
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
-    if len(ties) and not len(near):
-        reason += f"; {' and '.join(ties['model'])} within 2 of its BIC would do as well"
-    skipped, left = good[~good["determined"]], sound[~sound["model"].isin(pool["model"])]
-    asides = (
-        (skipped[skipped["BIC"] < best["BIC"]], "would score better but", "is are", "not determined by these data"),
-        (left[left["BIC"] < best["BIC"]], "would score better but", "misses miss", "dynamics"),
-        (
-            table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
-            "", "is are", "left out, for the pair does not oscillate and is two lags",
-        ),
-    )  # fmt: skip
-    for rows, before, verbs, after in asides:
-        if len(rows):
-            words = (", ".join(rows["model"]), before, verbs.split()[len(rows) > 1], after)
-            reason += "; " + " ".join(filter(None, words))
-    return str(best["model"]), reason + "."
+    groups = {
+        "ties": ties[:0] if len(near) else ties,
+        "undetermined": good[~good["determined"] & better[good.index]],
+        "missing": sound[~sound["model"].isin(pool["model"]) & better[sound.index]],
+        "pairs": table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
+    }
+    why = note(
+        "models.why",
+        subject=str(best["model"]),
+        other=str(other["model"]),
+        by=by,
+        rms=best["held_out_rms"],
+        other_rms=other["held_out_rms"],
+        only=len(pool) == 1,
+        least=not best["held_out_rms"] > pool["held_out_rms"].min(),
+        **{group: list(rows["model"]) for group, rows in groups.items()},
+    )
+    return why.subject, why
 
 
 def verdict(
-    table: pd.DataFrame, recommended: str, why: str, untried: Sequence[str] = (), troubles: Sequence[str] = ()
+    table: pd.DataFrame, recommended: str, why: Finding, untried: Sequence[str] = (), troubles: Sequence[str] = ()
 ) -> Finding:
     """What to use and why, or that none of the models is good enough and what to try.
 
     Args:
         table: that of ``compare``, a row for each model.
         recommended: the model that it recommends.
-        why: its reason, one sentence or two.
+        why: its reason (:func:`recommend`).
         untried: models that were not among those compared.
         troubles: codes of what to do about the record, as its residuals say (``Validation.troubles``).
     """
@@ -95,7 +88,12 @@ def verdict(
         against = "held out"
     elif coloured and percent < HALF:
         against = "colour"
-    numbers: dict[str, Any] = {"subject": recommended, "why": why, "troubles": list(troubles), "fit_percent": percent}
+    numbers: dict[str, Any] = {
+        "subject": recommended,
+        "why": why.sentence,
+        "troubles": list(troubles),
+        "fit_percent": percent,
+    }
     if np.isfinite(held_out):
         numbers["held_out_percent"] = held_out
     if against:

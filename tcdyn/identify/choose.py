@@ -28,12 +28,17 @@ Progress = Callable[[str, int, int], None]  # name of the model, its number, how
 
 @dataclass(frozen=True)
 class Comparison(Result):
-    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with ``why``."""
+    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with its ``reason``."""
 
     table: pd.DataFrame
     fits: Mapping[str, Fit]
     recommended: str
-    why: str
+    reason: Finding
+
+    @property
+    def why(self) -> str:
+        """The reason in words."""
+        return self.reason.sentence
 
     @property
     def best(self) -> Fit:
@@ -54,7 +59,7 @@ class Comparison(Result):
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = [name for name in OFFERED if name not in set(self.table["model"])]
-        return verdict(self.table, self.recommended, self.why, untried, self.validation.troubles)
+        return verdict(self.table, self.recommended, self.reason, untried, self.validation.troubles)
 
     @property
     def advice(self) -> str:
@@ -97,8 +102,7 @@ def compare(
     freed = compared(data, models, held_out, again, {**options, "initial": "estimated"})
     if freed.table["BIC"].min() >= found.table["BIC"].min():
         return found
-    why = f"{freed.why} As a run starts off the equilibrium, the state at each start was estimated."
-    return replace(freed, why=why)
+    return replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
 
 
 def compared(
@@ -143,8 +147,7 @@ def compared(
     if not fits:
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
-    name, why = recommend(table, overdamped(fits))
-    return Comparison(table, fits, name, why)
+    return Comparison(table, fits, *recommend(table, overdamped(fits)))
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:

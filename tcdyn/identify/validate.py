@@ -135,7 +135,9 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
     z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
     value = total[1:] / max(total[0], 1e-300)
     bound = 1.96 * np.sqrt(pairs[1:]) / n
-    return ResidualTest(np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(stats.chi2.sf(np.sum(z**2), lags)))
+    return ResidualTest(
+        np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(stats.chi2.sf(np.sum(z**2), lags))
+    )
 
 
 def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:

@@ -149,7 +149,7 @@ def joint_problem(sides: Sequence[Side], answers: Sequence[Answers]) -> Problem:
     largest[:k] = LARGEST * len(sides)
     fixed = np.zeros((len(sides) - 1, len(names)))
     fixed[:, SHARE:k:4] = 1.0
-    return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed if len(sides) > 1 else None)
+    return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
 
 
 def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:

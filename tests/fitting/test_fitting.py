@@ -94,7 +94,7 @@ def test_fixed_combinations_stay_and_narrow_the_covariance() -> None:
 
 
 def test_free_parameters_keep_their_own_axes() -> None:
-    d = free_directions(4, [np.array([[0.0, 1.0, 1.0, 0.0]])])
+    d = free_directions(np.array([[0.0, 1.0, 1.0, 0.0]]))
     assert np.array_equal(d[[0, 3], :2], np.eye(2))
     assert d[[0, 3], 2] == pytest.approx(0.0)
     assert d[1, 2] == pytest.approx(-d[2, 2])

@@ -32,7 +32,8 @@ def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6), row("P2", 5.0)])
     name, why = recommend(table)
     assert name == "P2"
-    assert "P1 would score better but misses dynamics" in why
+    assert "P1 would score better but misses dynamics" in why.sentence
+    assert why.numbers["missing"] == ("P1",)
 
 
 def test_a_response_that_is_known_beats_parameters_that_are() -> None:
