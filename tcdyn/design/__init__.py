@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration import Array
 from tcdyn.fitting import inverse
+from tcdyn.plunge import lag_u_s
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,9 @@ def from_covariances(
     name: str, kind: str, covariances: Sequence[Array], others: dict[str, float] | None = None
 ) -> PredictedTest:
     """A prediction from lag covariances under several draws of what cannot be planned: their mean is what counts."""
-    common = np.sqrt([max(float(c.mean()), 0.0) for c in covariances])
     mean = np.mean(np.array(covariances), axis=0)
-    n = len(mean)
-    project = np.eye(n) - 1 / n
-    differential = float(np.sqrt(np.trace(project @ mean @ project) / n))
-    low, high = np.quantile(common, [0.1, 0.9])
-    return PredictedTest(
-        name, kind, float(np.sqrt(max(mean.mean(), 0.0))), differential, mean, float(low), float(high), others or {}
-    )
+    low, high = np.quantile([lag_u_s(c)[0] for c in covariances], [0.1, 0.9])
+    return PredictedTest(name, kind, *lag_u_s(mean), mean, float(low), float(high), others or {})
 
 
 def combined(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:

@@ -52,6 +52,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         "missing": sound[~sound["model"].isin(pool["model"]) & better[sound.index]],
         "pairs": table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
     }
+    told: dict[str, Any] = {group: list(rows["model"]) for group, rows in groups.items()}
     why = note(
         "models.why",
         subject=str(best["model"]),
@@ -61,7 +62,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         other_rms=other["held_out_rms"],
         only=len(pool) == 1,
         least=not best["held_out_rms"] > pool["held_out_rms"].min(),
-        **{group: list(rows["model"]) for group, rows in groups.items()},
+        **told,
     )
     return why.subject, why
 

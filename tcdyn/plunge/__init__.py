@@ -200,3 +200,24 @@ def stages(structure: str, lag_s: float, logit: float) -> tuple[tuple[float, ...
         return (lag_s * (1 - 2 * share / 3), lag_s * share / 3, lag_s * share / 3), 0.0, 0.0
     root = float(np.sqrt(1 - share))
     return (lag_s * (1 + root) / 2, lag_s * (1 - root) / 2), 0.0, 0.0
+
+
+def apart(covariance: Array) -> Array:
+    """Covariance (C, C) of the differences of lags from the mean of all channels.
+
+    >>> apart(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
+    [[5e-05, -5e-05], [-5e-05, 5e-05]]
+    """
+    project = np.eye(len(covariance)) - 1 / len(covariance)
+    return np.asarray(project @ covariance @ project)
+
+
+def lag_u_s(covariance: Array) -> tuple[float, float]:
+    """Standard uncertainty [s] of the common lag and, rms over channels, of the differences from it.
+
+    ``covariance`` (C, C) [s2] is that of the lags; a difference of two covariances may give less than nothing, and is
+    taken as none.
+    """
+    variances = covariance.mean(), np.trace(apart(covariance)) / len(covariance)
+    common, differential = np.sqrt(np.maximum(variances, 0.0)).tolist()
+    return common, differential

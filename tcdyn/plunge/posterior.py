@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.estimate import Z95, Estimate
 from immersion.correlations import Correlation
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
-from tcdyn.plunge import PlungeParameters
+from tcdyn.plunge import PlungeParameters, lag_u_s
 from tcdyn.plunge.model import RunModel, RunSurface, predict_run
 from tcdyn.plunge.run import RunNoise, block_sd
 
@@ -157,6 +157,11 @@ class LagScan:
     lag_slope: Array  # (C,): change of each channel's lag with the common one along the profile
     differential_covariance: Array  # (C, C): of the lags with the common lag held
 
+    @property
+    def covariance(self) -> Array:
+        """Of the lags (C, C): the common lag's marginal variance along the profile, and the rest across it."""
+        return np.asarray(self.differential_covariance + self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope))
+
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
         """The common lag: posterior mean, sd and 95 % interval, moved by ``shift_s``, widened by ``extra_u_s``."""
         return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
@@ -176,23 +181,31 @@ class LagScan:
         )
 
 
-def scan_common_lag(
+def settled_scan(
     best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
-) -> tuple[LagScan, PlungeOptimum, Array]:
+) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
     """Walk the common lag both ways from ``best`` in steps of ``step`` standard deviations; refit the rest at each.
 
     The walk ends where the marginal posterior has fallen by exp(-drop/2), or where the common lag reaches zero. The
-    marginal is Laplace's: exp(-cost/2) / sqrt(det of the information on all else). Also gives the optimum with the
-    common lag held at its posterior mean, and the parameters (P,) where the cost is least.
+    marginal is Laplace's: exp(-cost/2) / sqrt(det of the information on all else). In the curved valley of lag against
+    burst a fit can stop early: where the walk finds a clearly better optimum, it begins again there. Gives the scan,
+    the optimum with the common lag held at its posterior mean, and the optimum that the walk started from.
     """
     layout = best.problem.layout
-    row = layout.common_lag
-    u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
-    start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
-    ends = (2 * LEAST_LAG_S, np.inf)
-    walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=_marginal, **SEARCH)
-    lag, optima = walk.value, walk.optima
-    logp = -0.5 * walk.deviance
+    row, own = layout.common_lag, layout.at("lag")
+    for again in (False, True):
+        u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
+        start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
+        ends = (2 * LEAST_LAG_S, np.inf)
+        walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=_marginal, **SEARCH)
+        lowest = min(walk.optima, key=lambda o: o.cost)
+        if again or lowest.cost > best.cost - 2.0:
+            break
+        better = best.problem.minimised(lowest.theta)
+        if better.cost > best.cost:
+            break
+        best = better
+    lag, logp = walk.value, -0.5 * walk.deviance
     grid = np.linspace(lag[0], lag[-1], 801)
     density = np.exp(PchipInterpolator(lag, logp - logp.max())(grid)) if len(lag) > 2 else np.ones_like(grid)
     cumulative = cumulative_trapezoid(density, grid, initial=0.0)
@@ -200,41 +213,19 @@ def scan_common_lag(
     mean = float(np.trapezoid(grid * density, grid))
     sd = float(np.sqrt(max(np.trapezoid((grid - mean) ** 2 * density, grid), 1e-12)))
     low, high = np.interp([0.025, 0.975], cumulative / cumulative[-1], grid)
-    final = held(optima[int(np.argmax(logp))], row, mean, **SEARCH)
+    final = held(walk.optima[int(np.argmax(logp))], row, mean, **SEARCH)
     aside = held(final, row, mean + 0.5 * sd, **SEARCH)
-    own = layout.at("lag")
-    cost, volume = np.array([o.cost for o in optima]), np.array([o.log_volume for o in optima])
+    cost, volume = np.array([[o.cost, o.log_volume] for o in walk.optima]).T
     slope = (aside.theta[own] - final.theta[own]) / (0.5 * sd)
     scan = LagScan(
         lag, cost, volume, grid, density, mean, sd, float(low), float(high), slope, final.covariance[own, own]
     )
-    return scan, PlungeOptimum(best.problem, final), optima[int(np.argmin(cost))].theta
-
-
-def settled_scan(
-    best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
-) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
-    """:func:`scan_common_lag`, started again where the walk found a clearly better optimum than ``best``.
-
-    In the curved valley of lag against burst a fit can stop early. Gives the scan, the optimum with the common lag
-    held at its posterior mean, and the optimum that the walk started from.
-    """
-    scan, final, lowest = scan_common_lag(best, step=step, drop=drop)
-    if float(scan.cost.min()) <= best.cost - 2.0:
-        again = best.problem.minimised(lowest)
-        if again.cost <= best.cost:
-            return *scan_common_lag(again, step=step, drop=drop)[:2], again
-    return scan, final, best
+    return scan, PlungeOptimum(best.problem, final), best
 
 
 def _marginal(at: Optimum) -> float:
     """-2 log of Laplace's marginal posterior of what ``at`` holds, but for a constant."""
     return at.cost + 2 * at.log_volume
-
-
-def lag_covariance(scan: LagScan) -> Array:
-    """Covariance (C, C) of the lags: the common lag's marginal variance along the profile, and the rest across it."""
-    return np.asarray(scan.differential_covariance + scan.sd_s**2 * np.outer(scan.lag_slope, scan.lag_slope))
 
 
 @dataclass(frozen=True)
@@ -248,7 +239,7 @@ class ModelForm:
     @property
     def u_common_s(self) -> float:
         """Standard uncertainty that the choice of correlation adds to the common lag."""
-        return float(np.sqrt(max(self.covariance.mean(), 0.0)))
+        return lag_u_s(self.covariance)[0]
 
 
 def model_form(

@@ -15,9 +15,9 @@ from calibration.finding import Finding, look, note, once, sentences
 from immersion.correlations import check_validity
 from tcdyn.chain import Chain
 from tcdyn.fitting import inverse
-from tcdyn.plunge import RUN_KINDS, PlungeParameters, PlungePriors, stages
+from tcdyn.plunge import RUN_KINDS, PlungeParameters, PlungePriors, apart, lag_u_s, stages
 from tcdyn.plunge.model import junction_degC
-from tcdyn.plunge.posterior import LagScan, ModelForm, PlungeOptimum, lag_covariance
+from tcdyn.plunge.posterior import LagScan, ModelForm, PlungeOptimum
 from tcdyn.plunge.run import PlungeRun
 from tcdyn.plunge.structures import StructureComparison
 
@@ -45,12 +45,6 @@ class LagShare:
     source: str
     u_common_s: float
     u_differential_s: float
-
-    @classmethod
-    def of(cls, source: str, covariance: Array) -> LagShare:
-        """The share of a covariance (C, C) of the lags [s2]."""
-        common, rest = covariance.mean(), np.trace(_apart(covariance)) / len(covariance)
-        return cls(source, float(np.sqrt(max(common, 0.0))), float(np.sqrt(max(rest, 0.0))))
 
 
 @dataclass(frozen=True)
@@ -115,7 +109,7 @@ class PlungeFit:
     @property
     def lag_covariance(self) -> Array:
         """Covariance (C, C) of the lags [s2]."""
-        return lag_covariance(self.scan) + self.extra_covariance
+        return self.scan.covariance + self.extra_covariance
 
     @cached_property
     def lag_s(self) -> dict[str, Estimate]:
@@ -133,7 +127,7 @@ class PlungeFit:
     def differential_lag_s(self) -> dict[str, Estimate]:
         """Each channel's lag less the mean of all."""
         lag = self.optimum.lag_s
-        u = np.sqrt(np.maximum(np.diag(_apart(self.lag_covariance)), 0.0))
+        u = np.sqrt(np.maximum(np.diag(apart(self.lag_covariance)), 0.0))
         return {c: Estimate.normal(float(d), float(s)) for c, d, s in zip(self.channels, lag - lag.mean(), u)}
 
     @cached_property
@@ -160,22 +154,22 @@ class PlungeFit:
         lag = self.layout.at("lag")
         full = self.optimum.covariance[lag, lag]
         every = [kind for kinds in SOURCES.values() for kind in kinds]
-        shares = [
-            LagShare.of("all of the fit", lag_covariance(self.scan)),
-            *(LagShare.of(source, full - self._knowing(*kinds)) for source, kinds in SOURCES.items()),
-            LagShare.of("noise alone", self._knowing(*every)),
-            LagShare.of("choice of correlation", self.model_form.covariance),
-        ]
+        known = {
+            "all of the fit": self.scan.covariance,
+            **{source: full - self._knowing(*kinds) for source, kinds in SOURCES.items()},
+            "noise alone": self._knowing(*every),
+            "choice of correlation": self.model_form.covariance,
+        }
         if self.structures is not None:
-            shares.insert(0, LagShare.of("everything", self.lag_covariance))
-            shares.append(LagShare.of("choice of chain structure", self.structures.covariance))
-        return tuple(shares)
+            known = {"everything": self.lag_covariance, **known}
+            known["choice of chain structure"] = self.structures.covariance
+        return tuple(LagShare(source, *lag_u_s(covariance)) for source, covariance in known.items())
 
     @cached_property
     def limits(self) -> Finding:
         """The common lag and what keeps it from being better known."""
         common, within = self.common_lag_s, self._common(self.model_form.covariance).u
-        known = LagShare.of("", self._knowing("ln_burst", "ln_burst_time", "ln_burst_shape", "entry")).u_common_s
+        known = lag_u_s(self._knowing("ln_burst", "ln_burst_time", "ln_burst_shape", "entry"))[0]
         return note(
             "plunge.lag",
             plunges=len(self.runs),
@@ -259,7 +253,7 @@ class PlungeFit:
         return [*lines, f"  structure: {self.structures.sentence}."]
 
     def _common(self, extra: Array) -> Estimate:
-        return self.scan.estimate(self.setup.conditioning.lag_s, float(np.sqrt(max(extra.mean(), 0.0))))
+        return self.scan.estimate(self.setup.conditioning.lag_s, lag_u_s(extra)[0])
 
     def _knowing(self, *kinds: str) -> Array:
         """Covariance (C, C) of the lags, were all parameters of ``kinds`` known."""
@@ -275,13 +269,3 @@ def interval(estimate: Estimate) -> str:
     '0.593 to 0.857'
     """
     return f"{rounded(estimate.low95, estimate.u)[0]} to {rounded(estimate.high95, estimate.u)[0]}"
-
-
-def _apart(covariance: Array) -> Array:
-    """Covariance (C, C) of the differences from the mean of all channels.
-
-    >>> _apart(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
-    [[5e-05, -5e-05], [-5e-05, 5e-05]]
-    """
-    project = np.eye(len(covariance)) - 1 / len(covariance)
-    return np.asarray(project @ covariance @ project)

@@ -15,7 +15,7 @@ from calibration.finding import Finding, look, note
 from calibration.result import jsonable
 from calibration.words import percent
 from tcdyn.chain import STRUCTURES, Structure
-from tcdyn.plunge import PlungePriors
+from tcdyn.plunge import PlungePriors, lag_u_s
 from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.plunge.run import RunNoise
 
@@ -69,7 +69,7 @@ class StructureComparison:
     @property
     def u_structure_s(self) -> float:
         """Standard uncertainty that the choice of structure adds to the common lag [s]."""
-        return float(np.sqrt(max(self.covariance.mean(), 0.0)))
+        return lag_u_s(self.covariance)[0]
 
     @property
     def u_after_s(self) -> float:
