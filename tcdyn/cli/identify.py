@@ -128,4 +128,4 @@ def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Cond
     model = as_model(name)
     kept = {k: v for k, v in fixed.items() if k in model.names}
     offset = "none" if no_offset else model.offset
-    return replace(model.with_fixed(**kept), offset=offset, known=Known.of(filter_))
+    return replace(model, fixed={**model.fixed, **kept}, offset=offset, known=Known.of(filter_))

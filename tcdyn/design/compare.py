@@ -119,16 +119,27 @@ class Design(Result):
 
     def summary(self) -> str:
         """What to do, every test with the standard uncertainties to expect, and what the grades mean."""
-        rows = [
+        shown = (
+            self.graded().drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "]).to_string(index=False)
+        )
+        return "\n".join([headline(self.predictions, self.lag_s), "", shown, "", MEANING])
+
+    def graded(self) -> pd.DataFrame:
+        """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and how good that is."""
+        lag = self.lag_s
+        return pd.DataFrame(
             {
                 "test": p.name,
-                "common lag [s]": f"{p.u_common_s:.3f} {common(p, self.lag_s)}",
-                "differences [s]": f"{p.u_differential_s:.3f} {differences(p, self.lag_s)}",
+                "common lag, u [s]": f"{p.u_common_s:.3f}",
+                "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}" if p.high_s > p.low_s else "",
+                "of the lag": f"{100 * p.u_common_s / lag:.2g} %",
+                "told": common(p, lag),
+                "differences, u [s]": f"{p.u_differential_s:.3f}",
+                "of the lag ": f"{100 * p.u_differential_s / lag:.2g} %",
+                "told ": differences(p, lag),
             }
             for p in self.predictions
-        ]
-        shown = pd.DataFrame(rows).to_string(index=False)
-        return "\n".join([headline(self.predictions, self.lag_s), "", shown, "", MEANING])
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The table, numbers that a test does not have left out, and the sentences."""

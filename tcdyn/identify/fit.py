@@ -158,38 +158,26 @@ def noticed(
     problem: Posed, optimum: Optimum, theta: Mapping[str, float], u: Mapping[str, float]
 ) -> tuple[Finding, ...]:
     """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
-    found, x = [], optimum.theta
+    found, x, model = [], optimum.theta, problem.model
     lower, upper = problem.bounds()
-    for i, name in enumerate(problem.model.free):
+    lags = [n for n in ("Tp1", "Tp2", "Tp3") if n in model.free]
+    for i, name in enumerate(model.free):
+        value = theta[name]
+        size = abs(value)
+        if name == "Tz":  # it may be nought, and is measured by the lags beside it
+            size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc")))
         if x[i] <= lower[i] or x[i] >= upper[i]:
             end = "lower" if x[i] <= lower[i] else "upper"
-            found.append(look("fit.bound", subject=name, end=end, value=theta[name]))
-        elif twin(problem.model, theta, name):
-            found.append(look("fit.twin", subject=name))
-        elif undetermined(problem.model, name, theta, u[name]):
-            found.append(look("fit.undetermined", subject=name, u=u[name], value=theta[name]))
+            found.append(look("fit.bound", subject=name, end=end, value=value))
+        elif name in lags and any(abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name):
+            found.append(look("fit.twin", subject=name))  # the cost is flat in their difference
+        elif (name in ("Kp", "Tz") or model.positive(name)) and u[name] > 0.5 * size:
+            found.append(look("fit.undetermined", subject=name, u=u[name], value=value))
     if not determined(optimum.information):
-        found.append(look("fit.indistinct", subject=problem.model.name))
+        found.append(look("fit.indistinct", subject=model.name))
     if optimum.status is Status.STALLED:
         found.append(look("fit.stalled"))
     return tuple(found)
-
-
-def undetermined(model: Model, name: str, theta: Mapping[str, float], u: float) -> bool:
-    """Whether the uncertainty is more than half of a parameter's size; a zero may be nought, and is measured by the
-    lags beside it."""
-    size = abs(theta[name])
-    if name == "Tz":
-        size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc")))
-    elif name != "Kp" and not model.positive(name):
-        return False
-    return u > 0.5 * size
-
-
-def twin(model: Model, theta: Mapping[str, float], name: str) -> bool:
-    """Whether a lag coincides with another one, where the cost is flat in their difference."""
-    lags = [n for n in ("Tp1", "Tp2", "Tp3") if n in model.free and n != name]
-    return name in ("Tp1", "Tp2", "Tp3") and any(abs(theta[n] / theta[name] - 1) < 1e-2 for n in lags)
 
 
 def profiled(found: Fit, everything: bool) -> Fit:

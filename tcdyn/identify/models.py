@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -136,10 +136,6 @@ class Model:
 
         columns = np.array([column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex)
         return columns.reshape(len(self.free), len(column(at))).T.imag / STEP
-
-    def with_fixed(self, **values: float) -> Model:
-        """The same structure with more parameters held at a value."""
-        return replace(self, fixed={**self.fixed, **values})
 
 
 def process(name: str, **options: Any) -> Model:

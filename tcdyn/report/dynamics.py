@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from calibration.disk import Conditioning
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
@@ -35,7 +33,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
             Section(
                 "What each test would tell",
                 f"{MEANS}\n\n{compare.MEANING}",
-                design_table(design),
+                design.graded(),
                 picture,
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % point over entry "
                 "bursts and scales of h, which nobody can plan.",
@@ -43,26 +41,6 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
         ],
         verdict=compare.headline(design.predictions, design.lag_s),
         assumptions=assumptions,
-    )
-
-
-def design_table(design: Design) -> pd.DataFrame:
-    """One row a test: expected standard uncertainties, in seconds and percent of the lag, and how good that is."""
-    lag = design.lag_s
-    return pd.DataFrame(
-        [
-            {
-                "test": p.name,
-                "common lag, u [s]": f"{p.u_common_s:.3f}",
-                "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}" if p.high_s > p.low_s else "",
-                "u over lag [%]": f"{100 * p.u_common_s / lag:.2g}",
-                "told": compare.common(p, lag),
-                "differences, u [s]": f"{p.u_differential_s:.3f}",
-                "u over lag [%] ": f"{100 * p.u_differential_s / lag:.2g}",
-                "told ": compare.differences(p, lag),
-            }
-            for p in design.predictions
-        ]
     )
 
 
