@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from calibration.disk import CHANNELS, Conditioning, DiskSetup
+from calibration.disk import CHANNELS, STRICT, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files import sha256
@@ -31,7 +31,7 @@ LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(**STRICT, populate_by_name=True)
 
 
 class InputFile(_Part):

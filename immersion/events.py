@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import median_filter
 
 from calibration.errors import InputError
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, look
 
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
@@ -27,11 +27,6 @@ class EntryEvent:
     probe_s: float | None
     source: str
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return sentences(self.findings)
 
 
 def switch_time(time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0) -> tuple[float | None, bool]:

@@ -151,8 +151,15 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
             found.append(look("oven.missing", subject=name, count=int(gaps.sum()), **first))
     frame = pd.DataFrame(checked)
     if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
-        _check_rises(frame["time_s"].to_numpy(), place)
-        span_h = float(frame["time_s"].iloc[-1] - frame["time_s"].iloc[0]) / 3600
+        time = frame["time_s"].to_numpy()
+        if (still := ~(np.diff(time) > 0)).any():
+            i = int(np.argmax(still)) + 1
+            raise InputError(
+                f"{place.at('time_s', i)}: time does not rise ({time[i - 1]:.6g} s, then {time[i]:.6g} s)",
+                where=place.where,
+                expected="time that rises from row to row",
+            )
+        span_h = float(time[-1] - time[0]) / 3600
         frame = steady_minutes(frame)
         found.append(note("oven.continuous", count=len(frame), span_h=span_h))
         empty = np.zeros(len(frame), dtype=bool)
@@ -170,18 +177,6 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
     return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]], found
 
 
-def _check_rises(time: Array, place: Place) -> None:
-    with np.errstate(invalid="ignore"):
-        bad = ~(np.diff(time) > 0)
-    if bad.any():
-        i = int(np.argmax(bad)) + 1
-        raise InputError(
-            f"{place.at('time_s', i)}: time does not rise ({time[i - 1]:.6g} s, then {time[i]:.6g} s)",
-            where=place.where,
-            expected="time that rises from row to row",
-        )
-
-
 def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
     """Oven rows: enough of them, and every channel follows the PRT. Raises InputError."""
     prt = frame["prt_degC"].to_numpy()
@@ -196,29 +191,25 @@ def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
                 expected="at least 3 rows over 5 degC or more",
             )
         line = fit_line(prt[ok], y[ok])
-        _check_follows(name, line.slope, line.intercept, float(np.std(line.residuals)), float(np.ptp(prt[ok])), place)
+        slope, offset, looks = line.slope, line.intercept, ""
+        if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
+            looks = "this looks like kelvin"
+        elif abs(slope - 1.8) < 0.15 and abs(offset - 32.0) < 15.0:
+            looks = "this looks like degrees Fahrenheit"
+        elif 0.03 < slope < 0.09 and abs(offset) < 3.0:
+            looks = "this looks like millivolts"
+        elif np.std(line.residuals) > 0.15 * np.ptp(prt[ok]) or abs(slope) < 0.3:
+            looks = "it does not follow the PRT: a dead channel, or shuffled rows"
+        elif not 0.7 < slope < 1.4 or abs(offset) > 25.0:
+            looks = "this is no thermocouple in degrees Celsius"
+        if looks:
+            raise InputError(
+                f"column {name}: {slope:.3g} x PRT {offset:+.3g}; {looks}",
+                where=place.where,
+                expected="degrees Celsius within some degrees of the PRT",
+            )
         far = np.abs(y - prt) > 15.0
         if far.any():
             i = int(np.argmax(far))
             found.append(look("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i)))
     return found
-
-
-def _check_follows(name: str, slope: float, offset: float, rest: float, span: float, place: Place) -> None:
-    looks = ""
-    if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
-        looks = "this looks like kelvin"
-    elif abs(slope - 1.8) < 0.15 and abs(offset - 32.0) < 15.0:
-        looks = "this looks like degrees Fahrenheit"
-    elif 0.03 < slope < 0.09 and abs(offset) < 3.0:
-        looks = "this looks like millivolts"
-    elif rest > 0.15 * span or abs(slope) < 0.3:
-        looks = "it does not follow the PRT: a dead channel, or shuffled rows"
-    elif not 0.7 < slope < 1.4 or abs(offset) > 25.0:
-        looks = "this is no thermocouple in degrees Celsius"
-    if looks:
-        raise InputError(
-            f"column {name}: {slope:.3g} x PRT {offset:+.3g}; {looks}",
-            where=place.where,
-            expected="degrees Celsius within some degrees of the PRT",
-        )

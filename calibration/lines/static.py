@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from calibration import Array, Flags
-from calibration.disk import CHANNELS
+from calibration.disk import CHANNELS, STRICT
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, sentences
@@ -31,7 +31,7 @@ class StaticLine(BaseModel):
     are the 95 % interval at the degrees of freedom at hand. ``range_degC`` is the span of the PRT readings.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = STRICT
 
     gain: float = Field(gt=0.3, lt=3.0)
     offset: float = Field(gt=-100.0, lt=100.0)
@@ -122,8 +122,9 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
         lines[channel], said = _line(channel, fit, frame[ok], prt_shared_u_degC)
         found += said
         residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
-    raw = np.concatenate([frame[f"{c}_degC"].to_numpy(dtype=float) - prt for c in names])
-    after = -np.concatenate([residuals[f"{c}_degC"].to_numpy() for c in names])
+    columns = [f"{c}_degC" for c in names]
+    raw = (frame[columns].to_numpy(dtype=float) - prt[:, None]).ravel("F")
+    after = -residuals[columns].to_numpy().ravel("F")
     table = pd.DataFrame({"raw": error_statistics(raw), "calibrated": error_statistics(after)})
     return OvenFit(lines, table, residuals, raw, after, tuple(found))
 
