@@ -18,7 +18,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 from calibration.disk import CHANNELS, STRICT, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.files import sha256
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
@@ -39,11 +38,6 @@ class InputFile(_Part):
 
     file: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
-
-    @classmethod
-    def of(cls, path: str | Path) -> InputFile:
-        """The file's name and hash."""
-        return cls(file=Path(path).name, sha256=sha256(path))
 
 
 Lag = Annotated[float, Field(ge=0, lt=600)]

@@ -139,18 +139,11 @@ def integral_matrix(t_s: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True)
-class Influence:
-    """What a surface flux known on a time grid does to chosen radii: T = T_0 + matrix[p] @ q + bath[p] (leak part)."""
+def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> tuple[Array, Array]:
+    """What a surface flux q on the grid ``t_s`` (n,), t_s[0] the entry, does at radii ``r_m`` (P,) of ``cylinder``.
 
-    t_s: Array
-    r_m: Array
-    matrix: Array  # (P, n, n) [K m2/W]
-    leak: Array  # (n, n): share of the bath's rise over T_0 that leaks in; zero when nothing leaks
-
-
-def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> Influence:
-    """Influence matrices of ``cylinder`` at radii ``r_m`` (P,) on the grid ``t_s`` (n,), t_s[0] the entry.
+    T[p] = T_0 + matrix[p] @ q + leak @ (bath's rise over T_0), with the matrices (P, n, n) [K m2/W] and the share that
+    leaks in (n, n), zero when nothing leaks.
 
     The first ``modes`` modes are stepped exactly; the rest follow the flux at once with the exact static gain.
     """
@@ -170,4 +163,4 @@ def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> In
         stack[modes] = integral_matrix(t_s).ravel()
     stack[modes + 1] = np.eye(n).ravel()
     weights = np.column_stack([gains, np.full(len(r_m), cylinder.mean_rate_K_m2_J), direct])
-    return Influence(t_s, np.asarray(r_m, dtype=float), (weights @ stack).reshape(len(r_m), n, n), share)
+    return (weights @ stack).reshape(len(r_m), n, n), share

@@ -63,19 +63,19 @@ def build_run_model(
     c, extra = len(depth), 5e-5
     radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra])
     low, centre, high = (
-        influence(replace(nominal, conductivity_W_mK=nominal.conductivity_W_mK * np.exp(ln_k + step)), radii, grid)
+        influence(replace(nominal, conductivity_W_mK=nominal.conductivity_W_mK * np.exp(ln_k + step)), radii, grid)[0]
         for step in (-_DK, 0.0, _DK)
     )
-    slope = (high.matrix - low.matrix) / (2 * _DK)
+    slope = (high - low) / (2 * _DK)
     bath_degC = np.interp(grid, blocks.bath_time_s, blocks.bath_degC)
     initial = float(np.mean(blocks.readings_degC[blocks.time_s < 0]))
     model = RunModel(
         grid,
-        centre.matrix[0],
+        centre[0],
         slope[0],
-        centre.matrix[1 : c + 1],
+        centre[1 : c + 1],
         slope[1 : c + 1],
-        (centre.matrix[c + 1 :] - centre.matrix[1 : c + 1]) / extra,
+        (centre[c + 1 :] - centre[1 : c + 1]) / extra,
         ln_k,
         shift,
         Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m),

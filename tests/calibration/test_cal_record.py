@@ -23,7 +23,6 @@ from calibration.record import (
     ChainRecord,
     ChannelChain,
     DiskRecord,
-    InputFile,
     now_utc,
     parse_record,
     read_record,
@@ -73,12 +72,6 @@ def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
     assert wanted <= set(keys)
     assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(keys["chain"])
     assert {"value", "u", "low95", "high95"} == set(keys["chain"]["channels"]["a"]["lag_s"])
-
-
-def test_inputs_carry_their_hashes(tmp_path):
-    item = InputFile.of(write(tmp_path, "oven.csv", "abc"))
-    assert item.file == "oven.csv"
-    assert item.sha256.startswith("ba7816bf")  # FIPS 180's own example, "abc"
 
 
 def test_the_filters_factors_make_its_polynomial_and_its_lag_is_their_first_moment():

@@ -84,6 +84,10 @@ def test_unwritable_places_and_unknown_endings_are_refused(tmp_path):
         sha256(tmp_path / "none")
 
 
+def test_a_hash_is_that_of_the_standards_own_example(tmp_path):
+    assert sha256(write_text(tmp_path / "abc.txt", "abc")).startswith("ba7816bf")  # FIPS 180
+
+
 def test_metadata_cannot_break_out_of_its_line(tmp_path):
     path = write_log(ehl_frame(), tmp_path / "a.csv", {"note\ntime_s": "1\n2,3"})
     assert path.read_text().split("\n")[0] == "# note time_s: 1 2,3"
