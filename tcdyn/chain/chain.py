@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 from scipy.linalg import solve_continuous_lyapunov
@@ -69,7 +70,7 @@ class Chain(Result):
     @property
     def lag_s(self) -> float:
         """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
-        return self.rational.lag_s
+        return self.delay_s - self.zero_s + sum(f[1] for f in self.factors())
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -99,8 +100,10 @@ class Chain(Result):
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
         """G(2 pi i f), dead time and cement exact; same shape as ``frequency_Hz``."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        rest = replace(self, cement_s=0.0).rational.frequency_response(frequency_Hz)
-        return np.asarray(rest / np.cosh(np.sqrt(self.cement_s * s)))
+        value = (1.0 + self.zero_s * s) * np.exp(-self.delay_s * s) / np.cosh(np.sqrt(self.cement_s * s))
+        for f in replace(self, cement_s=0.0).factors():
+            value = value / polyval(s, f)
+        return np.asarray(value)
 
     def response(
         self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: Start = "equilibrium"
@@ -190,29 +193,21 @@ class Sensor:
     delay_s: float
     lag_s: float
 
-    @property
-    def size(self) -> int:
-        """Number of states."""
-        return len(self.output)
+    def prior(self, level: float, wide: Array, intensity: Array) -> tuple[Array, Array]:
+        """Mean (n,) and covariances (Q, n, n) of the state of a chain that has followed a ramp for ever.
 
-    def ramp(self) -> Array:
-        """Columns (2, size): the state of a chain that has followed a level 1, and a slope 1 through zero, for ever."""
-        n = self.size
-        columns = np.zeros((n, 2))
-        columns[0, 0] = columns[1, 1] = 1.0
+        Its level [degC] and a slope of zero have the standard deviations ``wide`` (2,) [K, K/s]; the stages scatter
+        about the ramp as slope noise of ``intensity`` (Q,) [K2/s3] lets them.
+        """
+        n = len(self.output)
+        ramp, scatter = np.zeros((n, 2)), np.zeros((n, n))
+        ramp[0, 0] = ramp[1, 1] = 1.0
         if n > 2:
-            stages, level = self.drift[2:, 2:], self.drift[2:, 0]
-            columns[2:, 0] = -np.linalg.solve(stages, level)
-            columns[2:, 1] = np.linalg.solve(stages, columns[2:, 0])
-        return columns
-
-    def ramp_scatter(self) -> Array:
-        """Stationary covariance (size, size) of the stages about the ramp, for slope noise of intensity 1 K2/s3."""
-        covariance = np.zeros((self.size, self.size))
-        if self.size > 2:
-            v = self.ramp()[2:, 1]
-            covariance[2:, 2:] = solve_continuous_lyapunov(self.drift[2:, 2:], -np.outer(v, v))
-        return covariance
+            stages = self.drift[2:, 2:]
+            ramp[2:, 0] = -np.linalg.solve(stages, self.drift[2:, 0])
+            ramp[2:, 1] = v = np.linalg.solve(stages, ramp[2:, 0])
+            scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
+        return level * ramp[:, 0], ramp * wide**2 @ ramp.T + intensity[:, None, None] * scatter
 
 
 def sensors(chains: Sequence[Chain]) -> list[Sensor]:

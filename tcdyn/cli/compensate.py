@@ -124,7 +124,7 @@ def compensate(
 
 def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool) -> Way:
     """The compensator that the options ask for; InputError for options that do not belong together."""
-    from tcdyn.compensate.inverse import Criterion
+    from tcdyn.compensate.intensity import Criterion
     from tcdyn.pipeline.compensate import METHODS, Way
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))

@@ -1,11 +1,11 @@
 """From what the logger wrote back to what the junction felt, with an uncertainty for every sample."""
 
-from tcdyn.compensate.before_use import BeforeUse, before_use, live_before_use, widest_bandwidth_Hz
-from tcdyn.compensate.grid import Burst, Intensity
-from tcdyn.compensate.inverse import InverseFilter, Tradeoff, deconvolve, invert, proper_inverse
-from tcdyn.compensate.live import LiveSmoother, LiveState
+from tcdyn.compensate.cells import Burst, Intensity
+from tcdyn.compensate.intensity import Tradeoff
+from tcdyn.compensate.inverse import BeforeUse, InverseFilter, before_use, invert, proper_inverse, widest_bandwidth_Hz
+from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
 from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import smooth, window_covariance
+from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
 
 __all__ = [
     "BeforeUse",

@@ -1,22 +1,26 @@
-"""By likelihood: intensity of the slope noise, per segment and in bursts at events; events that nobody announced."""
+"""Intensity of the slope noise, per segment and in bursts at events, by likelihood or a criterion; hidden events."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
+from typing import Literal
 
 import numpy as np
 from scipy.signal.windows import hann
 
 from calibration import Array
 from tcdyn.chain import Chain
-from tcdyn.compensate.grid import FINE, Burst, Grid, Intensity, corner_rad_s
-from tcdyn.compensate.sweep import Stretch, likelihood
+from tcdyn.compensate.cells import FINE, Burst, Intensity, corner_rad_s
+from tcdyn.compensate.stretch import Stretch
+from tcdyn.compensate.sweep import Smoothed, likelihood, smoothed
 
+Criterion = Literal["gcv", "discrepancy", "l-curve"]
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
 DECAYS_S = (0.1, 0.6, 3.6)
 EXPONENTIAL = 50.0  # a power as good as an exponential
+NEARBY = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
 FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
@@ -99,102 +103,138 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
                     levels[k, c] = spectral_level(stretch.y[a + skip : b, c], dt, chain, noise_var[c])
             else:
                 levels[k], _ = exact_levels(stretch.window(a + skip, b, ()), noise_var, True)
-        levels = _filled(levels, noise_var)
+        most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
+        most = np.where(np.isfinite(most), most, noise_var)
+        levels = np.where(np.isfinite(levels), levels, most)  # too short a segment takes the largest of the others
     chosen = [Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])]
     for event in stretch.events_s:
         chosen = _with_burst(stretch, noise_var, chosen, event)
     return chosen, noise_var
 
 
-def _filled(levels: Array, noise_var: Array) -> Array:
-    """Segments too short to have a level of their own take the largest of the others."""
-    known = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
-    known = np.where(np.isfinite(known), known, noise_var)
-    return np.where(np.isfinite(levels), levels, known)
-
-
 def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], event: float) -> list[Intensity]:
     """Each channel's intensity with the likeliest burst at ``event``, or as it was if none makes the data likelier."""
-    window, shift = around(stretch, event)
-    base = [Intensity(tuple(s - shift for s in q.starts_s), q.levels) for q in chosen]
-    tried = [_first_bursts(event - shift, var) for var in noise_var]
+    window, shift = _around(stretch, event)
+    base = [replace(q, bursts=()).moved(shift_s=shift) for q in chosen]
+    heights, nothing = np.geomspace(1e-3, 1e8, 12), Burst(event - shift, 0.0, 1.0)
+    tried = [
+        [nothing, *(replace(nothing, height=h * var, decay_s=d) for d in DECAYS_S for h in heights)]
+        for var in noise_var
+    ]
     best: list[Burst] = []
     for turn in range(2):
         if turn:
-            tried = [_nearby_bursts(burst) for burst in best]
+            tried = [
+                [replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p) for p, d, h in NEARBY] for b in best
+            ]
         proposed = [[replace(q, bursts=(burst,)) for burst in bursts] for q, bursts in zip(base, tried)]
         value, _ = likelihood(window, noise_var, proposed, fine=2 * FINE)
         best = [bursts[k] for bursts, k in zip(tried, np.argmax(value, axis=1))]
     return [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, best)]
 
 
-def around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
+def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
     """The samples that an event can touch, no other event among them, and the time at which they start [s]."""
     dt, n = stretch.dt_s, len(stretch.y)
     lag = max(s.lag_s for s in stretch.sensors)
     before = max([e for e in stretch.events_s if e < event], default=0.0)
-    after = min([e for e in stretch.events_s if e > event], default=stretch.end_s)
+    after = min([e for e in stretch.events_s if e > event], default=(n - 1) * dt)
     first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
     last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
     return stretch.window(first, last, (event,)), first * dt
 
 
-def _first_bursts(start_s: float, noise_var: float) -> list[Burst]:
-    heights = np.geomspace(1e-3, 1e8, 12) * noise_var
-    return [Burst(start_s, 0.0, 1.0)] + [Burst(start_s, h, d) for d in DECAYS_S for h in heights]
+def sharp_event(stretch: Stretch, states: Smoothed, start_var: Array, noise_known: bool) -> tuple[float, float] | None:
+    """The most significant jump of slope in any channel that is no known event: its likeliest time [s] and u [s].
 
-
-def _nearby_bursts(burst: Burst) -> list[Burst]:
-    if burst.height == 0.0:
-        return [burst] * 30
-    return [
-        replace(burst, height=burst.height * h, decay_s=burst.decay_s * d, power=p)
-        for p in (3.0, EXPONENTIAL)
-        for d in (0.55, 1.0, 1.8)
-        for h in (0.1, 0.32, 1.0, 3.2, 10.0)
-    ]
-
-
-def candidate(grid: Grid, jump_z: Array, events_s: Sequence[float], guard_s: float) -> float | None:
-    """The knot [s] with the most significant jump of slope in any channel, if it is sure and not a known event."""
-    z = np.max(np.abs(jump_z), axis=1)
-    t = grid.knots_s[:-1]
-    for event in events_s:
-        z = np.where((t > event - guard_s) & (t < event + 3 * guard_s), 0.0, z)
+    None where no jump is sure, or the likeliest time stays loose. The curvature of the log likelihood, all channels
+    together, with the burst that is likely there.
+    """
+    knots, lag = states.cells.knots_s, max(s.lag_s for s in stretch.sensors)
+    z = np.max(np.abs(states.jump_z), axis=1)
+    for event in stretch.events_s:
+        z = np.where((knots[:-1] > event - 2 * lag) & (knots[:-1] < event + 6 * lag), 0.0, z)
     z[:3] = z[-3:] = 0.0
     best = int(np.argmax(z))
-    return float(t[best]) if z[best] > SURE else None
+    if z[best] <= SURE:
+        return None
+    found = float(knots[best])
+    rough = replace(stretch, events_s=tuple(sorted((*stretch.events_s, found))))
+    chosen, noise_var = choose(rough, start_var, noise_known)
+    window, shift = _around(rough, found)
 
+    def value(at: float) -> float:
+        proposed = [[q.moved(found, at, shift)] for q in chosen]
+        return float(likelihood(replace(window, events_s=(at - shift,)), noise_var, proposed)[0].sum())
 
-def timed(
-    stretch: Stretch, event_s: float, reach_s: float, noise_var: Array, chosen: Sequence[Intensity]
-) -> tuple[float, float]:
-    """The likeliest time of an event near ``event_s`` [s] (within ``reach_s``) and its standard uncertainty [s].
-
-    The curvature of the log likelihood, all channels together, with the burst that ``chosen`` has there.
-    """
-    window, shift = around(stretch, event_s)
-    centre, reach = event_s, reach_s
-    u = reach_s
+    centre = found
+    u = reach = 2.0 * float(knots[best] - knots[best - 1])
     for _ in range(4):
         offsets = np.linspace(-reach, reach, 7)
-        values = np.array([_value(window, shift, centre + d, event_s, noise_var, chosen) for d in offsets])
-        best = int(np.argmax(values))
-        if 0 < best < 6:
-            a, b, _ = np.polyfit(offsets[best - 1 : best + 2], values[best - 1 : best + 2], 2)
+        values = np.array([value(centre + d) for d in offsets])
+        top = int(np.argmax(values))
+        if 0 < top < 6:
+            a, b, _ = np.polyfit(offsets[top - 1 : top + 2], values[top - 1 : top + 2], 2)
             if a < 0:
                 u = float(np.sqrt(-0.5 / a))
                 centre += float(-0.5 * b / a)
                 reach = min(3.0 * u, 0.5 * reach)
                 continue
-        centre += float(offsets[best])
+        centre += float(offsets[top])
         reach *= 0.6
-    return centre, u
+    return (centre, u) if u <= SHARP * (lag + stretch.dt_s) else None
 
 
-def _value(
-    window: Stretch, shift: float, at: float, was: float, noise_var: Array, chosen: Sequence[Intensity]
+@dataclass(frozen=True)
+class Tradeoff:
+    """The choice of weight as data, one row a trial: ``intensity (L, M)`` = noise variance / weight [K2/s3],
+
+    ``misfit (L, M)`` mean square residual [K2], ``roughness (L, M)`` integral of x''2 [K2/s3], ``freedom (L, M)``
+    trace of the influence matrix, ``chosen (M,)`` [K2/s3].
+    """
+
+    intensity: Array
+    misfit: Array
+    roughness: Array
+    freedom: Array
+    chosen: Array
+    criterion: str
+
+
+def by_criterion(stretch: Stretch, criterion: Criterion, trials: int) -> Tradeoff:
+    """Misfit against roughness over ``trials`` intensities, evenly in their logarithm, and the one that is chosen."""
+    noise_var, levels = stretch.noise_sd**2, np.geomspace(1e-4, 1e7, trials)
+    rows, w, used = [], stretch.weight, (stretch.weight > 0).sum(axis=0)
+    for level in levels:
+        states = smoothed(stretch, noise_var, [Intensity.constant(level * var) for var in noise_var])
+        misfit = np.sum(w * (stretch.y - states.read) ** 2, axis=0) / np.sum(w, axis=0)
+        bends = np.diff(states.mean[..., 1], axis=0) ** 2 / np.diff(states.cells.knots_s)[1:, None]
+        rows.append((misfit, np.sum(bends, axis=0), np.sum(w * states.read_var, axis=0) / noise_var))
+    misfits, roughness, freedom = (np.array(column) for column in zip(*rows))
+    chosen = [
+        _pick(criterion, levels, *columns)
+        for columns in zip(misfits.T, roughness.T, freedom.T, used.tolist(), noise_var.tolist())
+    ]
+    return Tradeoff(levels[:, None] * noise_var, misfits, roughness, freedom, np.array(chosen) * noise_var, criterion)
+
+
+def _pick(
+    criterion: Criterion, levels: Array, misfit: Array, roughness: Array, freedom: Array, used: int, noise_var: float
 ) -> float:
-    moved = replace(window, events_s=(at - shift,))
-    proposed = [[q.moved(was, at, shift)] for q in chosen]
-    return float(likelihood(moved, noise_var, proposed)[0].sum())
+    """Intensity over noise variance that meets the criterion, between the trials by a parabola or a straight line."""
+    logs = np.log(levels)
+    if criterion == "discrepancy":  # the misfit falls as the intensity rises
+        return float(np.exp(np.interp(-np.log(noise_var), -np.log(misfit), logs)))
+    if criterion == "gcv":
+        score = np.log(misfit / (1 - freedom / used) ** 2)
+    else:
+        a, b = np.log(misfit), np.log(np.maximum(roughness, 1e-300))
+        da, db = np.gradient(a, logs), np.gradient(b, logs)
+        bend = (da * np.gradient(db, logs) - db * np.gradient(da, logs)) / (da**2 + db**2) ** 1.5
+        score = -np.abs(bend)
+        score[:2] = score[-2:] = np.inf
+    k = int(np.argmin(score))
+    if criterion == "l-curve" or k in (0, len(levels) - 1):
+        return float(levels[k])
+    c2, c1, _ = np.polyfit(logs[k - 1 : k + 2] - logs[k], score[k - 1 : k + 2], 2)
+    return float(levels[k] * np.exp(np.clip(-c1 / (2 * c2), -1, 1)))

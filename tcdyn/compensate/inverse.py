@@ -1,10 +1,9 @@
-"""Second opinions: the proper inverse, causal and fast, and regularised deconvolution, without phase."""
+"""The proper inverse, causal and fast: a second opinion; and what such a filter will do, said before it is used."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +12,12 @@ from scipy.ndimage import uniform_filter1d
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.finding import Finding, look, sentences
+from calibration.result import Result
 from tcdyn.chain import Chain, discretised
-from tcdyn.compensate.grid import Intensity, read_variance, readings
-from tcdyn.compensate.result import Compensated, channel_noise_sd, columns_of
-from tcdyn.compensate.smoother import smooth
-from tcdyn.compensate.sweep import Stretch, stretch_of, swept
-
-Criterion = Literal["gcv", "discrepancy", "l-curve"]
+from tcdyn.compensate.cells import corner_rad_s
+from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.stretch import stretch_of
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class InverseFilter:
         """Standard deviation out over in, for white noise: sqrt(sum of the squared impulse response)."""
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
-        length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64
+        length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64 + len(self.b)
         return float(np.sqrt(np.sum(signal.lfilter(self.b, self.a, np.r_[1.0, np.zeros(length - 1)]) ** 2)))
 
     def __call__(self, y: ArrayLike) -> Array:
@@ -102,10 +100,9 @@ def invert(
     ``sd_noise`` is hypot(noise gain times noise, remaining shift times |slope|): the answer is late by the remaining
     shift and says so in its band instead of being moved. Bad samples are bridged by straight lines before filtering.
     """
-    data = columns_of(y)
-    sd = channel_noise_sd(data, noise_sd)
-    stretch, flags, findings = stretch_of(data, dt_s, chains, (), sd, names)
-    x, lag, slope, own = (np.empty(data.shape) for _ in range(4))
+    stretch = stretch_of(y, dt_s, chains, (), noise_sd, names)
+    sd = stretch.noise_sd
+    x, lag, slope, own = np.empty((4, *stretch.y.shape))
     for c, chain in enumerate(stretch.chains):
         f = proper_inverse(chain, dt_s, bandwidth_Hz)
         x[:, c] = f(stretch.y[:, c])
@@ -116,123 +113,136 @@ def invert(
         own[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * calm)
     return Compensated.of(
         x, own, slope, lag, lag_covariance, static_u, dt_s, noise_sd=sd, intensity=np.full(len(sd), np.nan),
-        flags=flags, method=f"proper inverse, {bandwidth_Hz:g} Hz", findings=findings,
+        flags=stretch.flags, method=f"proper inverse, {bandwidth_Hz:g} Hz", findings=stretch.findings,
     )  # fmt: skip
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     """Change of the answer per second of the largest lag [K/s], shape of ``y``: s/(1 + tau s) times the inverse."""
-    taus = [tau for tau in f.chain.taus_s if tau > 0]
-    tau = max(taus) if taus else 0.0
     x = f(y)
-    if tau == 0.0:
-        return np.asarray(np.gradient(x, f.dt_s, axis=0))
-    e = float(np.exp(-f.dt_s / tau))
-    part = (1 - e) * tau / f.dt_s
-    lagged = signal.lfilter([1 - part, part - e], [1, -e], x - x[:1], axis=0)
-    return np.asarray((x - x[:1] - lagged) / tau)
+    return np.asarray(signal.lfilter(*lag_rate(f.chain, f.dt_s), x - x[:1], axis=0))
+
+
+def lag_rate(chain: Chain, dt_s: float) -> tuple[Array, Array]:
+    """s/(1 + tau s), tau the largest lag, as a digital filter: what it makes of an answer is its change per lag."""
+    e = float(np.exp(-dt_s / max((*chain.taus_s, dt_s))))
+    return np.array([1.0, -1.0]) * (1 - e) / dt_s, np.array([1.0, -e])
 
 
 @dataclass(frozen=True)
-class Tradeoff:
-    """The choice of weight as data, one row a trial: ``intensity (L, M)`` = noise variance / weight [K2/s3],
+class BeforeUse(Result):
+    """Chain times compensator, before use.
 
-    ``misfit (L, M)`` mean square residual [K2], ``roughness (L, M)`` integral of x''2 [K2/s3], ``freedom (L, M)``
-    trace of the influence matrix, ``chosen (M,)`` [K2/s3].
+    ``noise_gain``: sd out over sd in; ``noise_out_K``: sd of the answer; ``bandwidth_Hz`` where chain times compensator
+    falls to 1/sqrt 2; ``raw_bandwidth_Hz`` of the chain alone; ``rise_s`` from 10 to 90 % of a step, after and
+    ``raw_rise_s`` before; ``overshoot`` share of a step; ``remaining_shift_s`` by which the answer comes late;
+    ``bias_K_per_K_s``: error on a ramp of 1 K/s; ``step_time_s``, ``step`` and ``raw_step`` the step responses.
     """
 
-    intensity: Array
-    misfit: Array
-    roughness: Array
-    freedom: Array
-    chosen: Array
-    criterion: str
+    noise_gain: float
+    noise_out_K: float
+    bandwidth_Hz: float
+    raw_bandwidth_Hz: float
+    rise_s: float
+    raw_rise_s: float
+    overshoot: float
+    remaining_shift_s: float
+    bias_K_per_K_s: float
+    step_time_s: Array
+    step: Array
+    raw_step: Array
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know first, in words."""
+        return sentences(self.findings)
+
+    def summary(self) -> str:
+        """The report in words."""
+        return "\n".join([*self.lines(), *self.warnings])
+
+    def lines(self) -> list[str]:
+        """The report in words without its warnings."""
+        return [
+            f"noise gain {self.noise_gain:.3g}: the answer has a noise of {self.noise_out_K:.3g} K",
+            f"bandwidth {self.bandwidth_Hz:.3g} Hz (uncompensated {self.raw_bandwidth_Hz:.3g} Hz)",
+            f"step response, 10 to 90 %: {self.rise_s:.3g} s (uncompensated {self.raw_rise_s:.3g} s), "
+            f"overshoot {100 * self.overshoot:.2g} %",
+            f"remaining shift {self.remaining_shift_s:.3g} s: on a ramp of 1 K/s the answer is "
+            f"{self.bias_K_per_K_s if abs(self.bias_K_per_K_s) > 1e-6 else 0.0:.3g} K behind",
+        ]
 
 
-def deconvolve(
-    y: ArrayLike,
-    dt_s: float,
-    chains: Chain | Sequence[Chain],
-    *,
-    criterion: Criterion = "gcv",
-    noise_sd: ArrayLike | None = None,
-    lag_covariance: ArrayLike | None = None,
-    static_u: ArrayLike | None = None,
-    names: Sequence[str] | None = None,
-    trials: int = 25,
-) -> tuple[Compensated, Tradeoff]:
-    """Minimise sum (y - G x)^2 + weight integral x''^2 dt, a filter without phase, edges exact.
+def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None) -> BeforeUse:
+    """The report on a proper inverse for a trace with white noise ``noise_sd`` [K].
 
-    ``discrepancy``: mean square residual equal to the noise variance; ``gcv``: least generalised cross-validation
-    score, which need not know the noise; ``l-curve``: largest curvature of log misfit against log roughness. The
-    standard deviation is the Bayesian one of the same penalty (Wahba 1983), which holds noise and average bias.
-
-    Args:
-        y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing.
-        dt_s: sampling interval [s].
-        chains: one for all channels or one per channel.
-        noise_sd: per channel [K]; estimated when left out.
-        lag_covariance, static_u, names: as in ``smooth``.
-        trials: number of weights tried, evenly in their logarithm.
+    A warning comes when the answer would be noisier than ``wanted_K`` [K] (left out: than a hundred times the trace),
+    with the bandwidth that can be had; and when the sampling is too slow for the bandwidth.
     """
-    data = columns_of(y)
-    m = data.shape[1]
-    sd = channel_noise_sd(data, noise_sd)
-    stretch, _, _ = stretch_of(data, dt_s, chains, (), sd, names)
-    levels = np.geomspace(1e-4, 1e7, trials)
-    rows = [_trial(stretch, sd**2, level * sd**2) for level in levels]
-    misfit, roughness, freedom = (np.array([row[k] for row in rows]) for k in range(3))
-    used = (stretch.weight > 0).sum(axis=0)
-    chosen = np.array(
-        [_pick(criterion, levels, misfit[:, c], roughness[:, c], freedom[:, c], used[c], sd[c] ** 2) for c in range(m)]
+    dt, noise_out = f.dt_s, f.noise_gain * noise_sd
+    limit = 100.0 * noise_sd if wanted_K is None else wanted_K
+    found = []
+    if noise_out > limit:
+        best = widest_bandwidth_Hz(f.chain, dt, noise_sd, limit)
+        found.append(look("inverse.noisy", bandwidth_Hz=f.bandwidth_Hz, noise_K=noise_out, limit_K=limit, best_Hz=best))
+    if f.bandwidth_Hz > 0.2 / dt:
+        found.append(look("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt))
+    return filter_report(f, noise_sd, found)
+
+
+def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -> BeforeUse:
+    """The figures of any digital compensator; ``found``: what is to be said of it first."""
+    dt, chain, gain = f.dt_s, f.chain, f.noise_gain
+    rows = int(min(max(12 * (chain.lag_s + f.remaining_shift_s) / dt + 20, 64), 400_000))
+    fine = max(int(np.ceil(400 / rows)), 1)
+    u = np.zeros(rows * fine)
+    u[fine:] = 1.0  # a step at the second sample
+    raw = np.asarray(chain.response(u, dt / fine, hold="zoh")[::fine], dtype=np.float64)
+    step = np.asarray(signal.lfilter(f.b, f.a, raw), dtype=np.float64)
+    t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
+    freq, wide = np.geomspace(1e-4, 0.499, 3000) / dt, np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
+    b, a = np.arange(len(f.b)) @ f.b / np.sum(f.b), np.arange(len(f.a)) @ f.a / np.sum(f.a)
+    late = [look("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
+    return BeforeUse(
+        noise_gain=gain,
+        noise_out_K=gain * noise_sd,
+        bandwidth_Hz=_first_below(freq, np.abs(f.frequency_response(freq) * chain.frequency_response(freq))),
+        raw_bandwidth_Hz=_first_below(wide, np.abs(chain.frequency_response(wide))),
+        rise_s=_rise(t, step),
+        raw_rise_s=_rise(t, raw),
+        overshoot=float(max(step.max() - 1.0, 0.0)),
+        remaining_shift_s=f.remaining_shift_s,
+        bias_K_per_K_s=float(dt * (b - a) + chain.lag_s),
+        step_time_s=t,
+        step=step,
+        raw_step=raw,
+        findings=(*found, *late),
     )
-    result = smooth(
-        data,
-        dt_s,
-        chains,
-        noise_sd=sd,
-        intensity=list(chosen * sd**2),
-        lag_covariance=lag_covariance,
-        static_u=static_u,
-        names=names,
+
+
+def widest_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, wanted_K: float) -> float:
+    """Largest bandwidth [Hz] of the proper inverse whose answer has at most ``wanted_K`` of noise; 0 if none."""
+    tried = np.geomspace(1e-3, 0.45, 40) / dt_s
+    fits = [bw for bw in tried if proper_inverse(chain, dt_s, float(bw)).noise_gain * noise_sd <= wanted_K]
+    return float(max(fits)) if fits else 0.0
+
+
+def smoother_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, intensity: float) -> float:
+    """Where the smoother hands over from data to prior [Hz]: |G|^2 q / w^4 equals the noise density."""
+    return float(corner_rad_s(chain, np.array(intensity / (noise_sd**2 * dt_s)))) / (2 * np.pi)
+
+
+def _first_below(freq: Array, gain: Array) -> float:
+    """The first of the frequencies (N,) [Hz] at which a gain (N,) is below 1/sqrt 2; the last where none is."""
+    below = np.flatnonzero(gain < np.sqrt(0.5))
+    return float(freq[below[0]]) if len(below) else float(freq[-1])
+
+
+def _rise(t: Array, step: Array) -> float:
+    """Time from 10 to 90 % of a step response (N,) at times (N,) [s], first crossings."""
+    start, end = (
+        float(np.interp(level, step[max(k - 1, 0) : k + 1], t[max(k - 1, 0) : k + 1]))
+        for level, k in ((level, int(np.argmax(step >= level))) for level in (0.1, 0.9))
     )
-    named = replace(result, method=f"regularised deconvolution, weight by {criterion}")
-    return named, Tradeoff(levels[:, None] * sd**2, misfit, roughness, freedom, chosen * sd**2, criterion)
-
-
-def _trial(stretch: Stretch, noise_var: Array, level: Array) -> tuple[Array, Array, Array]:
-    """Misfit, roughness and freedom (M,) at one intensity per channel."""
-    grid, states = swept(stretch, noise_var, [Intensity.constant(q) for q in level])
-    n = len(stretch.y)
-    misfit, roughness, freedom = [], [], []
-    lengths = np.diff(grid.knots_s)
-    for c, s in enumerate(stretch.sensors):
-        w = stretch.weight[:, c]
-        residual = stretch.y[:, c] - readings(grid, s, states.mean[:, c], n, stretch.dt_s)
-        misfit.append(float(np.sum(w * residual**2) / np.sum(w)))
-        roughness.append(float(np.sum(np.diff(states.mean[:, c, 1]) ** 2 / lengths[1:])))
-        variance = read_variance(grid, s, states.cov[:, c], n, stretch.dt_s)
-        freedom.append(float(np.sum(w * variance) / noise_var[c]))
-    return np.array(misfit), np.array(roughness), np.array(freedom)
-
-
-def _pick(
-    criterion: Criterion, levels: Array, misfit: Array, roughness: Array, freedom: Array, used: int, noise_var: float
-) -> float:
-    """Intensity over noise variance that meets the criterion, between the trials by a parabola or a straight line."""
-    logs = np.log(levels)
-    if criterion == "discrepancy":  # the misfit falls as the intensity rises
-        return float(np.exp(np.interp(-np.log(noise_var), -np.log(misfit), logs)))
-    if criterion == "gcv":
-        score = np.log(misfit / (1 - freedom / used) ** 2)
-    else:
-        a, b = np.log(misfit), np.log(np.maximum(roughness, 1e-300))
-        da, db = np.gradient(a, logs), np.gradient(b, logs)
-        bend = (da * np.gradient(db, logs) - db * np.gradient(da, logs)) / (da**2 + db**2) ** 1.5
-        score = -np.abs(bend)
-        score[:2] = score[-2:] = np.inf
-    k = int(np.argmin(score))
-    if criterion == "l-curve" or k in (0, len(levels) - 1):
-        return float(levels[k])
-    c2, c1, _ = np.polyfit(logs[k - 1 : k + 2] - logs[k], score[k - 1 : k + 2], 2)
-    return float(levels[k] * np.exp(np.clip(-c1 / (2 * c2), -1, 1)))
+    return end - start

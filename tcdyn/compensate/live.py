@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import expm
 
 from calibration.errors import InputError
+from calibration.finding import look
 from calibration.noise import SPIKES, SpikeRule
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.result import MISSING, SPIKE
-from tcdyn.compensate.sweep import DIFFUSE
+from tcdyn.compensate.cells import diffuse, flow
+from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
+from tcdyn.compensate.stretch import MISSING, SPIKE
 
 Array = NDArray[np.float64]
 FORGET, ALARM = 0.6, 2.1  # running mean of normalised surprises (sd 0.5) and the level that means an event
+MOST_GAIN = 10.0  # noise out over noise in, beyond which the answer of a live smoother is of little use
 NO_COARSE_SPIKES = SpikeRule(np.inf, 5)
 
 
@@ -96,16 +98,10 @@ class LiveSmoother:
                 f"live smoother: the first sample must have {len(self.sensors)} finite temperatures; got {first}",
                 remedy="start at the first complete row",
             )
-        m, n, keep = len(first), self.sensors[0].size, self.lag_samples + 1
-        ramps = [s.ramp() for s in self.sensors]
-        mean = np.stack([r[:, 0] * y for r, y in zip(ramps, first)])
-        wide = [
-            np.array([10 * sd, 10 * sd / (s.lag_s + 4 * self.dt_s)]) * DIFFUSE
-            for s, sd in zip(self.sensors, self.noise_sd)
-        ]
-        cov = np.stack(
-            [r * w**2 @ r.T + q * s.ramp_scatter() for r, w, q, s in zip(ramps, wide, self.intensity, self.sensors)]
-        )
+        m, n, keep = len(first), len(self.sensors[0].output), self.lag_samples + 1
+        each = zip(self.sensors, first, self.noise_sd, self.intensity)
+        priors = [s.prior(y, diffuse(10 * sd, s.lag_s, self.dt_s), np.array([q])) for s, y, sd, q in each]
+        mean, cov = np.stack([m0 for m0, _ in priors]), np.concatenate([c0 for _, c0 in priors])
         return LiveState(
             mean, cov, np.tile(mean[:, 0], (keep, 1)), np.tile(cov[:, 0, 0], (keep, 1)), np.zeros((keep, m, n)),
             np.zeros(m), np.zeros(m), np.zeros(m), np.tile(first, (self.coarse.width, 1)), np.zeros(m),
@@ -124,7 +120,7 @@ class LiveSmoother:
     @cached_property
     def _steps(self) -> Array:
         """How the states move in one sample (M, n, n)."""
-        return np.stack([expm(s.drift * self.dt_s) for s in self.sensors])
+        return np.stack([flow(s.drift, self.dt_s) for s in self.sensors])
 
     @cached_property
     def _lags(self) -> Array:
@@ -134,7 +130,7 @@ class LiveSmoother:
     def _kick(self) -> Array:
         """What a unit jump of slope some samples ago has done to the states by now (M, n)."""
         ago = np.maximum(4 * self.dt_s, 0.15 * self._lags)
-        return np.stack([expm(s.drift * d)[:, 1] for s, d in zip(self.sensors, ago)])
+        return np.stack([flow(s.drift, d)[:, 1] for s, d in zip(self.sensors, ago)])
 
     @cached_property
     def _rows(self) -> Array:
@@ -191,3 +187,22 @@ class LiveSmoother:
             now.done + 1,
         )  # fmt: skip
         return state, flags.astype(np.uint8)
+
+
+def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
+    """The report on the channel of a live smoother whose answer is noisiest.
+
+    At rest the smoother is a linear filter; its impulse response is had by giving it one sample of one standard
+    deviation, too little to be taken for an event.
+    """
+    dt = engine.dt_s
+    rows = int(min(8 * max(s.lag_s for s in engine.sensors) / dt + 4 * engine.lag_samples + 200, 4000))
+    y = np.zeros((2 * rows, len(chains)))
+    y[rows] = engine.noise_sd
+    _, x, _, _ = engine.run(engine.start(np.zeros(len(chains))), y)
+    pulses = x[rows:] / engine.noise_sd
+    worst = int(np.argmax(np.sum(pulses**2, axis=0) * engine.noise_sd**2))
+    chain, one = chains[worst], np.array([1.0])
+    f = InverseFilter(pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain)
+    noisy = [look("live.noisy", gain=f.noise_gain)] if f.noise_gain > MOST_GAIN else []
+    return filter_report(f, float(engine.noise_sd[worst]), noisy)

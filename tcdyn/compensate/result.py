@@ -1,4 +1,4 @@
-"""What a compensator asks of its samples, and returns: temperature, a standard deviation made of named parts, flags."""
+"""What a compensator returns: temperature, a standard deviation made of named parts, flags."""
 
 from __future__ import annotations
 
@@ -11,15 +11,10 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calibration import Array
-from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.finding import Finding, look, sentences
-from calibration.noise import SPIKES, find_spikes, white_noise_sd
+from calibration.finding import Finding, sentences
 from calibration.result import Result, jsonable
-from tcdyn.compensate.grid import Intensity
-
-GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
-COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
+from tcdyn.compensate.cells import Intensity
 
 
 @dataclass(frozen=True)
@@ -125,111 +120,3 @@ class Compensated(Result):
                 "flagged": np.count_nonzero(self.flags, axis=0),
             }
         )
-
-
-def columns_of(y: ArrayLike) -> Array:
-    """One trace or several as columns (N, M)."""
-    data = np.asarray(y, dtype=float)
-    return data[:, None] if data.ndim == 1 else data
-
-
-def channel_noise_sd(data: Array, given: ArrayLike | None) -> Array:
-    """Noise (M,) of the channels of ``data (N, M)``: as ``given``, one number for all allowed, or estimated."""
-    m = data.shape[1]
-    if given is None:
-        return np.array([noise_sd(data[:, c]) for c in range(m)])
-    return np.broadcast_to(np.asarray(given, dtype=np.float64), (m,)).copy()
-
-
-def noise_sd(y: Array, fallback: float = 1e-6) -> float:
-    """Standard deviation [same unit] of white noise on a smooth trace ``y (N,)``, NaN for missing.
-
-    sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling rate leaves less
-    than 2 % of its amplitude. A trace that rests on one step of its logger gets a quarter of that step.
-    """
-    if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
-        return fallback
-    sd = float(white_noise_sd(y, 4, centred=False))
-    if sd > 0:
-        return sd
-    steps = np.abs(np.diff(y[np.isfinite(y)]))
-    steps = steps[steps > 0]
-    return float(np.min(steps)) / 4 if len(steps) else fallback
-
-
-def flags_of(y: Array, noise_sd: Array) -> NDArray[np.uint8]:
-    """Bits MISSING, SPIKE, STUCK, SATURATED for each sample of ``y (N, M)`` with noise ``noise_sd (M,)`` [K].
-
-    Spikes by their rule in ``calibration.noise``. Stuck and saturated are runs of one value longer than chance
-    repeats of this record's resolution.
-    """
-    flags = np.zeros(y.shape, dtype=np.uint8)
-    for c in range(y.shape[1]):
-        bad = ~np.isfinite(y[:, c])
-        flags[bad, c] |= MISSING
-        good = np.flatnonzero(~bad)
-        if len(good) < SPIKES["compensator"].width:
-            continue
-        trace = y[good, c]
-        runs = _long_runs(trace)
-        stop = (trace == trace.max()) | (trace == trace.min())
-        flags[good[runs & stop], c] |= SATURATED
-        flags[good[runs & ~stop], c] |= STUCK
-        flags[good[find_spikes(trace, SPIKES["compensator"], noise_sd[c])], c] |= SPIKE
-    return flags
-
-
-def _long_runs(trace: Array) -> NDArray[np.bool_]:
-    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere.
-
-    Where most neighbours are equal anyway, the logger's step is coarser than the noise, and a long rest on one step
-    says nothing: no run is called long.
-    """
-    n = len(trace)
-    change = np.flatnonzero(np.diff(trace)) + 1
-    if len(change) == 0:
-        return np.ones(n, dtype=bool)
-    starts, ends = np.concatenate([[0], change]), np.concatenate([change, [n]])
-    lengths = ends - starts
-    usual = lengths <= np.quantile(lengths, 0.99)
-    repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
-    if repeats > COARSE:
-        return np.zeros(n, dtype=bool)
-    longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
-    long = lengths > longest
-    return np.repeat(long, lengths)
-
-
-def spoken(names: Sequence[str] | None, channels: int) -> list[str]:
-    """What each channel is called in sentences; without names ``channel 1`` is the first column.
-
-    >>> spoken(None, 2), spoken(["fast_e", "fast_f"], 2)
-    (['channel 1', 'channel 2'], ['fast_e', 'fast_f'])
-    """
-    if names is None:
-        return [f"channel {c + 1}" for c in range(channels)]
-    if len(names) != channels:
-        raise InputError(f"smooth: {channels} channels but {len(names)} names", expected="one name per channel")
-    return list(names)
-
-
-def judged(flags: NDArray[np.uint8], names: Sequence[str] | None = None) -> tuple[Finding, ...]:
-    """Channels of ``flags (N, M)`` that suffer; InputError when a channel is mostly not measuring.
-
-    ``names`` (M,): what the sentences call the channels; ``channel 1`` and so on when left out.
-    """
-    found = []
-    for c, name in enumerate(spoken(names, flags.shape[1])):
-        still = flags[:, c] & (STUCK | SATURATED) != 0
-        stuck, bad = 100 * float(np.mean(still)), 100 * float(np.mean(flags[:, c] != 0))
-        if stuck > 50:
-            raise InputError(
-                f"{name}: {stuck:.0f} % of the samples repeat one value",
-                expected="a trace with noise on it",
-                remedy="check the wiring and the range of this channel, or leave it out",
-            )
-        if stuck > 0:
-            found.append(look("trace.stuck", subject=name, percent=stuck, first_sample=int(np.argmax(still))))
-        elif bad > 1:
-            found.append(look("trace.bad", subject=name, percent=bad))
-    return tuple(found)

@@ -17,9 +17,9 @@ from calibration.noise import SPIKES
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
-from tcdyn.compensate.before_use import BeforeUse, live_before_use
-from tcdyn.compensate.live import LiveSmoother, LiveState
-from tcdyn.compensate.result import SPIKE, noise_sd
+from tcdyn.compensate.inverse import BeforeUse, lag_rate
+from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
+from tcdyn.compensate.stretch import SPIKE, trace_noise_sd
 from tcdyn.traces import DiskChannels, disk_channels
 
 Array = NDArray[np.float64]
@@ -162,7 +162,7 @@ class Causal:
     def start(self, first: Array) -> CausalState:
         """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines]."""
         m = len(self.junctions)
-        memory = [signal.lfilter_zi(*self._rate_filter(i))[0] * y for i, y in enumerate(first)]
+        memory = [signal.lfilter_zi(*lag_rate(self.chains[i], self.dt_s))[0] * y for i, y in enumerate(first)]
         return CausalState(
             self.engine.start(first), np.array(memory),
             np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
@@ -178,8 +178,8 @@ class Causal:
         kernel, x, sd, flags = self.engine.run(state.kernel, y)
         rate, memory = np.empty_like(x), np.empty(x.shape[1])
         for i in range(x.shape[1]):
-            rate[:, i], left = signal.lfilter(*self._rate_filter(i), x[:, i], zi=state.rate_memory[i : i + 1])
-            memory[i] = left[0]
+            per_lag = lag_rate(self.chains[i], self.dt_s)
+            rate[:, i], memory[i : i + 1] = signal.lfilter(*per_lag, x[:, i], zi=state.rate_memory[i : i + 1])
         line_u = np.column_stack([static_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2)
         state = replace(
@@ -207,11 +207,6 @@ class Causal:
         out[place - 1] = rows[rising]
         backward = state.backward + int(np.count_nonzero(~rising))
         return replace(state, last_time_s=float(before[-1]), backward=backward), out
-
-    def _rate_filter(self, junction: int) -> tuple[list[float], list[float]]:
-        """s/(1 + tau s), tau the largest lag: the change of the answer per second of lag."""
-        e = float(np.exp(-self.dt_s / max((*self.chains[junction].taus_s, self.dt_s))))
-        return [(1 - e) / self.dt_s, -(1 - e) / self.dt_s], [1.0, -e]
 
     def _ready(self, state: CausalState) -> tuple[CausalState, Array]:
         """The rows whose answers are all there, those between samples by straight lines; the rest goes on waiting."""
@@ -268,7 +263,7 @@ def begin(
             if len(good) < LEAST_SAMPLES:
                 dead.append(name)
                 continue
-            noise[name] = settings.noise_K or max(noise_sd(y), LEAST_NOISE_K)
+            noise[name] = settings.noise_K or max(trace_noise_sd(y), LEAST_NOISE_K)
             first.append(float(np.median(good[: SPIKES["live ehl"].width])))
     if not noise:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")

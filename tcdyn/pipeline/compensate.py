@@ -20,10 +20,10 @@ from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.compensate.before_use import BeforeUse, before_use
-from tcdyn.compensate.inverse import Criterion, deconvolve, invert, proper_inverse
+from tcdyn.compensate.intensity import Criterion
+from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
 from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.smoother import smooth, window_covariance
+from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
 from tcdyn.partition.effects import with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit, refine_lags, refined_chains

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from calibration.estimate import Z95
-from tcdyn.compensate.before_use import BeforeUse
-from tcdyn.compensate.inverse import Tradeoff
+from tcdyn.compensate.intensity import Tradeoff
+from tcdyn.compensate.inverse import BeforeUse
 from tcdyn.compensate.result import Compensated
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, SLOW, dressed
 

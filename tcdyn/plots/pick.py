@@ -14,7 +14,7 @@ from calibration.log import Log
 from calibration.record import DiskRecord
 from tcdyn import plots
 from tcdyn.chain import Chain
-from tcdyn.compensate.before_use import BeforeUse
+from tcdyn.compensate.inverse import BeforeUse
 from tcdyn.compensate.result import Compensated
 from tcdyn.design.compare import Design
 from tcdyn.identify.choose import Comparison

@@ -12,8 +12,13 @@ from calibration.disk import CHANNELS
 from calibration.estimate import Z95
 from calibration.finding import Finding
 from calibration.record import DiskRecord
-from tcdyn.compensate.before_use import BeforeUse, before_use, smoother_bandwidth_Hz, widest_bandwidth_Hz
-from tcdyn.compensate.inverse import proper_inverse
+from tcdyn.compensate.inverse import (
+    BeforeUse,
+    before_use,
+    proper_inverse,
+    smoother_bandwidth_Hz,
+    widest_bandwidth_Hz,
+)
 from tcdyn.compensate.result import Compensated
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog

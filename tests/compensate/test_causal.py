@@ -9,8 +9,7 @@ import pytest
 from calibration.errors import InputError
 from calibration.noise import SpikeRule
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate.before_use import before_use, widest_bandwidth_Hz
-from tcdyn.compensate.inverse import lag_sensitivity, proper_inverse
+from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
 
 DT = 1 / 75
