@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, Conditioning, DiskSetup
+from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
@@ -22,6 +22,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
+NOISE_ORDER = 3  # of the differences that tell the noise of a trace
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
@@ -52,7 +53,8 @@ class DiskTraces(DiskChannels):
     channel; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,): standard
     uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody measured,
     rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b (see
-    :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed.
+    :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of the
+    channels' lags, with its standard uncertainty ``common_lag_u_s`` [s].
     """
 
     name: str
@@ -65,21 +67,18 @@ class DiskTraces(DiskChannels):
     uncertainty: UncertaintyTable
     inner_K: Array
     findings: tuple[Finding, ...] = ()
+    common_lag_s: float = field(init=False)
+    common_lag_u_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        lag, u = np.mean([c.lag_s for c in self.chains]), np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
+        object.__setattr__(self, "common_lag_s", float(lag))
+        object.__setattr__(self, "common_lag_u_s", float(u))
 
     @property
     def measured_degC(self) -> Array:
         """Readings (N, 6) with NaN where they are missing."""
         return np.where(self.missing, np.nan, self.readings_degC)
-
-    @property
-    def common_lag_s(self) -> float:
-        """Mean of the channels' lags [s]."""
-        return float(np.mean([c.lag_s for c in self.chains]))
-
-    @property
-    def common_lag_u_s(self) -> float:
-        """Standard uncertainty of that mean [s]."""
-        return float(np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)))
 
     @property
     def mean_chain(self) -> Chain:
@@ -154,21 +153,17 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
     Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
     """
     assert record.chain is not None
-    own = record.conditioning
-    if setup.conditioning.poles != own.poles or (own.poles > 0 and setup.conditioning != own):
+    own, stated = record.conditioning, setup.conditioning
+    if stated.poles != own.poles or (own.poles > 0 and stated != own):
+        said = [f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" for b in (own, stated)]
         raise InputError(
-            f"the record of disk {record.disk!r} was made with conditioning {_filter_text(own)}, "
-            f"rig.toml states {_filter_text(setup.conditioning)}",
+            f"the record of disk {record.disk!r} was made with conditioning {said[0]}, rig.toml states {said[1]}",
             expected="the filter that the disk was calibrated with",
             remedy="give the rig file of the calibration, rig=rig.toml, or calibrate again",
             parameters=("rig=rig.toml",),
         )
     kept = record.chain.channels
     return tuple(Chain(**kept[c].model_dump(exclude={"lag_s"}), conditioning=own) for c in CHANNELS)
-
-
-def _filter_text(b: Conditioning) -> str:
-    return f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" if b.poles else "of no pole"
 
 
 def disk_traces(
@@ -196,12 +191,16 @@ def disk_traces(
     columns, marks, rounding = [], [], []
     for name, line in zip(channels.columns, channels.lines):
         raw = frame[name].to_numpy(dtype=float)
-        rounding.append(hidden_rounding_K(raw))
-        values, marked = despiked(apply_static(raw, line))
-        share = float(np.mean(marked))
-        if share > MANY_MISSING:
+        step = rounding_sd(raw)  # of a logger that hides the noise of a trace; zero where the noise is seen
+        hidden = step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER))
+        rounding.append(step if hidden else 0.0)
+        values = apply_static(raw, line)
+        marked = ~np.isfinite(values)
+        values = bridged(values, ~marked)
+        marked |= find_spikes(values, SPIKES["traces"], max(float(white_noise_sd(values, NOISE_ORDER)), 1e-6))
+        if (share := float(np.mean(marked))) > MANY_MISSING:
             found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * share))
-        columns.append(values)
+        columns.append(bridged(values, ~marked))
         marks.append(marked)
     if coarse := [ch for ch, error in zip(CHANNELS, rounding) if error > 0]:
         found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
@@ -212,7 +211,7 @@ def disk_traces(
         setup=setup,
         readings_degC=y,
         missing=np.column_stack(marks),
-        noise_K=white_noise(y),
+        noise_K=white_noise_sd(y, NOISE_ORDER),
         rounding_K=np.array(rounding),
         static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), rounding),
         uncertainty=rig.tables(disk).uncertainty,
@@ -221,30 +220,10 @@ def disk_traces(
     )
 
 
-def despiked(y: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Trace with isolated spikes and missing samples bridged by straight lines, and where that was done; (N,)."""
-    missing = ~np.isfinite(y)
-    filled = bridged(y, ~missing)
-    marked = missing | find_spikes(filled, SPIKES["traces"], max(float(white_noise_sd(filled, 3)), 1e-6))
-    return bridged(filled, ~marked), marked
-
-
 def bridged(y: Array, good: NDArray[np.bool_]) -> Array:
     """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
     rows = np.arange(len(y))
     return y if good.all() else np.interp(rows, rows[good], y[good])
-
-
-def white_noise(y: Array) -> Array:
-    """Standard deviation of the white noise of each column, from third differences and their median; (N, M) -> (M,)."""
-    return white_noise_sd(y, 3)
-
-
-def hidden_rounding_K(raw: Array) -> float:
-    """Rounding error [K] of a logger that hides the noise of a trace (N,); zero where the noise is seen."""
-    rounding = rounding_sd(raw)
-    hidden = rounding > FINE_ROUNDING_K and rounding >= float(white_noise(raw[:, None])[0])
-    return rounding if hidden else 0.0
 
 
 def gathered(findings: Sequence[Finding]) -> list[Finding]:

@@ -34,6 +34,7 @@ class Chain(Result):
     are there when asked for: ``pair`` = (Tw [s], zeta) divides by 1 + 2 zeta Tw s + (Tw s)^2 (complex poles), and
     ``cement_s`` divides by cosh(sqrt(cement s)): heat diffusing through a layer of cement of diffusion time
     ``cement_s`` = thickness^2/diffusivity onto an insulated junction, a half-order lag with first moment cement/2.
+    ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the filter's own lag.
 
     >>> Chain((0.6, 0.1), conditioning=Conditioning(4.0, 2)).lag_s.__round__(4)
     0.7796
@@ -45,12 +46,15 @@ class Chain(Result):
     conditioning: Conditioning = field(default_factory=Conditioning)
     pair: tuple[float, float] | None = None
     cement_s: float = 0.0
+    lag_s: float = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
         if any(tau < 0 for tau in self.taus_s) or self.delay_s < 0:
             raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
         if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
             raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
+        lag = self.delay_s - self.zero_s + sum(f[1] for f in self.factors())
+        object.__setattr__(self, "lag_s", float(lag))
 
     def factors(self) -> tuple[tuple[float, ...], ...]:
         """The factors below, ascending coefficients in s: lags from the largest on, pair, cement, the filter's own."""
@@ -68,14 +72,9 @@ class Chain(Result):
         return Rational(num, tuple(Factor(f) for f in self.factors()), self.delay_s)
 
     @property
-    def lag_s(self) -> float:
-        """First moment of the impulse response [s]: delay + sum of lags - zero + the filter's own lag."""
-        return self.delay_s - self.zero_s + sum(f[1] for f in self.factors())
-
-    @property
     def parameters(self) -> dict[str, Any]:
         """All that it is made of but the filter, by name, as a disk record keeps it."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name != "conditioning"}
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "conditioning"}
 
     def summary(self) -> str:
         """Lags, zero, dead time and filter, and the first moment of it all."""
@@ -88,10 +87,6 @@ class Chain(Result):
             c = self.conditioning
             said.append(f"conditioning {c.cutoff_Hz:g} Hz x {c.poles} ({c.shape})")
         return f"{'; '.join(said) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
-
-    def to_dict(self) -> dict[str, Any]:
-        """The parameters, and ``lag_s``."""
-        return {**super().to_dict(), "lag_s": self.lag_s}
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The chain as a ``control.TransferFunction``; a dead time enters by its Pade form of ``pade_order``."""

@@ -9,13 +9,14 @@ from typing import Protocol
 import numpy as np
 
 from calibration import Array
+from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile
 from tcdyn.fitting import Problem
 from tcdyn.partition.effects import Effects, Unmeasured, effects
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, RimResponse, disk_window, power_bank, stretch_of
-from tcdyn.traces import DiskTraces, white_noise
+from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
 SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
@@ -165,7 +166,7 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     shift = common.lag_s - disk.mean_chain.lag_s
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, disk.mean_chain.with_lag_shift(shift))
-    noise = np.maximum(white_noise(readings), 0.5 * disk.noise_K)
+    noise = np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
     known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
     lag_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)

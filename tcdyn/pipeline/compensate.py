@@ -17,6 +17,7 @@ from calibration.estimate import with_u
 from calibration.files import open_table, shown
 from calibration.finding import Finding, look, sentences
 from calibration.log import COMPENSATED, Log, read_log
+from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
@@ -29,7 +30,7 @@ from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit, refine_lags, refined_chains
 from tcdyn.partition.prepare import prepare
 from tcdyn.partition.steady import at_one_radius
-from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of, white_noise
+from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered, rig_of
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel
@@ -282,7 +283,7 @@ def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way
     time = table.frame["time_s"].to_numpy(dtype=float)
     y, dt = traces.measured_degC, float(np.median(np.diff(time)))
     given: dict[str, Any] = {
-        "noise_sd": white_noise(y),
+        "noise_sd": white_noise_sd(y, NOISE_ORDER),
         "lag_covariance": traces.lag_covariance_s2,
         "static_u": np.hypot(traces.static_u(traces.readings_degC), traces.rounding_K),
         "names": [c.removesuffix("_degC") for c in traces.columns],
