@@ -145,6 +145,18 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
     assert np.allclose(c, dense, atol=2e-3 * np.max(dense))
 
 
+@pytest.mark.parametrize("pair", [None, (0.1, 0.6)])
+def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
+    """Cement of 50 ms: its last lags are 0.4 ms, so its states hang on the slow ones and their covariance is singular."""
+    _, y = exponential_rise()
+    y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
+    chain = Chain((1.0,), cement_s=0.05, pair=pair, conditioning=NO_CONDITIONING)
+    ours = smooth(y, DT, chain, events_s=(RISE_S,))
+    c = window_covariance(y, DT, chain, ours, 0, 110, 160)
+    assert np.allclose(np.sqrt(np.diag(c)), ours.sd_noise[110:160, 0], rtol=0.02)
+    assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
+
+
 def test_constant_trace_gets_the_band_of_a_straight_line():
     """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma / sqrt(N) at the ends."""
     y = 80 + 0.15 * np.random.default_rng(0).standard_normal((1000, 6))
