@@ -147,7 +147,7 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
 
 @pytest.mark.parametrize("pair", [None, (0.1, 0.6)])
 def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
-    """Cement of 50 ms: its last lags are 0.4 ms, so its states hang on the slow ones and their covariance is singular."""
+    """Cement of 50 ms: its last lags are 0.4 ms, so these states hang on the slow ones: a singular covariance."""
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
     chain = Chain((1.0,), cement_s=0.05, pair=pair, conditioning=NO_CONDITIONING)
