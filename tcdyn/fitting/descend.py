@@ -202,7 +202,7 @@ def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _Sta
     if theta is None or answer is None:
         return None
     residual, jacobian = answer
-    gap = problem.beyond_prior(theta)
+    gap = theta - problem.prior_mean
     heavy = jacobian if weights is None else weights[:, None] * jacobian
     cost = float(residual @ (residual if weights is None else weights * residual) + problem.precision @ gap**2)
     information = jacobian.T @ heavy + np.diag(problem.precision)

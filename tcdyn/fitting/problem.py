@@ -59,10 +59,6 @@ class Problem:
         object.__setattr__(self, "fixed", np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed))
         object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
-    def beyond_prior(self, theta: Array) -> Array:
-        """theta - prior_mean (P,), zero where nothing was known."""
-        return np.asarray(np.where(self.precision > 0, theta - self.prior_mean, 0.0))
-
     def toward(self, name: str | Array) -> Array:
         """The unit vector (P,) of a parameter; a vector of weights is itself."""
         return np.eye(self.size)[self.names.index(name)] if isinstance(name, str) else np.asarray(name, dtype=float)
@@ -121,7 +117,7 @@ class Optimum:
         data alone would ask for prior_mean + (theta - prior_mean)/told, told being the share of the prior variance
         that they removed.
         """
-        precision, shift = self.problem.precision, self.problem.beyond_prior(self.theta)
+        precision, shift = self.problem.precision, self.theta - self.problem.prior_mean
         told = 1 - np.diag(self.covariance) * precision
         pull = shift * np.sqrt(precision / np.maximum(told, LEAST_TOLD))
         return {n: float(z) for n, z, w in zip(self.problem.names, pull, precision) if w > 0}

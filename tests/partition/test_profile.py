@@ -69,7 +69,7 @@ def cost(problem: Problem, main: Array) -> float:
     residual, free = done[0], done[1][:, 4:]
     known = problem.precision[4:]
     best = -np.linalg.solve(free.T @ free + np.diag(known), free.T @ residual)
-    prior = problem.precision[:4] @ problem.beyond_prior(theta)[:4] ** 2
+    prior = problem.precision[:4] @ (theta - problem.prior_mean)[:4] ** 2
     return float(np.sum((residual + free @ best) ** 2) + known @ best**2 + prior)
 
 
