@@ -98,11 +98,10 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
 
 def draw_design(design: Design, ax: Axes) -> Axes:
     """What each planned test would tell: standard uncertainty of the common lag and of differences, logarithmic."""
-    y = np.arange(len(design.predictions))[::-1]
-    common = np.array([p.u_common_s for p in design.predictions])
-    low = np.array([p.low_s for p in design.predictions])
-    high = np.array([p.high_s for p in design.predictions])
-    rest = np.array([p.u_differential_s for p in design.predictions])
+    table = design.table()
+    y = np.arange(len(table))[::-1]
+    columns = ("u_common_s", "u_common_10_s", "u_common_90_s", "u_differential_s")
+    common, low, high, rest = (table[name].to_numpy(dtype=float) for name in columns)
     spread = np.abs(np.array([common - np.minimum(low, common), np.maximum(high, common) - common]))
     ax.errorbar(common, y + 0.12, xerr=spread, fmt="o", color=FAST, capsize=3, label="common lag")
     ax.plot(rest, y - 0.12, "s", color=SLOW, label="differences between channels")
@@ -115,7 +114,7 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ]
     ax.set_xticks(shown, [f"{t:g}" for t in shown])
     ax.minorticks_off()
-    ax.set_yticks(y, [p.name.replace("degC", "°C") for p in design.predictions], fontsize="small")
+    ax.set_yticks(y, table["test"].str.replace("degC", "°C"), fontsize="small")
     return dressed(ax, "Expected standard uncertainty [s]", "", legend=True)
 
 
