@@ -141,7 +141,7 @@ class LogPieces:
         return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogPiece]:
-        where, grid, total = self._place.where, self.sampling.grid, len(self.sampling.grid)
+        where, grid, total, end_row = self._place.where, self.sampling.grid, len(self.sampling.grid), self.rows
         checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
         margin = SIDE * (int(max(LONGEST_NAN_S / self.dt_s, SIDE) + 1) + 1)  # neighbours, each behind a gap
         kept: dict[str, Array] = {}
@@ -160,7 +160,7 @@ class LogPieces:
             # on the even grid, up to the next row: samples put in are NaN, a switch keeps its state in them
             columns |= {name: on[done:stop].astype(np.float64) for name, on in self.switches.items()}
             rows = grid[done : stop + 1]
-            even = np.arange(rows[0], grid[stop] if stop < total else self.rows)
+            even = np.arange(rows[0], grid[stop] if stop < total else end_row)
             frame = pd.DataFrame(columns, rows[: stop - done], [n for n in self._names if n != "time_s"]).reindex(even)
             frame = frame.assign(**frame[[*self.switches]].ffill()).reset_index(drop=True)
             frame.insert(0, "time_s", np.interp(even, rows, self.sampling.time_s[done : stop + 1]))

@@ -29,14 +29,15 @@ from calibration.disk import (
 from calibration.errors import InputError
 from calibration.result import Result
 
-_DEFAULT_JUNCTIONS: dict[str, dict[str, float]] = {
-    "a": {"depth_mm": 3.0, "z_mm": 4.765, "angle_deg": 0.0},
-    "b": {"depth_mm": 6.0, "z_mm": 4.765, "angle_deg": 180.0},
-    "c": {"depth_mm": 3.0, "z_mm": 2.0, "angle_deg": 15.0},
-    "d": {"depth_mm": 6.0, "z_mm": 2.0, "angle_deg": 345.0},
-    "e": {"depth_mm": 1.25, "z_mm": 4.765, "angle_deg": 195.0},
-    "f": {"depth_mm": 6.0, "z_mm": 7.53, "angle_deg": 165.0},
+_PLACES = {  # depth_mm, z_mm, angle_deg
+    "a": (3.0, 4.765, 0.0),
+    "b": (6.0, 4.765, 180.0),
+    "c": (3.0, 2.0, 15.0),
+    "d": (6.0, 2.0, 345.0),
+    "e": (1.25, 4.765, 195.0),
+    "f": (6.0, 7.53, 165.0),
 }
+_DEFAULT_JUNCTIONS = {c: dict(zip(JunctionTable.model_fields, place)) for c, place in _PLACES.items()}
 
 
 class RigTables(RigTable):
@@ -45,7 +46,7 @@ class RigTables(RigTable):
     disk: DiskTable = DiskTable()
     washer: WasherTable = WasherTable()
     thermocouples: dict[str, JunctionTable] = Field(
-        default_factory=lambda: {k: JunctionTable(**v) for k, v in _DEFAULT_JUNCTIONS.items()}
+        default_factory=lambda: {c: JunctionTable(**place) for c, place in _DEFAULT_JUNCTIONS.items()}
     )
     contact: ContactTable = ContactTable()
     conditioning: Conditioning = Conditioning()
