@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -71,6 +70,10 @@ class LiveSmoother:
     intensity: Array
     lag_samples: int
     coarse: SpikeRule
+    steps: Array  # how the states move in one sample (M, n, n)
+    rows: Array  # how they are read (M, n)
+    kick: Array  # what a unit jump of slope some samples ago has done to them by now (M, n)
+    lags_s: Array
 
     @classmethod
     def of(
@@ -88,7 +91,13 @@ class LiveSmoother:
         )
         if lag_samples < 0 or np.any(noise <= 0) or np.any(level <= 0):
             raise InputError("live smoother: lag_samples must not be negative, noise and intensity must be positive")
-        return cls(tuple(sensors(chains)), dt_s, noise, level, lag_samples, coarse)
+        each = tuple(sensors(chains))
+        steps = np.stack([flow(s.drift, dt_s) for s in each])
+        lags = np.array([s.lag_s for s in each]) + dt_s
+        ago = np.maximum(4 * dt_s, 0.15 * lags)
+        kick = np.stack([flow(s.drift, float(d))[:, 1] for s, d in zip(each, ago)])
+        rows = np.stack([s.output for s in each])
+        return cls(each, dt_s, noise, level, lag_samples, coarse, steps, rows, kick, lags)
 
     def start(self, first: ArrayLike) -> LiveState:
         """State that knows only the first sample ``first (M,)`` [degC], the chain's past taken as a ramp."""
@@ -117,28 +126,9 @@ class LiveSmoother:
             x[k], sd[k] = now.lagged[-1], np.sqrt(now.lagged_var[-1])
         return replace(now, done=state.done + len(y)), x, sd, flags
 
-    @cached_property
-    def _steps(self) -> Array:
-        """How the states move in one sample (M, n, n)."""
-        return np.stack([flow(s.drift, self.dt_s) for s in self.sensors])
-
-    @cached_property
-    def _lags(self) -> Array:
-        return np.array([s.lag_s for s in self.sensors]) + self.dt_s
-
-    @cached_property
-    def _kick(self) -> Array:
-        """What a unit jump of slope some samples ago has done to the states by now (M, n)."""
-        ago = np.maximum(4 * self.dt_s, 0.15 * self._lags)
-        return np.stack([flow(s.drift, d)[:, 1] for s, d in zip(self.sensors, ago)])
-
-    @cached_property
-    def _rows(self) -> Array:
-        return np.stack([s.output for s in self.sensors])
-
     def _one(self, now: LiveState, y: Array) -> tuple[LiveState, NDArray[np.uint8]]:
         """The state after one more sample (M,), and its flags."""
-        steps, rows, kick, lags = self._steps, self._rows, self._kick, self._lags
+        steps, rows, kick, lags = self.steps, self.rows, self.kick, self.lags_s
         back = steps.transpose(0, 2, 1)
         absent = ~np.isfinite(y)
         middle = np.sort(now.recent, axis=0)[len(now.recent) // 2]
