@@ -144,7 +144,7 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
         chain = model.chain(conditioning)
     except InputError:
         return ""
-    parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if getattr(chain, f.name)]
+    parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if f.init and getattr(chain, f.name)]
     return f"To remove this lag from other traces: tcdyn.smooth(y, dt, Chain({', '.join(parts)})); the gain is left in."
 
 
