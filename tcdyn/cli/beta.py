@@ -76,7 +76,7 @@ def beta(
     if json_:
         print(text, end="")
         return
-    warn(run.partition.findings, quiet)
+    warn(run.partition.noticed, quiet)  # the summary ends with the verdict
     say(run.summary(), quiet)
     for word, path in (("numbers", out), ("report", report)):
         if path is not None:

@@ -45,7 +45,8 @@ class Partition:
     """All ways to the heat partition of one test.
 
     ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
-    lag refined by the joint fit); ``draws`` of the budget hold every quantity with its correlations.
+    lag refined by the joint fit); ``draws`` of the budget hold every quantity with its correlations; ``noticed``: what
+    was found on the way, before the cross-check's verdict.
     """
 
     test: EhlTest
@@ -62,12 +63,17 @@ class Partition:
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
-    findings: tuple[Finding, ...]
+    noticed: tuple[Finding, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """All that was noticed, the cross-check's verdict last."""
+        return (*self.noticed, self.crosscheck.finding)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return sentences(self.findings)
+        """What was noticed in words; the verdict's stand in ``crosscheck.sentence``."""
+        return sentences(self.noticed)
 
     @property
     def ways(self) -> dict[str, float]:

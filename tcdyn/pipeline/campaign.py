@@ -27,7 +27,7 @@ from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import steady_start_s
 from tcdyn.pipeline.beta import BearingFile, estimate_beta
-from tcdyn.pipeline.campaign_table import campaign_table, table_csv, table_row
+from tcdyn.pipeline.campaign_table import AGREE, campaign_table, table_csv, table_row
 from tcdyn.version import __version__
 
 Job = TypeVar("Job")
@@ -89,11 +89,12 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """What was noticed in all tests, each with its log's name."""
+        """What was noticed in all tests, each with its log's name; that the ways agree is in the table."""
         return [
             Finding.from_dict(found).at(o.log.stem)
             for o in self.outcomes
             for found in (o.data["findings"] if o.data else [])
+            if found["code"] != AGREE
         ]
 
     def summary(self) -> str:
@@ -181,7 +182,7 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
     test = run.partition.test
     data = run.to_dict()
     found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
-    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found))
+    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found[:-1]))
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),

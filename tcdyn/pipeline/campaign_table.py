@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration import Array
 from calibration.disk import DISKS
 
+AGREE = "ways.agree"  # a finding that stands in its own column
 SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
 # column: (keys into beta.json, is an estimate with u)
 COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
@@ -67,7 +68,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         if estimate:
             row[f"u_{name}"] = found["u"]
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
-    row["warnings"] = len(data["findings"])
+    row["warnings"] = sum(found["code"] != AGREE for found in data["findings"])
     return row
 
 

@@ -203,7 +203,8 @@ def write_beta_report(
     found: list[Finding] = []
     for name, p in tests.items():
         sections += beta_sections(p, name, (truths or {}).get(name))
-        found += p.findings if len(tests) == 1 else [f.at(name) for f in p.findings]
+        # the verdict stands above
+        found += p.noticed if len(tests) == 1 else [f.at(name) for f in p.noticed]
     said = "\n\n".join(verdict(p) if len(tests) == 1 else f"{name}: {verdict(p)}" for name, p in tests.items())
     title = "Heat partition: " + ", ".join(tests)
     told = list(dict.fromkeys(line for p in tests.values() for line in assumed(p)))

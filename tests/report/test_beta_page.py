@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from math import hypot
+from pathlib import Path
 
 import pytest
 from matplotlib.colors import to_rgb
 
 from calibration.disk import DISKS
 from tcdyn.partition import tables
-from tcdyn.partition.analyse import Partition
+from tcdyn.partition.analyse import Partition, beta_file
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
-from tcdyn.report.beta import assumed, verdict
+from tcdyn.report.beta import assumed, verdict, write_beta_report
 
 
 def decimals(text: str) -> int:
@@ -45,6 +46,18 @@ def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition)
     assert said.startswith("β = 0.")
     assert said.index("95 %") < said.index("ways to beta")
     assert any(f"{partition.test.speed_exponent:g}" in line for line in assumed(partition))
+
+
+def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_path: Path) -> None:
+    found, said = partition.findings, partition.crosscheck.sentence
+    assert found[-1] is partition.crosscheck.finding
+    assert sum(f.code.startswith("ways.") for f in found) == 1
+    kept = beta_file(partition, {})
+    assert kept["findings"][-1]["code"] == partition.crosscheck.finding.code
+    assert kept["crosscheck"]["sentence"] == said
+    assert said not in kept["warnings"]
+    page = write_beta_report(tmp_path / "x.html", {"B3": partition}).read_text(encoding="utf-8")
+    assert page.count(said.partition(",")[0]) == 1
 
 
 def test_disks_differ_in_tone_line_and_marker() -> None:
