@@ -136,9 +136,9 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
     load, so that static errors, which the steady line already holds, do not enter twice. ``noise_K`` is the standard
     deviation of what compensation left in a trace. Raises InputError when no h in 5..8000 W/m2K fits best inside.
     """
-    inside = window.between(unload_s, unload_s + window_s)
-    before = window.between(unload_s - MATCH_S, unload_s - 0.1)
-    weight = window.blocks.counts[inside][:, None].astype(float)
+    since = window.at_s - unload_s
+    inside, before = (since >= 0) & (since < window_s), (since >= -MATCH_S) & (since < -0.1)
+    weight = window.counts[inside][:, None].astype(float)
 
     def model(h: float) -> tuple[Array, Array]:
         rest, power = window.rim.answer(h)

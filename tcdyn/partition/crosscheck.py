@@ -70,7 +70,7 @@ def monte_carlo(
 
     What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
     """
-    names = sorted({what.of(d) for d in DISKS for what in lines[d].shift.of})
+    names = sorted({("both" if what.shared else d, what.name) for d in DISKS for what in lines[d].shift.of})
     names += [(d, own) for d in DISKS for own in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
     normal = {key: rng.standard_normal(DRAWS) for key in names}
@@ -119,7 +119,7 @@ def _errors(
     out = np.zeros((len(noise), shift.per_sd.shape[1]))
     for what, per_sd in zip(shift.of, shift.per_sd):
         if active in (None, what.source):
-            out += normal[what.of(disk)][:, None] * per_sd
+            out += normal["both" if what.shared else disk, what.name][:, None] * per_sd
     if active in (None, "noise"):
         out += noise @ _root(shift.noise).T
     return out

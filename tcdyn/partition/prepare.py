@@ -77,10 +77,6 @@ class EhlTest:
         """u_f / u_s of the surface speeds under load."""
         return self.speeds_m_s[0] / self.speeds_m_s[1]
 
-    def rows(self, start_s: float, stop_s: float) -> slice:
-        """The samples from ``start_s`` to before ``stop_s``."""
-        return slice(int(np.searchsorted(self.time_s, start_s)), int(np.searchsorted(self.time_s, stop_s)))
-
 
 def prepare(
     log: Log,

@@ -26,6 +26,7 @@ from tcdyn.conduction.rim import cardinal, cardinal_slope
 from tcdyn.fitting import crossing, least, minimise, profile
 from tcdyn.partition.joint import BothFit, DiskFit, told
 from tcdyn.partition.posterior import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, Side, joint_problem
+from tcdyn.partition.window import POWER, REST
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
 REACH_FOLD = 8.0  # but no farther than this factor
@@ -82,13 +83,13 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     nodes_sum = _nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
     nodes_shape = _nodes(0.0, 1.0, SHAPE_NODES)
     rim, weight = side.window.rim, side.window.weight
-    rest = np.array([(rim.answer(float(h))[0] * weight).ravel() for h in nodes_h])
+    rest = (rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
     power = np.empty((H_NODES, len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):
             ratio = max(0.5 * (1 - np.sqrt(max(1 - q, 0.0))), 1e-9)
             seen = side.heated((float(s * (1 - ratio)), float(s * ratio)))
-            power[:, i, j] = [(seen.heat(rim.gains(float(h))) * weight).ravel() for h in nodes_h]
+            power[:, i, j] = (seen.through(POWER, nodes_h) * weight).reshape(H_NODES, -1)
     basis = _span(np.vstack([rest, power.reshape(-1, weight.size)]), np.vstack([side.y, side.effect.T]))
     return RimTable(
         nodes_h, nodes_sum, nodes_shape, side.y @ basis, (side.effect.T @ basis).T, rest @ basis, power @ basis

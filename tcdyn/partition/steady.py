@@ -12,7 +12,7 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import FitShift, effects, prediction
+from tcdyn.partition.effects import FitShift, effects, inner_gradient
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
@@ -170,9 +170,8 @@ def disk_line(
 ) -> DiskLine:
     """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (3,) of a, c, e."""
     window = lagged_window(test, disk, rows, profile)
-    steady = window.blocks.time_s < test.events.unload_s - END_GAP_S
-    answers = [window.rim.answer(float(h)) for h in H_GRID_W_M2K]
-    rest, power = (np.stack([a[i][steady] for a in answers]) for i in range(2))
+    steady = window.at_s < test.events.unload_s - END_GAP_S
+    rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
     w = weights / weights.sum()
     low, high = 2, len(H_GRID_W_M2K) - 3
@@ -221,7 +220,7 @@ def _levelled(
     test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
 ) -> DiskTraces:
     whole = np.zeros_like(disk.inner_K)
-    whole[rows] = prediction(test, lagged_window(test, disk, rows), share, h_W_m2K).gradient * deeper_m
+    whole[rows] = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K) * deeper_m
     whole[rows.stop :] = whole[rows.stop - 1]
     return replace(disk, inner_K=whole)
 
@@ -256,7 +255,8 @@ def surface_temperatures(test: EhlTest, speed: SpeedLawPoint, windows: Mapping[s
     """Surface maxima over the last seconds under load; the centre of the track is the hottest place."""
     found, slopes = {}, {}
     for disk, h, share in (("fast", speed.h_fast, speed.beta), ("slow", speed.h_slow, 1 - speed.beta)):
-        last = windows[disk].between(test.events.unload_s - LAST_S, test.events.unload_s - 0.2)
+        to_parting = windows[disk].at_s - test.events.unload_s
+        last = (to_parting >= -LAST_S) & (to_parting < -0.2)
         rest, power = _track(windows[disk], max(h, 0.0), last)
         hottest = int(np.argmax(rest + share * power))
         step = 0.01 * max(h, 10.0)

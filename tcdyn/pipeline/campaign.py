@@ -25,7 +25,7 @@ from calibration.result import Result, jsonable
 from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import steady_start_s
+from tcdyn.partition.window import between, steady_start_s
 from tcdyn.pipeline.beta import BearingFile, estimate_beta
 from tcdyn.pipeline.campaign_table import AGREE, campaign_table, table_csv, table_row
 from tcdyn.version import __version__
@@ -196,7 +196,7 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
 
 def steady_degC(test: EhlTest) -> dict[str, dict[str, float]]:
     """Mean reading of each junction over the steady stretch [degC]; their mean is the bulk temperature (6.4.1)."""
-    rows = test.rows(steady_start_s(test), test.events.unload_s - 0.5)
+    rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {d: {c: float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS}
 

@@ -10,7 +10,7 @@ import pytest
 
 from tcdyn.partition.cooling import compensated, cooling_fit
 from tcdyn.partition.steady import SteadyLine, steady_lines
-from tcdyn.partition.window import BlockMeans, stretch_of
+from tcdyn.partition.window import stretch_of
 from tests.partition.study_rigs import QUICK, study_rig
 
 
@@ -18,20 +18,17 @@ from tests.partition.study_rigs import QUICK, study_rig
 class Lumped:
     """A window whose rim is three lumps that cool as exp(-rate h t) from a level proportional to the share."""
 
-    time_s: np.ndarray
-    blocks: BlockMeans
+    at_s: np.ndarray
+    counts: np.ndarray
     y: np.ndarray
     disk: str = "fast"
-
-    def between(self, start_s: float, stop_s: float) -> np.ndarray:
-        return (self.blocks.time_s >= start_s) & (self.blocks.time_s < stop_s)
 
     @property
     def rim(self) -> Lumped:
         return self
 
     def answer(self, h: float) -> tuple[Any, np.ndarray]:
-        after = np.maximum(self.blocks.time_s, 0.0)[:, None]
+        after = np.maximum(self.at_s, 0.0)[:, None]
         power = 40.0 * np.exp(-after * h * np.array([2e-4, 3e-4, 5e-4]))
         return np.zeros_like(power), power
 
@@ -40,9 +37,8 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     """Single samples to 3 s, then blocks of eight: the pull must weigh them as the fit does."""
     t = np.concatenate([np.arange(-12, 0, 1.0), np.arange(0, 3, 1 / 75), np.arange(3, 8, 8 / 75)])
     counts = np.where(t < 0, 75, np.where(t < 3, 1, 8))
-    blocks = BlockMeans(np.zeros(len(t), dtype=int), counts, t, int(counts.sum()))
     line = SteadyLine(0.2, 7e-4)
-    window = Lumped(t, blocks, np.zeros((len(t), 3)))
+    window = Lumped(t, counts, np.zeros((len(t), 3)))
     made = replace(window, y=line.at(700.0) * window.rim.answer(700.0)[1])
     effect = 0.02 * np.maximum(t, 0.0)[:, None] * np.array([1.0, 2.0, 0.5])  # grows late, where the blocks are long
     fit = cooling_fit(made, line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]

@@ -63,7 +63,10 @@ def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck
 def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
-        for answer in (-f.levels[f.of("unloading")][1], f.levels[f.of("loading")][0]):  # fall and rise of a..f
+        for answer in (
+            -f.levels[f.event == "unloading"][1],
+            f.levels[f.event == "loading"][0],
+        ):  # fall and rise of a..f
             a, b, c, _, e, _ = answer
             assert e > a > c > b
 

@@ -25,6 +25,7 @@ from tcdyn.partition.sensors.faults import (
     judge,
 )
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
+from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
 NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
@@ -131,7 +132,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         table=pairs,
         verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
         suspects=suspects,
-        bulk_degC={d: float(f.levels[f.of("steady")][0].mean()) for d, f in features.items()},
+        bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
         blind={d: checks[d].blind for d in DISKS},
         depths={d: t for d in DISKS if (t := checks[d].depths) is not None},
         disks=test.disks,
@@ -142,8 +143,8 @@ def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
     dead = _dead(test, disk, f)
     if dead:
         return _DiskCheck(tuple(dead), (), None, np.inf)
-    sound = judge(f, disk, Fault("none"))
-    found = [judge(f, disk, h) for h in hypotheses(angle_groups(disk.setup))]
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(angle_groups(disk.setup)))
+    found += [v for verdicts in swapped for v in verdicts]
     odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
     best = max(odds.values())
     if best > NAMED_LOG_ODDS:
@@ -173,7 +174,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mappin
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
             mixed = f.with_column_of(other, place, column)
-            total += judge(mixed, test.disks[f.disk], Fault("foreign", (CHANNELS[place],))).log_likelihood
+            total += judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])[0].log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
     odds = best - sum(checks[d].log_likelihood for d in DISKS)
@@ -188,14 +189,14 @@ def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     channel = v.fault.channels[0]
     if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
         return v
-    setup = f.rim.setup
+    setup = f.setup
     stated = setup.junctions[channel]
     deepest = setup.junctions["b"].depth_m - LEAST_DEPTH_M
     size, again = v.size, v
     for _ in range(4):
         depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
         there = {**setup.junctions, channel: replace(stated, depth_m=depth)}
-        again = judge(f.on(replace(setup, junctions=there)), disk, v.fault)
+        (again,) = judge(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
         if again.size is None:
             break
         size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
@@ -207,8 +208,8 @@ def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:
     """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
-    level = f.levels[f.of("steady")][0]
-    falls = -f.levels[f.of("unloading")][-1]
+    level = f.levels[f.event == "steady"][0]
+    falls = -f.levels[f.event == "unloading"][-1]
     rise = level - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     out = []
     for i, c in enumerate(CHANNELS):
@@ -264,13 +265,17 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame
     A steady level is known as its static line is, and its depth in the mean gradient; a fall as noise and lag are.
     """
     s = disk.setup
-    power = float(test.power_W[test.rows(test.events.unload_s - 20.0, test.events.unload_s - 1.0)].mean())
+    last = between(test.time_s, test.events.unload_s - 20.0, test.events.unload_s - 1.0)
+    power = float(test.power_W[last].mean())
     gradient = 0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)  # of half the heat
-    after = np.flatnonzero(f.of("unloading"))
+    after = np.flatnonzero(f.event == "unloading")
     k = int(after[min(1, len(after) - 1)])  # one to two seconds after it
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
     levels = {
-        "steady": (f.levels[f.of("steady")][0], np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3)),
+        "steady": (
+            f.levels[f.event == "steady"][0],
+            np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3),
+        ),
         "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
     }
     groups = angle_groups(disk.setup)

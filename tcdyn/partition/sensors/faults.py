@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -21,8 +20,8 @@ from scipy.linalg import solve_triangular
 from calibration import Array
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.estimate import Estimate
-from tcdyn.partition.effects import differential_lag_u_s, stated
-from tcdyn.partition.sensors.features import DiskFeatures, FeaturePrediction, Order, predicted
+from tcdyn.partition.effects import STATED, differential_lag_u_s, stated_u
+from tcdyn.partition.sensors.features import DiskFeatures, Order
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
@@ -39,6 +38,9 @@ LEAST_TOLD = 0.02
 LEAST_SEEN = 20
 SAME_GROUP_DEG = 60.0
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
+PLACES = [*OUTER, *INNER]
+NAMES = [what.name for what in STATED]
+LOG_H_STEP = 0.05
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
 ROUNDS = 4
@@ -109,38 +111,47 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted(groups))
 
 
-def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[Fault]:
-    """All faults that are looked for; ``sides`` are the groups of channels by angle."""
+def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[list[Fault]]:
+    """A sound disk and all faults that are looked for, by the order of their columns.
+
+    ``sides`` are the groups of channels by angle.
+    """
+    as_wired = [Fault("none"), *(Fault(kind, (c,)) for c in CHANNELS for kind in ("misplaced", "offset"))]
+    yield as_wired + [Fault("side", sides[1])] * (len(sides) == 2 and min(len(s) for s in sides) > 1)
     for pair in combinations(CHANNELS, 2):
-        yield Fault("swapped", pair)
-    for channel in CHANNELS:
-        yield Fault("misplaced", (channel,))
-        yield Fault("offset", (channel,))
-    if len(sides) == 2 and min(len(s) for s in sides) > 1:
-        yield Fault("side", sides[1])
+        yield [Fault("swapped", pair)]
 
 
-def judge(f: DiskFeatures, disk: DiskTraces, fault: Fault) -> Verdict:
-    """Likelihood of the features under ``fault``.
+def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Verdict]:
+    """Likelihood of the features under each of ``faults``, all of one order of the columns.
 
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
     share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
     """
-    order = fault.order
-    whole = [f.answer(order, float(h)) for h in H_GRID_W_M2K]
-    rests, powers = (_finely(np.stack([answer[i][f.seen] for answer in whole])) for i in range(2))
-    parts = [_about(f, disk, fault, share, rests, powers) for share in SHARE_GRID]
-    best = max(parts, key=lambda v: v.log_likelihood)
-    together = special.logsumexp([v.log_likelihood for v in parts]) - np.log(len(parts))
-    return replace(best, log_likelihood=float(together))
+    order, logs = faults[0].order, np.log(H_GRID_W_M2K)
+    rests, powers = (
+        np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in f.answer(order, H_GRID_W_M2K)
+    )
+    found = []
+    for share in SHARE_GRID:
+        left = f.levels[:, order][:, PLACES][f.seen] - rests - share * powers
+        own = independent_K(f, disk, powers[len(powers) // 2], order)
+        start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
+        known: dict[int, Array] = {}  # effects about the points of the coarse grid, which most faults share
+        found.append([_about(f, disk, fault, share, left, powers, start, known) for fault in faults])
+    out = []
+    for parts in zip(*found):
+        best = max(parts, key=lambda v: v.log_likelihood)
+        together = special.logsumexp([v.log_likelihood for v in parts]) - np.log(len(parts))
+        out.append(replace(best, log_likelihood=float(together)))
+    return out
 
 
-def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests: Array, powers: Array) -> Verdict:
-    """The verdict if the share lies about ``share``, from answers (H, D) over ``H_FINE_W_M2K``."""
-    order, seen = fault.order, f.seen
-    left = f.level(order)[seen] - rests - share * powers
-    middle = len(powers) // 2
-    best = int(np.argmin(((left / independent_K(f, disk, _whole(f, powers[middle]), order)[seen]) ** 2).sum(axis=1)))
+def _about(
+    f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, left: Array, powers: Array, best: int,
+    known: dict[int, Array],
+) -> Verdict:  # fmt: skip
+    """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``."""
     mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
     at = -1
     for _ in range(ROUNDS):  # the covariance is worked out at the nearest point of the coarse grid
@@ -148,71 +159,48 @@ def _about(f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, rests:
         if nearest == at:
             break
         at = nearest
-        h = float(H_GRID_W_M2K[at])
-        e = f.remember((order, h, share), partial(predicted, f, order, h, share))  # most hypotheses share them
-        cov = f.remember((order, h, share, mixed), partial(covariance, e, disk, mixed))
-        sd, effect = _freedom(e, fault)
-        if effect is not None:
-            cov = cov + np.outer(sd * effect[seen], sd * effect[seen])
-        root: Array = np.asarray(np.linalg.cholesky(cov), dtype=float)
+        if at not in known:
+            known[at] = f.effects(fault.order, float(H_GRID_W_M2K[at]), share)
+        cov = covariance(f, disk, known[at], fault.order, mixed)
+        free = np.zeros_like(left[0])  # by one standard deviation of what the fault leaves free
+        sd = {"misplaced": MISPLACED_M, "offset": OFFSET_K, "side": OFFSET_K}.get(fault.kind, 0.0)
+        if sd:
+            names = [f"{'depth' if fault.kind == 'misplaced' else 'static'} {c}" for c in fault.channels]
+            free = sd * known[at][[NAMES.index(name) for name in names]].sum(axis=0)
+        root: Array = np.asarray(np.linalg.cholesky(cov + np.outer(free, free)), dtype=float)
         white = solve_triangular(root, left.T, lower=True)
         best = int(np.argmin((white**2).sum(axis=0)))
     r = white[:, best]
-    toward = solve_triangular(root, powers[best], lower=True)
+    toward, one_sd = solve_triangular(root, np.column_stack([powers[best], free]), lower=True).T
     chi2, log_det = float(r @ r), 2 * float(np.log(np.diag(root)).sum())
-    size = None
-    if effect is not None:
-        one_sd = solve_triangular(root, sd * effect[seen], lower=True)
-        size = Estimate.normal(sd * float(one_sd @ r), sd * max(1 - float(one_sd @ one_sd), 0.0) ** 0.5)
+    size = Estimate.normal(sd * float(one_sd @ r), sd * max(1 - float(one_sd @ one_sd), 0.0) ** 0.5) if sd else None
     likely = float(np.clip(share + SHARE_SD**2 * float(toward @ r), 0.0, 1.0))
     return Verdict(fault, -0.5 * (chi2 + log_det), chi2, r.size - 1, likely, float(H_FINE_W_M2K[best]), size)
 
 
-def _whole(f: DiskFeatures, seen: Array) -> Array:
-    """Values (D,) put back where they were seen, (W, 6)."""
-    out = np.zeros(f.seen.shape)
-    out[f.seen] = seen
-    return out
-
-
-def _freedom(e: FeaturePrediction, fault: Fault) -> tuple[float, Array | None]:
-    """Prior standard deviation of what a fault leaves free, and its effect (W, 6) per unit."""
-    if fault.kind == "misplaced":
-        return MISPLACED_M, e.deeper(fault.channels[0])
-    if fault.kind in ("side", "offset"):
-        return OFFSET_K, np.asarray(np.sum([e.reading(c, e.lasts) for c in fault.channels], axis=0))
-    return 0.0, None
-
-
-def _finely(coarse: Array) -> Array:
-    """Answers (H, D) at ``H_GRID_W_M2K`` interpolated to ``H_FINE_W_M2K``."""
-    return np.asarray(CubicSpline(np.log(H_GRID_W_M2K), coarse)(np.log(H_FINE_W_M2K)))
-
-
-def covariance(e: FeaturePrediction, disk: DiskTraces, mixed: tuple[str, ...] = ()) -> Array:
-    """Covariance (D, D) [K2] of what is left of the predicted data.
+def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:
+    """Covariance (D, D) [K2] of what is left of the predicted data, by their ``effects`` (see ``DiskFeatures``).
 
     ``mixed``: channels whose static lines and lags are another's.
     """
     foreign = np.isin(CHANNELS, mixed)
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
     lag_u = np.hypot(differential_lag_u_s(disk.lag_covariance_s2), MIXED_LAGS_S * foreign)
-    columns = [sd * change for _, sd, change in stated(e, disk, static, lag_u)]
-    columns.append(e.later() * max(disk.common_lag_u_s, LEAST_LAG_U_S))
-    columns.append(e.later() * e.f.of("loading")[:, None] * LOADING_U_S)
-    columns.append(e.power * SHARE_SD)
-    a = np.stack([c[e.f.seen] for c in columns])
-    own = independent_K(e.f, disk, e.power, e.order)[e.f.seen]
-    return np.asarray(a.T @ a + np.diag(own**2))
+    common = [max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
+    a = np.concatenate([stated_u(disk, static, lag_u), common])[:, None] * effects
+    return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
 
 
 def independent_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
-    """Independent part of each datum's standard deviation (W, 6) [K]: white noise, what the models miss, trends."""
-    own = disk.noise_K[[order[i] for i in (*OUTER, *INNER)]]
-    noise = f.noise[:, None] * np.maximum(own, 1e-3)[None]
+    """Independent part of each datum's standard deviation (D,) [K]: white noise, what the models miss, trends.
+
+    ``power`` (D,): what a share of one makes.
+    """
+    noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][PLACES], 1e-3)
     rel = np.repeat([MODEL_REL, THICK_REL], 3)
-    bend = np.hstack([np.zeros((len(power), 3)), f.bend[:, [order[i] for i in INNER]]])  # the outer row follows it
-    return np.sqrt(2 * noise**2 + MODEL_K**2 + (rel * power) ** 2 + bend**2)
+    bend = f.bend[:, order][:, PLACES] * (rel == THICK_REL)  # the outer row follows it
+    own = 2 * noise**2 + MODEL_K**2 + bend**2
+    return np.sqrt(own[f.seen] + (np.broadcast_to(rel, own.shape)[f.seen] * power) ** 2)
 
 
 @dataclass(frozen=True)
@@ -239,13 +227,14 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     alone says (e C^-1 r) / t standard uncertainties, +- sqrt((1 - t) / t).
     """
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
-    e = predicted(f, AS_WIRED, h, sound.share)
-    seen = f.seen
-    off = LOG_H_SD * e.of_log_h()[seen]
-    cov = covariance(e, disk) + np.outer(off, off)
-    left = (f.level(AS_WIRED) - e.base)[seen]
+    rest, power = f.answer(AS_WIRED, h * np.exp([0.0, LOG_H_STEP]))
+    at, more = rest + sound.share * power
+    off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
+    known = f.effects(AS_WIRED, h, sound.share)
+    cov = covariance(f, disk, known, AS_WIRED) + np.outer(off, off)
+    left = (f.levels[:, PLACES] - at)[f.seen]
     sd_m = disk.uncertainty.depth_mm * 1e-3
-    effects = np.stack([e.deeper(c)[seen] for c in CHANNELS]) * sd_m
+    effects = sd_m * known[[NAMES.index(f"depth {c}") for c in CHANNELS]]
     toward = np.linalg.solve(cov, effects.T).T
     gram = toward @ effects.T
     told = np.clip(np.diag(gram), LEAST_TOLD, 1 - 1e-9)
