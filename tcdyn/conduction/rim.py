@@ -177,17 +177,21 @@ class Switch:
     after: float
 
 
+def log_nodes(low: float, high: float, count: int) -> Array:
+    """Chebyshev nodes (second kind) in the logarithm, e^``low`` to e^``high`` ascending, as ``cardinal`` takes them."""
+    x = -np.cos(np.pi * np.arange(count) / (count - 1))
+    return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
+
+
 def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_PER_S) -> Array:
-    """Chebyshev nodes (second kind) in log(rate) from ``slowest_per_s`` to 40/dt, ascending, (K,) [1/s].
+    """Rates of the bank: nodes from ``slowest_per_s`` to 40/dt, (K,) [1/s].
 
     >>> node_rates(1 / 75)[[0, -1]].round(6)
     array([3.e-01, 3.e+03])
     """
     if not dt_s > 0:
         raise InputError(f"node_rates: dt_s must be positive; got {dt_s}")
-    x = -np.cos(np.pi * np.arange(count) / (count - 1))
-    low, high = np.log(slowest_per_s), np.log(40.0 / dt_s)
-    return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
+    return log_nodes(float(np.log(slowest_per_s)), float(np.log(40.0 / dt_s)), count)
 
 
 @lru_cache(maxsize=16)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
-from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_length_s, refined_chains
+from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
 from tcdyn.partition.sensors.check import SensorCheck, check_sensors
@@ -150,6 +150,25 @@ def analyse(
         {d: one.done for d, one in cooled.items()}, windows, sensors,
         tuple(findings),
     )  # fmt: skip
+
+
+def joint_length_s(test: EhlTest) -> float:
+    """Cooling that the joint fits use [s]: ten seconds, or what the log holds."""
+    return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
+
+
+def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
+    """Joint fits of both disks, for their chains."""
+    length = joint_length_s(test)
+    _, speed = steady_lines(test, stretch_of(test, length))
+    return joint_fits(test, speed.starts, length)[0]
+
+
+def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
+    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
+    mean = float(np.mean([c.lag_s for c in chains]))
+    taus = sorted(common.taus_s, reverse=True)
+    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
 
 
 def _suspected(check: SensorCheck) -> list[Finding]:

@@ -19,8 +19,7 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.effects import FitShift
-from tcdyn.partition.joint import BothFit, DiskFit
-from tcdyn.partition.posterior import LEAST_LAG_U_S
+from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors.check import SensorCheck, Suspect
 from tcdyn.partition.sensors.faults import chance_of, largest_pulls
@@ -255,9 +254,9 @@ def tensions(
     depths = _depths(sensors)
     judged = {d for d in DISKS if sensors is not None and d in sensors.depths}
     others = [
-        (note("stated.value", subject=p.disk, name=p.what.name, source=p.what.source), p.z)
-        for p in both.pulls
-        if not (p.what.source == "junction depth" and p.disk in judged)
+        (note("stated.value", subject=disk, name=what.name, source=what.source), z)
+        for what, disk, z in both.pulls
+        if not (what.source == "junction depth" and disk in judged)
     ]
     for name, fit in joint.items():
         disk = test.disks[name]

@@ -17,6 +17,12 @@ from tcdyn.partition.window import INNER, OUTER, ROWS, DiskWindow, Perturbation
 from tcdyn.traces import DiskTraces
 
 MATERIAL_STEP = 0.01
+MATERIALS = (
+    Perturbation(conductivity=MATERIAL_STEP),
+    Perturbation(heat_capacity=MATERIAL_STEP),
+    Perturbation(washer=MATERIAL_STEP),
+    Perturbation(half_width=MATERIAL_STEP),
+)
 DEPTH_STEP_M = 0.05e-3
 SMOOTH_RATE_S = 0.5
 SPLIT_SD_S = 0.03  # a plunge hardly tells how a channel's lag is split in two
@@ -68,7 +74,7 @@ class FitShift:
 
 
 def stated_u(disk: DiskTraces, static_u_K: Array, lag_u_s: Array) -> Array:
-    """Standard uncertainty of everything in ``STATED``, (Q,); that of static lines and differential lags (6,) of a..f."""
+    """Standard uncertainty of everything in ``STATED``, (Q,); static lines and differential lags (6,) of a..f."""
     u = disk.uncertainty
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
     order = [*OUTER, *INNER]
@@ -108,13 +114,12 @@ def stated_effects(
     ambient = nothing.copy()
     ambient[:, :3] = through(4, lasts)
     rates = (*outer_K_s.T, *inner_K_s.T)
-    materials = [{key: MATERIAL_STEP} for key in ("conductivity", "heat_capacity", "washer", "half_width")]
     return np.stack(
         [
             *(reads(k, lasts) for k in range(len(ROWS))),
             *deeper,
             *(reads(k, -rate) for k, rate in enumerate(rates)),
-            *(moved(Perturbation(**step)) / MATERIAL_STEP for step in materials),
+            *(moved(p) / MATERIAL_STEP for p in MATERIALS),
             ambient,
         ]
     )

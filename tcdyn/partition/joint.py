@@ -8,7 +8,7 @@ with its prior, so that the answer's covariance holds it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,147 +17,200 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from tcdyn.chain import Chain
+from calibration.noise import white_noise_sd
+from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile
-from tcdyn.fitting import Optimum, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import FitShift, Unmeasured
-from tcdyn.partition.posterior import (
-    LOG_H,
-    LOG_LAGS,
-    LOG_TAU2,
-    SHAPE_SD,
-    SHARE,
-    Side,
-    disk_side,
-    joint_problem,
-    lags,
-    unknowns,
-    with_lags,
-)
+from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
+from tcdyn.partition.effects import FitShift, Unmeasured, effects
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.steady import steady_lines
-from tcdyn.partition.window import stretch_of
-from tcdyn.traces import DiskTraces
+from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_bank, stretch_of
+from tcdyn.traces import NOISE_ORDER, DiskTraces
 
+PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
+SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
+LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
+SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
+LEAST_LAG_U_S = 0.02
+LEAST_PART = 1e-7  # of the sum of both lags
+LOG_H_STEP = 1e-3
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 JOINT_WINDOW_S = 10.0
 
 
 @dataclass(frozen=True)
-class DiskFit:
-    """Share, h and common chain of one disk, with the covariance of (share, h, lag_s).
+class Side:
+    """One disk in a joint fit, in standard deviations of its noise.
 
-    ``pulls``: how many standard deviations the data would move what nobody measured from its stated value; about
-    standard normal on a sound rig. ``inflation``: variance ratio of slow residual waves to white noise that the
-    covariance allows for; ``side`` and ``theta`` (4,): what was fitted, and where it ended.
+    ``y`` (m,): what was seen; ``effect`` (m, Q): what one standard uncertainty of each of ``of`` makes of it;
+    ``model``: prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``, None where there is none; ``prior_*``: what
+    was known of its lags; ``rest_of_lag_s``: lag of the chain beyond tau1 + tau2. The model is made of ``rim`` and
+    ``weight`` (R, 3) [1/K], with ``heated``, the rim whose power is seen through given lags.
+    """
+
+    disk: str
+    of: tuple[Unmeasured, ...]
+    y: Array
+    effect: Array
+    model: Callable[[Array], tuple[Array, Array] | None]
+    prior_lag_s: float
+    prior_lag_u_s: float
+    prior_tau2_s: float
+    rest_of_lag_s: float
+    rim: RimMeans
+    weight: Array
+    heated: Callable[[tuple[float, ...]], RimMeans]
+
+
+@dataclass(frozen=True)
+class DiskFit:
+    """Share, h [W/m2K] and common chain of one disk; beta (of the fast disk), h and lag_s in ``estimates``.
+
+    ``inflation``: variance ratio of slow residual waves to white noise that the uncertainties allow for; ``side`` and
+    ``theta`` (4,): what was fitted, and where it ended.
     """
 
     disk: str
     theta: Array
+    share: float
+    beta: float
+    h_W_m2K: float
+    estimates: Mapping[str, Estimate]
     chain: Chain
-    covariance: Array
     shift: FitShift
-    pulls: tuple[Pull, ...]
     inflation: float
     side: Side = field(repr=False, compare=False)
-
-    @property
-    def share(self) -> float:
-        """Of the frictional heat, into this disk."""
-        return float(self.theta[SHARE])
-
-    @property
-    def h_W_m2K(self) -> float:
-        """Heat transfer coefficient [W/m2K]."""
-        return float(np.exp(self.theta[LOG_H]))
-
-    @property
-    def beta(self) -> float:
-        """Heat partition of the fast disk, whichever disk was fitted."""
-        return self.share if self.disk == "fast" else 1.0 - self.share
-
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """beta (of the fast disk), h [W/m2K] and the common lag [s]."""
-        u = np.sqrt(np.diag(self.covariance))
-        return {
-            "beta": Estimate.normal(self.beta, u[0]),
-            "h": Estimate.normal(self.h_W_m2K, u[1]),
-            "lag_s": Estimate.normal(self.chain.lag_s, u[2]),
-        }
 
 
 @dataclass(frozen=True)
 class BothFit:
-    """Both disks at once, shares adding to one; covariance of (beta, h_fast, h_slow); ``theta`` (8,)."""
+    """Both disks at once, shares adding to one; ``theta`` (8,).
+
+    ``estimates``: beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
+    ``pulls``: what nobody measured, of which disk ("" of both), and how many standard deviations the data would move it
+    from its stated value; about standard normal on a sound rig.
+    """
 
     theta: Array
     speed_ratio: float
-    covariance: Array
-    pulls: tuple[Pull, ...]
+    estimates: Mapping[str, Estimate]
+    pulls: tuple[tuple[Unmeasured, str, float], ...]
     inflation: float
 
-    @property
-    def beta(self) -> float:
-        """Heat partition of the fast disk."""
-        return float(self.theta[SHARE])
 
-    @property
-    def h_fast(self) -> float:
-        """Of the fast disk [W/m2K]."""
-        return float(np.exp(self.theta[LOG_H]))
-
-    @property
-    def h_slow(self) -> float:
-        """Of the slow disk [W/m2K]."""
-        return float(np.exp(self.theta[4 + LOG_H]))
-
-    @property
-    def estimates(self) -> dict[str, Estimate]:
-        """beta, both h [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply."""
-        u = np.sqrt(np.diag(self.covariance))
-        log_ratio = np.log(self.speed_ratio)
-        slope = np.array([0.0, 1 / self.h_fast, -1 / self.h_slow]) / log_ratio
-        exponent = float(np.log(self.h_fast / self.h_slow) / log_ratio)
-        return {
-            "beta": Estimate.normal(self.beta, u[0]),
-            "h_fast": Estimate.normal(self.h_fast, u[1]),
-            "h_slow": Estimate.normal(self.h_slow, u[2]),
-            "exponent": Estimate.normal(exponent, float(np.sqrt(slope @ self.covariance @ slope))),
-        }
+def lags(p: Array) -> tuple[float, float]:
+    """tau1 and tau2 [s] of the parameters of a disk; a second lag that would be longer than the sum is all of it."""
+    total, second = float(np.exp(p[LOG_LAGS])), float(np.exp(p[LOG_TAU2]))
+    second = min(second, (1 - LEAST_PART) * total)
+    return total - second, second
 
 
-@dataclass(frozen=True)
-class Pull:
-    """By how many standard deviations ``z`` the data would move ``what``, of one ``disk`` or, if empty, of both."""
-
-    what: Unmeasured
-    disk: str
-    z: float
+def with_lags(like: Chain, taus_s: tuple[float, ...]) -> Chain:
+    """The chain with ``taus_s`` for the two largest lags of ``like``, the rest as there."""
+    return replace(like, taus_s=(*taus_s, *sorted(like.taus_s, reverse=True)[2:]))
 
 
-@dataclass(frozen=True)
-class Told:
-    """What a joint fit tells of its main parameters (4 a disk): covariance by white noise, and ``covariance`` in all.
+def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float) -> Side:
+    """The disk's readings brought to the chain of ``theta``, and what nobody measured about that point."""
+    rows, like = stretch_of(test, window_s), disk.mean_chain
+    common = with_lags(like, lags(theta))
+    shift = common.lag_s - like.lag_s
+    chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
+    readings = equalised(disk.readings_degC[rows], test.dt_s, chains, like.with_lag_shift(shift))
+    noise = np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * disk.noise_K)
+    window = disk_window(test, disk, readings, rows, noise, profile, common)
+    known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
+    rim, blocks, weight = window.rim, window.blocks, window.weight
 
-    ``noise``: by the data's noise, waves included; ``per_sd`` (P, Q): answer to each unmeasured quantity, then to
-    the prior of each disk's lag and of its shape, of one standard uncertainty.
+    def heated(taus_s: tuple[float, ...]) -> RimMeans:
+        power, bank = power_bank(test, rows, rim.rates_1_s, with_lags(like, taus_s))
+        inputs = np.column_stack([blocks @ power, rim.inputs[:, REST]])
+        return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[REST]]))
+
+    def model(p: Array) -> tuple[Array, Array]:
+        """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),
+        (L - 1) L P: the seen power through the same lag once more, less itself."""
+        share, h = p[SHARE], float(np.exp(p[LOG_H]))
+        rest, power = heated(lags(p)).answer(h * np.exp([0.0, LOG_H_STEP, -LOG_H_STEP]))
+        at, up, down = rest + share * power
+        by_tau = [share * (heated((*lags(p), tau)).through(POWER, h) - power[0]) for tau in lags(p)]
+        one, two = lags(p)
+        slopes = [
+            power[0],
+            (up - down) / (2 * LOG_H_STEP),
+            by_tau[0] * (one + two) / one,
+            by_tau[1] - by_tau[0] * two / one,
+        ]
+        return (at * weight).ravel(), np.stack([(s * weight).ravel() for s in slopes], axis=1)
+
+    return Side(
+        disk=disk.name,
+        of=known.of,
+        y=(window.y * weight).ravel(),
+        effect=(known.change * weight).reshape(len(known.of), -1).T,
+        model=model,
+        prior_lag_s=disk.common_lag_s,
+        prior_lag_u_s=max(disk.common_lag_u_s, LEAST_LAG_U_S),
+        prior_tau2_s=tau2_s,
+        rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
+        rim=rim,
+        weight=weight,
+        heated=heated,
+    )
+
+
+def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
+    """What nobody measured, each with its disk, or "" where both have it in common; in the order of the parameters."""
+    every = [(what, "" if what.shared else side.disk) for side in sides for what in side.of]
+    return list(dict.fromkeys(every))
+
+
+def joint_problem(sides: Sequence[Side]) -> Problem:
+    """The posterior of one disk, or of both with shares that add to what they add to at the start.
+
+    Parameters are four a disk and then, in standard uncertainties, what nobody measured; what the disks share is one.
     """
+    k, ends = 4 * len(sides), np.cumsum([0, *(len(s.y) for s in sides)])
+    unknown = unknowns(sides)
+    effect = np.zeros((ends[-1], len(unknown)))
+    for i, s in enumerate(sides):
+        columns = [unknown.index((what, "" if what.shared else s.disk)) for what in s.of]
+        effect[ends[i] : ends[i + 1], columns] = s.effect
 
-    noise: Array
-    per_sd: Array
+    def evaluate(theta: Array) -> tuple[Array, Array] | None:
+        residual = np.zeros(ends[-1] + len(sides))
+        jacobian = np.zeros((len(residual), len(theta)))
+        residual[: ends[-1]] = effect @ theta[k:]
+        jacobian[: ends[-1], k:] = effect
+        for i, s in enumerate(sides):
+            p, own = theta[4 * i : 4 * i + 4], slice(ends[i], ends[i + 1])
+            answer = s.model(p)
+            if answer is None:
+                return None
+            residual[own] += answer[0] - s.y
+            jacobian[own, 4 * i : 4 * i + 4] = answer[1]
+            total = float(np.exp(p[LOG_LAGS]))  # the record's lag, the last rows
+            residual[ends[-1] + i] = (total + s.rest_of_lag_s - s.prior_lag_s) / s.prior_lag_u_s
+            jacobian[ends[-1] + i, 4 * i + LOG_LAGS] = total / s.prior_lag_u_s
+        return residual, jacobian
 
-    @property
-    def covariance(self) -> Array:
-        """All sources together."""
-        return np.asarray(self.noise + self.per_sd @ self.per_sd.T)
+    names = [f"{name}, {s.disk} disk" for s in sides for name in PARAMETERS]
+    names += [f"{what.name} {disk}".strip() for what, disk in unknown]
+    mean, sd = np.zeros(len(names)), np.ones(len(names))
+    sd[:k] = np.inf
+    mean[LOG_TAU2:k:4], sd[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides], SHAPE_SD
+    largest = np.full(len(names), np.inf)
+    largest[:k] = LARGEST * len(sides)
+    fixed = np.zeros((len(sides) - 1, len(names)))
+    fixed[:, SHARE:k:4] = 1.0
+    return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
 
 
-def told(optimum: Optimum, sides: Sequence[Side], inflation: float) -> Told:
-    """Covariance of the main parameters by source, that of noise ``inflation`` times what white noise makes.
+def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
+    """Covariance (P, P) of the main parameters, 4 a disk, by white noise, and their answer to all else, (P, Q).
 
-    Raises InputError where a column adds nothing to the others: share and h, which have no priors, are then one.
+    By a standard uncertainty of each unmeasured quantity, then of each disk's lag and of its shape. Raises InputError
+    where a column adds nothing to the others: share and h, which have no priors, are then one.
     """
     k, data = 4 * len(sides), len(optimum.residual) - len(sides)
     precise, free = np.sqrt(optimum.problem.precision), optimum.directions
@@ -171,20 +224,16 @@ def told(optimum: Optimum, sides: Sequence[Side], inflation: float) -> Told:
     covariance = free @ inner @ free.T
     gain = covariance[:k] @ optimum.jacobian.T
     shape = covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
-    per_sd = np.hstack([-covariance[:k, k:], gain[:, data:], shape])
-    return Told(inflation * gain[:, :data] @ gain[:, :data].T, per_sd)
+    return gain[:, :data] @ gain[:, :data].T, np.hstack([-covariance[:k, k:], gain[:, data:], shape])
 
 
-def waves(optimum: Optimum, sides: Sequence[Side]) -> float:
-    """Variance ratio of slow waves in the residuals of the worse disk to white noise."""
-    ends = np.cumsum([s.window.y.size for s in sides])
-    return max(wave_factor(r.reshape(-1, 3)) for r in np.split(optimum.residual[: ends[-1]], ends[:-1]))
-
-
-def pulls(optimum: Optimum, sides: Sequence[Side]) -> tuple[Pull, ...]:
-    """Pull of everything that nobody measured."""
-    z = list(optimum.pulls.values())[-len(unknowns(sides)) :]
-    return tuple(Pull(what, disk, value) for (what, disk), value in zip(unknowns(sides), z, strict=True))
+def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array) -> tuple[float, Array, Array]:
+    """Inflation by slow waves in the residuals of the worse disk; covariance by noise (k, k) and answers to all else
+    (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
+    ends = np.cumsum([len(s.y) for s in sides])
+    inflation = max(wave_factor(r.reshape(-1, 3)) for r in np.split(best.residual[: ends[-1]], ends[:-1]))
+    noise, per_sd = told(best, sides)
+    return inflation, inflation * noise[np.ix_(index, index)] * np.outer(scale, scale), scale[:, None] * per_sd[index]
 
 
 def joint_fits(
@@ -200,18 +249,23 @@ def joint_fits(
     """
     fits = {d: _disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
     sides = [fits[d].side for d in DISKS]
-    problem = joint_problem(sides, sides)
-    theta = np.zeros(problem.size)
+    problem = joint_problem(sides)
+    theta = np.zeros(len(problem.names))
     theta[:8] = np.concatenate([fits[d].theta for d in DISKS])
     theta[SHARE:8:4] += 0.5 * (1.0 - theta[SHARE:8:4].sum())
     best = minimise(problem, theta, tolerance=ENOUGH)
-    inflation = waves(best, sides)
-    known = told(best, sides, inflation)
-    h = np.exp(best.theta[[LOG_H, 4 + LOG_H]])
-    jac = np.zeros((3, 8))
-    jac[0, SHARE], jac[1, LOG_H], jac[2, 4 + LOG_H] = 1.0, *h
-    covariance = jac @ known.covariance @ jac.T
-    return fits, BothFit(best.theta[:8], test.speed_ratio, covariance, pulls(best, sides), inflation)
+    at = best.theta[[SHARE, LOG_H, 4 + LOG_H]]
+    beta, h_fast, h_slow = at[0], *np.exp(at[1:])
+    inflation, noise, per_sd = _known(best, sides, [SHARE, LOG_H, 4 + LOG_H], np.array([1.0, h_fast, h_slow]))
+    covariance = noise + per_sd @ per_sd.T
+    log_ratio = np.log(test.speed_ratio)
+    slope = np.array([0.0, 1 / h_fast, -1 / h_slow]) / log_ratio
+    values = {"beta": beta, "h_fast": h_fast, "h_slow": h_slow, "exponent": np.log(h_fast / h_slow) / log_ratio}
+    u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
+    estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
+    unknown = unknowns(sides)
+    pulls = tuple((*of, z) for of, z in zip(unknown, list(best.pulls.values())[-len(unknown) :]))
+    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation)
 
 
 def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
@@ -221,42 +275,23 @@ def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s:
     theta = np.array([share, np.log(max(h, 20.0)), np.log(tau1 + tau2), np.log(tau2)])
     for enough in ROUGHLY, ROUGHLY, ENOUGH:  # each pass equalises with the chain that the one before found
         side = disk_side(test, disk, theta, window_s, profile, tau2)
-        problem = joint_problem([side], [side])
-        theta = np.concatenate([theta, np.zeros(problem.size - len(theta))])
-        best = minimise(problem, theta, tolerance=enough)
+        problem = joint_problem([side])
+        best = minimise(problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough)
         theta = best.theta
-    inflation = waves(best, [side])
-    known = told(best, [side], inflation)
-    jac = np.zeros((3, 4))
-    jac[0, SHARE], jac[1, LOG_H], jac[2, LOG_LAGS] = 1.0, np.exp(theta[LOG_H]), np.exp(theta[LOG_LAGS])
-    of = (*side.unmeasured.of, Unmeasured("common lag", "chain"), Unmeasured("lag shape", "chain"))
-    shift = FitShift(of, (jac @ known.per_sd).T, jac @ known.noise @ jac.T)
+    share, h, total = float(theta[SHARE]), *(float(x) for x in np.exp(theta[[LOG_H, LOG_LAGS]]))
+    inflation, noise, per_sd = _known(best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total]))
+    beta, chain = share if disk.name == "fast" else 1.0 - share, with_lags(disk.mean_chain, lags(theta))
+    u, of = np.sqrt(np.diag(noise + per_sd @ per_sd.T)), [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
+    values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(
         disk=disk.name,
         theta=theta[:4],
-        chain=with_lags(disk.mean_chain, lags(theta)),
-        covariance=jac @ known.covariance @ jac.T,
-        shift=shift,
-        pulls=pulls(best, [side]),
+        share=share,
+        beta=beta,
+        h_W_m2K=h,
+        estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
+        chain=chain,
+        shift=FitShift((*side.of, *of), per_sd.T, noise),
         inflation=inflation,
         side=side,
     )
-
-
-def joint_length_s(test: EhlTest) -> float:
-    """Cooling that the joint fits use [s]: ten seconds, or what the log holds."""
-    return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-
-
-def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
-    """Joint fits of both disks, for their chains."""
-    length = joint_length_s(test)
-    _, speed = steady_lines(test, stretch_of(test, length))
-    return joint_fits(test, speed.starts, length)[0]
-
-
-def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
-    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
-    mean = float(np.mean([c.lag_s for c in chains]))
-    taus = sorted(common.taus_s, reverse=True)
-    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)

@@ -12,7 +12,7 @@ log h, log S and q is good to 0.1 mK, at worst 0.7 mK, of 100 K.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,10 +22,9 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note
-from tcdyn.conduction.rim import cardinal, cardinal_slope
+from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
 from tcdyn.fitting import crossing, least, minimise, profile
-from tcdyn.partition.joint import BothFit, DiskFit, told
-from tcdyn.partition.posterior import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, Side, joint_problem
+from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
 from tcdyn.partition.window import POWER, REST
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
@@ -41,59 +40,53 @@ LEVEL = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
 NOTICEABLE = 0.2  # of the half-width
 
 
-@dataclass(frozen=True)
-class RimTable:
-    """One disk's data and answers (see ``posterior.Answers``) in the few directions that they span.
+def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float) -> Side:
+    """The side with a table for its rim model, in the few directions of data space that all of it spans.
 
-    Nodes of ``h`` [W/m2K], of the ``lag_sum`` [s] and of the ``shape`` e^q; ``rest`` (H, m), ``power`` (H, S, Q, m).
+    The rim is run on nodes of h [W/m2K], of the lags' sum [s] and of their shape e^q, about the ``points`` (4,) as far
+    as the uncertainties of h and lag ask for; beyond them there is no answer.
     """
-
-    h: Array
-    lag_sum: Array
-    shape: Array
-    y: Array
-    effect: Array
-    rest: Array
-    power: Array
-
-    def model(self, p: Array) -> tuple[Array, Array] | None:
-        """See ``Answers``; a second lag that would be longer than the sum is all of it."""
-        if not (_inside(p[LOG_H], self.h) and _inside(p[LOG_LAGS], self.lag_sum)):
-            return None
-        ratio = min(float(np.exp(p[LOG_TAU2] - p[LOG_LAGS])), 1.0)
-        q = 4 * (1 - ratio) * ratio
-        q_slope = 4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0  # by log tau2, and the opposite by log S
-        (a, da), (b, db), (c, dc) = (
-            _weights(n, x) for n, x in ((self.h, p[LOG_H]), (self.lag_sum, p[LOG_LAGS]), (self.shape, q))
-        )
-        by_lags = np.tensordot(a, self.power, 1)
-        by_shape = np.tensordot(b, by_lags, 1)
-        power, by_q = c @ by_shape, dc @ by_shape
-        by_h = c @ np.tensordot(b, np.tensordot(da, self.power, 1), 1)
-        by_sum = c @ np.tensordot(db, by_lags, 1)
-        share = p[SHARE]
-        slopes = [power, da @ self.rest + share * by_h, share * (by_sum - by_q * q_slope), share * by_q * q_slope]
-        return a @ self.rest + share * power, np.stack(slopes, axis=1)
-
-
-def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float) -> RimTable:
-    """Run the rim model on all nodes about the ``points`` (4,), as far as the uncertainties of h and lag ask for."""
-    nodes_h = _nodes(*_reach([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
+    nodes_h = log_nodes(*_reach([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
     low, high = _reach([float(np.exp(p[LOG_LAGS])) for p in points], lag_u_s)
-    nodes_sum = _nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
-    nodes_shape = _nodes(0.0, 1.0, SHAPE_NODES)
-    rim, weight = side.window.rim, side.window.weight
-    rest = (rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
+    nodes_sum = log_nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
+    nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
+    weight = side.weight
+    rest = (side.rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
     power = np.empty((H_NODES, len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):
             ratio = max(0.5 * (1 - np.sqrt(max(1 - q, 0.0))), 1e-9)
             seen = side.heated((float(s * (1 - ratio)), float(s * ratio)))
             power[:, i, j] = (seen.through(POWER, nodes_h) * weight).reshape(H_NODES, -1)
-    basis = _span(np.vstack([rest, power.reshape(-1, weight.size)]), np.vstack([side.y, side.effect.T]))
-    return RimTable(
-        nodes_h, nodes_sum, nodes_shape, side.y @ basis, (side.effect.T @ basis).T, rest @ basis, power @ basis
-    )
+    # orthonormal columns that span data and effects exactly, and the many answers by random mixing:
+    # Halko, Martinsson & Tropp, SIAM Review 53 (2011), algorithm 4.1
+    many = np.vstack([rest, power.reshape(-1, weight.size)])
+    mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
+    basis = np.linalg.qr(np.vstack([side.y, side.effect.T, mixed]).T)[0]
+    rest, power = rest @ basis, power @ basis
+
+    def model(p: Array) -> tuple[Array, Array] | None:
+        """A second lag that would be longer than the sum is all of it."""
+        ratio = min(float(np.exp(p[LOG_TAU2] - p[LOG_LAGS])), 1.0)
+        q = 4 * (1 - ratio) * ratio
+        q_slope = 4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0  # by log tau2, and the opposite by log S
+        weights = []
+        for nodes, x in ((nodes_h, p[LOG_H]), (nodes_sum, p[LOG_LAGS]), (nodes_shape, q)):
+            if not np.log(nodes[0]) <= x <= np.log(nodes[-1]):
+                return None
+            at = cardinal(nodes, np.array([x]))
+            weights.append((at[0], cardinal_slope(nodes, at)[0]))
+        (a, da), (b, db), (c, dc) = weights
+        by_lags = np.tensordot(a, power, 1)
+        by_shape = np.tensordot(b, by_lags, 1)
+        seen, by_q = c @ by_shape, dc @ by_shape
+        by_h = c @ np.tensordot(b, np.tensordot(da, power, 1), 1)
+        by_sum = c @ np.tensordot(db, by_lags, 1)
+        share = p[SHARE]
+        slopes = [seen, da @ rest + share * by_h, share * (by_sum - by_q * q_slope), share * by_q * q_slope]
+        return a @ rest + share * seen, np.stack(slopes, axis=1)
+
+    return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=model)
 
 
 @dataclass(frozen=True)
@@ -104,31 +97,6 @@ class Number:
     value: Callable[[float], float] = float
     at: Callable[[float], float] = float
     within: tuple[float, float] = (-np.inf, np.inf)
-
-
-def disk_numbers(fit: DiskFit) -> dict[str, Number]:
-    """beta, h and the common lag of one disk's fit."""
-    one, rest, slow = np.eye(4), fit.side.rest_of_lag_s, fit.disk == "slow"
-
-    def of_share(share: float) -> float:
-        return 1.0 - share if slow else share
-
-    return {
-        "beta": Number(one[SHARE], of_share, of_share, (0.0, 1.0)),
-        "h": _logarithm(one[LOG_H]),
-        "lag_s": _logarithm(one[LOG_LAGS], rest),
-    }
-
-
-def both_numbers(fit: BothFit) -> dict[str, Number]:
-    """beta, both h and the exponent of the fit of both disks."""
-    one = np.eye(8)
-    return {
-        "beta": Number(one[SHARE], within=(0.0, 1.0)),
-        "h_fast": _logarithm(one[LOG_H]),
-        "h_slow": _logarithm(one[4 + LOG_H]),
-        "exponent": Number((one[LOG_H] - one[4 + LOG_H]) / float(np.log(fit.speed_ratio))),
-    }
 
 
 def _logarithm(toward: Array, rest: float = 0.0) -> Number:
@@ -143,22 +111,31 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     ``deviance``: sum of squares above its least, all else refitted [1]. The fits' own windows serve,
     nothing is filtered again.
     """
-    together = {d: both.theta[4 * i : 4 * i + 4] for i, d in enumerate(DISKS)}
-    tables, found = {}, []
-    for d in DISKS:
+    one, tables, found = np.eye(8), {}, []
+    for d, together in zip(DISKS, (both.theta[:4], both.theta[4:])):
         fit, e = joint[d], joint[d].estimates
-        tables[d] = rim_table(fit.side, [fit.theta, together[d]], e["h"].u, e["lag_s"].u)
-        found.append(_profiles(d, [fit.side], [tables[d]], fit.theta, disk_numbers(fit), e, fit.inflation))
-    sides = [joint[d].side for d in DISKS]
-    ends = both.theta, both_numbers(both), both.estimates, both.inflation
-    found.append(_profiles("both", sides, [tables[d] for d in DISKS], *ends))
+        tables[d] = rim_table(fit.side, [fit.theta, together], e["h"].u, e["lag_s"].u)
+        turn = float if d == "fast" else (lambda share: 1.0 - share)
+        numbers = {
+            "beta": Number(one[SHARE, :4], turn, turn, (0.0, 1.0)),
+            "h": _logarithm(one[LOG_H, :4]),
+            "lag_s": _logarithm(one[LOG_LAGS, :4], fit.side.rest_of_lag_s),
+        }
+        found.append(_profiles(d, [tables[d]], fit.theta, numbers, e, fit.inflation))
+    h_fast, h_slow = one[LOG_H], one[4 + LOG_H]
+    numbers = {
+        "beta": Number(one[SHARE], within=(0.0, 1.0)),
+        "h_fast": _logarithm(h_fast),
+        "h_slow": _logarithm(h_slow),
+        "exponent": Number((h_fast - h_slow) / float(np.log(both.speed_ratio))),
+    }
+    found.append(_profiles("both", [*tables.values()], both.theta, numbers, both.estimates, both.inflation))
     return pd.concat(found, ignore_index=True)
 
 
 def _profiles(
     fit: str,
     sides: Sequence[Side],
-    tables: Sequence[RimTable],
     start: Array,
     numbers: Mapping[str, Number],
     estimates: Mapping[str, Estimate],
@@ -170,28 +147,25 @@ def _profiles(
     alone is too sure. Scaling it by the ratio of both variances keeps its minimum, the fit, and gives the stated
     covariance when all is normal; weighing anew would move the minimum. Chandler & Bate (2007).
     """
-    problem, k = joint_problem(sides, tables), len(start)
+    problem, k = joint_problem(sides), len(start)
     tried = []
     for shift in OTHER_SHAPES:
-        theta = np.concatenate([start, np.zeros(problem.size - k)])
+        theta = np.concatenate([start, np.zeros(len(problem.names) - k)])
         theta[LOG_TAU2:k:4] = np.minimum(theta[LOG_TAU2:k:4] + shift, theta[LOG_LAGS:k:4] - 0.1)
         tried.append(minimise(problem, theta, tolerance=ENOUGH))
     best = least(tried)
-    stated, white = (told(best, sides, factor).covariance for factor in (inflation, 1.0))
+    noise, per_sd = told(best, sides)
     frames = []
     for name, n in numbers.items():
-        e, toward = estimates[name], np.concatenate([n.toward, np.zeros(problem.size - k)])
+        e, toward = estimates[name], np.concatenate([n.toward, np.zeros(len(problem.names) - k)])
+        white, other = n.toward @ noise @ n.toward, np.sum((n.toward @ per_sd) ** 2)
         walk = profile(
-            best, toward, u=e.u, scale=float(n.toward @ stated @ n.toward / (n.toward @ white @ n.toward)),
+            best, toward, u=e.u, scale=float((inflation * white + other) / (white + other)),
             step=STEP_U, drop=TOP, reach=FARTHEST_U, value=n.value, at=n.at, within=n.within, tolerance=ENOUGH,
         )  # fmt: skip
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
         frames.append(pd.DataFrame({"fit": fit, "parameter": name, **columns}))
     return pd.concat(frames, ignore_index=True)
-
-
-def _inside(x: float, nodes: Array) -> bool:
-    return bool(np.log(nodes[0]) <= x <= np.log(nodes[-1]))
 
 
 def _reach(values: Sequence[float], u: float) -> tuple[float, float]:
@@ -201,33 +175,13 @@ def _reach(values: Sequence[float], u: float) -> tuple[float, float]:
     return float(np.log(low)), float(np.log(high))
 
 
-def _nodes(low: float, high: float, count: int) -> Array:
-    """Chebyshev nodes in the logarithm, as ``cardinal`` takes them."""
-    x = -np.cos(np.pi * np.arange(count) / (count - 1))
-    return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
-
-
-def _weights(nodes: Array, log_at: float) -> tuple[Array, Array]:
-    """Weights of the table's nodes and their derivative by the logarithm."""
-    weights = cardinal(nodes, np.array([log_at]))
-    return weights[0], cardinal_slope(nodes, weights)[0]
-
-
-def _span(many: Array, few: Array) -> Array:
-    """Orthonormal columns that span the rows of ``few`` exactly and those of ``many`` by random mixing.
-
-    Halko, Martinsson & Tropp, SIAM Review 53 (2011), algorithm 4.1.
-    """
-    mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
-    return np.asarray(np.linalg.qr(np.vstack([few, mixed]).T)[0])
-
-
 @dataclass(frozen=True)
 class ProfileInterval:
     """The 95 % interval of one number of one joint fit by its profile, beside the normal one of ``estimate``.
 
     ``fit`` is "fast", "slow" or "both"; ``low95`` or ``high95`` is None where the profile stays below 3.84 as far as
-    it was followed, ``low_seen`` to ``high_seen``.
+    it was followed, ``low_seen`` to ``high_seen``. ``differs``: whether an end is missing, or lies elsewhere than the
+    normal one by a fifth of the half-width; ``sentence`` then tells the reader of the normal interval, else it is "".
     """
 
     fit: str
@@ -237,26 +191,8 @@ class ProfileInterval:
     high95: float | None
     low_seen: float
     high_seen: float
-
-    @property
-    def differs(self) -> bool:
-        """Whether an end is missing, or lies elsewhere than the normal one by a fifth of the half-width."""
-        if self.low95 is None or self.high95 is None:
-            return True
-        allowed = NOTICEABLE * Z95 * self.estimate.u
-        e = self.estimate
-        return max(abs(self.low95 - e.low95), abs(self.high95 - e.high95)) > allowed
-
-    @property
-    def sentence(self) -> str:
-        """What the reader of the normal interval must know; empty where both intervals agree."""
-        if not self.differs:
-            return ""
-        e = self.estimate
-        return note(
-            "joint.interval", subject=self.fit, parameter=self.parameter, u=e.u, low95=self.low95, high95=self.high95,
-            low_seen=self.low_seen, high_seen=self.high_seen, normal_low95=e.low95, normal_high95=e.high95,
-        ).sentence  # fmt: skip
+    differs: bool
+    sentence: str
 
 
 def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
@@ -264,9 +200,17 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
     out = []
     for (fit, parameter), own in table.groupby(["fit", "parameter"], sort=False):
         value, deviance = own["value"].to_numpy(), own["deviance"].to_numpy()
-        estimate = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
+        e = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
         low, high = crossing(value[::-1], deviance[::-1]), crossing(value, deviance)
-        out.append(ProfileInterval(str(fit), str(parameter), estimate, low, high, float(value[0]), float(value[-1])))
+        seen = {"low_seen": float(value[0]), "high_seen": float(value[-1])}
+        off = [np.inf if end is None else abs(end - normal) for end, normal in ((low, e.low95), (high, e.high95))]
+        differs = max(off) > NOTICEABLE * Z95 * e.u
+        said = note(
+            "joint.interval", subject=str(fit), parameter=parameter, u=e.u, low95=low, high95=high,
+            normal_low95=e.low95, normal_high95=e.high95, **seen,
+        )  # fmt: skip
+        sentence = said.sentence if differs else ""
+        out.append(ProfileInterval(str(fit), str(parameter), e, low, high, **seen, differs=differs, sentence=sentence))
     return tuple(out)
 
 

@@ -142,9 +142,9 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")
     ax.plot(n, beta, color="black", label="speed law")
-    implied = p.both.estimates["exponent"]
+    implied, both = p.both.estimates["exponent"], p.both.estimates["beta"]
     ax.errorbar(
-        implied.value, p.both.beta, xerr=Z95 * implied.u, yerr=Z95 * p.both.estimates["beta"].u, fmt="^",
+        implied.value, both.value, xerr=Z95 * implied.u, yerr=Z95 * both.u, fmt="^",
         color="black", markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
     )  # fmt: skip
     ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")

@@ -10,8 +10,7 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.fitting import minimise
-from tcdyn.partition.joint import joint_fits, told
-from tcdyn.partition.posterior import joint_problem
+from tcdyn.partition.joint import joint_fits, joint_problem, told
 from tcdyn.partition.profile import rim_table
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
@@ -61,7 +60,7 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
     for fit in fits.values():
         e = fit.estimates
         table = rim_table(fit.side, [fit.theta], e["h"].u, e["lag_s"].u)
-        problem = joint_problem([fit.side], [table])
+        problem = joint_problem([table])
         nothing = np.zeros(problem.size - 4)
         here = minimise(problem, np.concatenate([fit.theta, nothing]), fixed=np.eye(problem.size)[:4])
         best = minimise(problem, np.concatenate([fit.theta, nothing]))
@@ -71,12 +70,12 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
 def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
     """Without friction power the share does nothing: its column is another's."""
     fit = joint_fits(*_started())[0]["fast"]
-    problem = joint_problem([fit.side], [fit.side])
+    problem = joint_problem([fit.side])
     best = minimise(problem, np.concatenate([fit.theta, np.zeros(problem.size - 4)]), limit=0)
     jacobian = best.jacobian.copy()
     jacobian[:, 0] = jacobian[:, 1]
     with pytest.raises(InputError, match="does not tell heat partition from heat transfer coefficient"):
-        told(replace(best, jacobian=jacobian), [fit.side], 1.0)
+        told(replace(best, jacobian=jacobian), [fit.side])
 
 
 def _started() -> Any:

@@ -13,8 +13,7 @@ from scipy import stats
 from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.fitting import Problem
-from tcdyn.partition.joint import BothFit, DiskFit, joint_fits
-from tcdyn.partition.posterior import joint_problem
+from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
@@ -56,9 +55,9 @@ def table(sound: Fitted) -> pd.DataFrame:
 
 def problems_of(fit: DiskFit) -> tuple[Problem, Problem]:
     """The posterior of one disk by the rim model, and by its table."""
-    e, sides = fit.estimates, [fit.side]
+    e = fit.estimates
     table = rim_table(fit.side, [fit.theta], e["h"].u, e["lag_s"].u)
-    return joint_problem(sides, sides), joint_problem(sides, [table])
+    return joint_problem([fit.side]), joint_problem([table])
 
 
 def cost(problem: Problem, main: Array) -> float:
