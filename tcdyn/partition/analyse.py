@@ -20,11 +20,11 @@ from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
+from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
-from tcdyn.partition.sensors.check import SensorCheck, check_sensors
-from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.steady import (
     EQUAL_WEIGHTS,
     DiskLine,

@@ -19,10 +19,10 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.effects import FitShift
+from tcdyn.partition.faults import chance_of, largest_pulls
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensors.check import SensorCheck, Suspect
-from tcdyn.partition.sensors.faults import chance_of, largest_pulls
+from tcdyn.partition.sensors import SensorCheck, Suspect
 from tcdyn.partition.steady import DiskLine, speed_law_beta
 
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests

@@ -13,8 +13,8 @@ from calibration.estimate import Estimate, rounded, with_u
 from calibration.words import as_known
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_fit
+from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import intervals
-from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.window import stretch_of
 
 HEADINGS = {

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 
 from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
+from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import LEVEL, intervals
-from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, dressed
 
 TOP = 9.0

@@ -13,9 +13,9 @@ from calibration.estimate import Estimate
 from calibration.finding import note
 from calibration.log import read_log
 from tcdyn.partition.crosscheck import DEPTH_ALARM, OTHER_ALARM, Tension, cross_check, tensions
+from tcdyn.partition.faults import DepthTest, chance_of, largest_pulls
 from tcdyn.partition.prepare import EhlTest, FrictionAdded, prepare
-from tcdyn.partition.sensors.check import check_sensors
-from tcdyn.partition.sensors.faults import DepthTest, chance_of, largest_pulls
+from tcdyn.partition.sensors import check_sensors
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.rig import load_rig
-from tcdyn.partition.sensors.check import check_sensors
+from tcdyn.partition.sensors import check_sensors
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
 from tests.partition.study_rigs import study_rig

@@ -12,10 +12,10 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
+from tcdyn.partition.faults import angle_groups
+from tcdyn.partition.features import disk_features
 from tcdyn.partition.prepare import EhlTest, prepare
-from tcdyn.partition.sensors.check import SensorCheck, check_sensors, demand
-from tcdyn.partition.sensors.faults import angle_groups
-from tcdyn.partition.sensors.features import disk_features
+from tcdyn.partition.sensors import SensorCheck, check_sensors, demand
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
 

@@ -21,7 +21,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, DiskSetup
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import STATED, differential_lag_u_s, stated_u
-from tcdyn.partition.sensors.features import DiskFeatures, Order
+from tcdyn.partition.features import DiskFeatures, Order
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
@@ -85,11 +85,6 @@ class Verdict:
     share: float
     h_W_m2K: float
     size: Estimate | None
-
-    @property
-    def p_value(self) -> float:
-        """Chance of so bad a fit were the hypothesis true."""
-        return float(stats.chi2.sf(self.chi2, self.dof))
 
 
 def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:

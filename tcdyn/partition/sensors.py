@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations, product
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from calibration.disk import CHANNELS, DISKS, OUTER_ROW, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
-from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensors.faults import (
+from tcdyn.partition.faults import (
     MISPLACED_M,
     DepthTest,
     Fault,
@@ -24,7 +24,8 @@ from tcdyn.partition.sensors.faults import (
     hypotheses,
     judge,
 )
-from tcdyn.partition.sensors.features import DiskFeatures, disk_features
+from tcdyn.partition.features import DiskFeatures, disk_features
+from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
@@ -79,109 +80,113 @@ class SensorCheck:
     """``table``: a row for each pair of junctions of each disk; ``verdicts``: what is found of each disk.
 
     ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
-    ``depths``: where the test places the junctions of each disk that shows no fault.
+    ``depths``: where the test places the junctions of each disk that shows no fault; ``groups``: channels of each disk
+    by angle; ``said``: what is found of each disk, in words.
     """
 
     table: pd.DataFrame
     verdicts: dict[str, tuple[Finding, ...]]
     suspects: tuple[Suspect, ...]
     bulk_degC: dict[str, float]
-    blind: dict[str, tuple[tuple[str, str], ...]]
+    blind: dict[str, tuple[tuple[str, ...], ...]]
     depths: dict[str, DepthTest]
-    disks: Mapping[str, DiskTraces]
+    groups: Mapping[str, tuple[tuple[str, ...], ...]]
+    said: Mapping[str, str]
 
     @property
     def sound(self) -> bool:
         """Whether no channel is suspected."""
         return not self.suspects
 
-    @property
-    def said(self) -> dict[str, str]:
-        """What is found of each disk, in words."""
-        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.verdicts.items()}
-
     def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
-        """The pairs of one disk as the thesis prints them (table 6.2); ``column``: "steady" or "unloading"."""
-        return pair_matrix(self.table, self.disks[disk], column)
+        """The pairs of one disk as the thesis prints them (tables 6.2 to 6.4): upper triangle, channels in groups.
 
-
-@dataclass(frozen=True)
-class _DiskCheck:
-    suspects: tuple[Suspect, ...]
-    blind: tuple[tuple[str, str], ...]
-    depths: DepthTest | None
-    log_likelihood: float
+        ``column``: "steady" or "unloading".
+        """
+        order, own = [c for g in self.groups[disk] for c in g], self.table[self.table["disk"] == disk]
+        said = {frozenset((r["one"], r["other"])): r[column] for _, r in own.iterrows()}
+        body = [[said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)] for i, r in enumerate(order)]
+        return pd.DataFrame(body, index=order, columns=order)
 
 
 def check_sensors(test: EhlTest) -> SensorCheck:
     """Look for dead, swapped, misplaced or offset channels in the steady pattern and in both transients of a test.
 
-    The outer row is predicted from the inner row by the
-    rim model, steady, after unloading and after loading, with share and h free; a fault is named when it explains all
-    three far better than a sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be told
-    apart: ``blind`` lists such pairs.
+    The outer row is predicted from the inner row by the rim model, steady, after unloading and after loading, with
+    share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
+    junctions read nearly alike (d and f) cannot be told apart: ``blind`` lists such pairs.
     """
     features = {d: disk_features(test, test.disks[d]) for d in DISKS}
-    checks = {d: _check(test, test.disks[d], features[d]) for d in DISKS}
-    crossed = _crossed(test, features, checks)
+    groups = {d: angle_groups(test.disks[d].setup) for d in DISKS}
+    found: dict[str, tuple[Suspect, ...]] = {}
+    blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
+    likely, depths = {}, {}
+    for d, f in features.items():
+        found[d] = _dead(test, test.disks[d], f)
+        if not found[d]:
+            sound, best, suspect, pairs = _judged(f, test.disks[d], groups[d])
+            found[d], likely[d] = suspect, best
+            if not suspect:
+                blind[d], depths[d] = pairs, depth_test(f, test.disks[d], sound)
+    crossed = _crossed(test, features, sum(likely.values())) if all(found.values()) and len(likely) == 2 else None
     if crossed is not None:
-        checks = {d: replace(checks[d], suspects=(crossed,)) for d in DISKS}
-    pairs = pd.concat([pair_table(test, test.disks[d], features[d]) for d in DISKS], ignore_index=True)
-    suspects = (crossed,) if crossed is not None else tuple(s for d in DISKS for s in checks[d].suspects)
+        found = dict.fromkeys(DISKS, (crossed,))
+    table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in DISKS], ignore_index=True)
+    verdicts = {}
+    for d in DISKS:
+        own = table[table["disk"] == d]
+        wrong, alike = int((own["steady"] == "illogical").sum()), ["-".join(pair) for pair in blind[d]]
+        sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
+        verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
     return SensorCheck(
-        table=pairs,
-        verdicts={d: _verdict(d, checks[d], pairs) for d in DISKS},
-        suspects=suspects,
+        table=table,
+        verdicts=verdicts,
+        suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in DISKS for s in found[d]),
         bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
-        blind={d: checks[d].blind for d in DISKS},
-        depths={d: t for d in DISKS if (t := checks[d].depths) is not None},
-        disks=test.disks,
+        blind=blind,
+        depths=depths,
+        groups=groups,
+        said={d: " ".join(f"{f.sentence}." for f in told) for d, told in verdicts.items()},
     )
 
 
-def _check(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
-    dead = _dead(test, disk, f)
-    if dead:
-        return _DiskCheck(tuple(dead), (), None, np.inf)
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(angle_groups(disk.setup)))
+def _judged(
+    f: DiskFeatures, disk: DiskTraces, groups: tuple[tuple[str, ...], ...]
+) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
+    """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups))
     found += [v for verdicts in swapped for v in verdicts]
-    odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
-    best = max(odds.values())
-    if best > NAMED_LOG_ODDS:
-        found = [_settled(f, disk, v) for v in found]
-        odds = {v.fault: v.log_likelihood - sound.log_likelihood for v in found}
-        ranked = sorted(found, key=lambda v: -v.log_likelihood)
-        best = odds[ranked[0].fault]
-        rivals = [v for v in ranked[1:] if odds[v.fault] > best - RIVAL_LOG_ODDS]
-        fault, size = ranked[0].fault, ranked[0].size
-        also = {"rivals": [f"{r.fault.kind} {'-'.join(r.fault.channels)}" for r in rivals[:3]]}
-        named = Suspect(disk.name, fault.kind, fault.channels, size, best, also)
-        return _DiskCheck((named,), (), None, ranked[0].log_likelihood)
-    if sound.p_value < UNSOUND_P:
-        unknown = Suspect(disk.name, "unknown", (), None, best, {"chi2": sound.chi2, "dof": sound.dof})
-        return _DiskCheck((unknown,), (), None, sound.log_likelihood)
-    blind = [v.fault.channels for v in found if v.fault.kind == "swapped" and odds[v.fault] > -BLIND_LOG_ODDS]
-    return _DiskCheck((), tuple((c[0], c[1]) for c in blind), depth_test(f, disk, sound), sound.log_likelihood)
+    ranked = sorted(found, key=lambda v: -v.log_likelihood)
+    odds = ranked[0].log_likelihood - sound.log_likelihood
+    if odds > NAMED_LOG_ODDS:
+        first, *others = sorted((_settled(f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
+        rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
+        also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
+        odds = first.log_likelihood - sound.log_likelihood
+        named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
+        return sound, first.log_likelihood, (named,), ()
+    if stats.chi2.sf(sound.chi2, sound.dof) < UNSOUND_P:
+        unknown = Suspect(disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof})
+        return sound, sound.log_likelihood, (unknown,), ()
+    near = sound.log_likelihood - BLIND_LOG_ODDS
+    blind = tuple(v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near)
+    return sound, sound.log_likelihood, (), blind
 
 
-def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], checks: Mapping[str, _DiskCheck]) -> Suspect | None:
-    """A channel of one disk exchanged with one of the other, where that explains both disks' faults better."""
-    if any(not checks[d].suspects or checks[d].suspects[0].kind == "dead" for d in DISKS):
-        return None
+def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) -> Suspect | None:
+    """A channel of one disk exchanged with one of the other, where likelier than both disks' faults ``apart``."""
     fast, slow = (features[d] for d in DISKS)
     found = []
     for i, j in product(range(len(CHANNELS)), repeat=2):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
             mixed = f.with_column_of(other, place, column)
-            total += judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])[0].log_likelihood
+            (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])
+            total += foreign.log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
-    odds = best - sum(checks[d].log_likelihood for d in DISKS)
-    if odds < RIVAL_LOG_ODDS:
-        return None
     names = (f"fast_{CHANNELS[i]}", f"slow_{CHANNELS[j]}")
-    return Suspect("both", "swapped", names, None, odds)
+    return Suspect("both", "swapped", names, None, best - apart) if best - apart >= RIVAL_LOG_ODDS else None
 
 
 def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
@@ -205,28 +210,19 @@ def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
-def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> list[Suspect]:
+def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
     """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
-    level = f.levels[f.event == "steady"][0]
     falls = -f.levels[f.event == "unloading"][-1]
-    rise = level - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
+    steady = f.levels[f.event == "steady"][0]
+    rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
+    usual, fall = float(np.median(rise)), float(np.median(falls))
+    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K)
     out = []
-    for i, c in enumerate(CHANNELS):
-        usual, fall = float(np.median(rise)), float(np.median(falls))
-        if usual > LEAST_RISE_K and rise[i] < DEAD_REL * usual and falls[i] < DEAD_REL * fall:
-            moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
-            out.append(Suspect(disk.name, "dead", (c,), None, np.inf, {k: float(v) for k, v in moved.items()}))
-    return out
-
-
-def _verdict(disk: str, check: _DiskCheck, pairs: pd.DataFrame) -> tuple[Finding, ...]:
-    if check.suspects:
-        return tuple(s.finding for s in check.suspects)
-    own = pairs[pairs["disk"] == disk]
-    wrong = int((own["steady"] == "illogical").sum())
-    blind = ["-".join(pair) for pair in check.blind]
-    return (note("sensors.sound", subject=disk, illogical=wrong, pairs=len(own), blind=blind),)
+    for i in np.flatnonzero(dead):
+        moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
+        out.append(Suspect(disk.name, "dead", (CHANNELS[i],), None, np.inf, {k: float(v) for k, v in moved.items()}))
+    return tuple(out)
 
 
 def demand(setup: DiskSetup, one: str, other: str) -> int | None:
@@ -259,7 +255,7 @@ def said_of(wanted: int | None, difference_K: float, u_K: float) -> str:
     return "logical" if z > SURE_Z else "illogical" if z < -SURE_Z else "weak"
 
 
-def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame:
+def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[tuple[str, ...], ...]) -> pd.DataFrame:
     """A row for each pair: steady difference and that of the fall after unloading, what each says, and the groups.
 
     A steady level is known as its static line is, and its depth in the mean gradient; a fall as noise and lag are.
@@ -271,32 +267,19 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> pd.DataFrame
     after = np.flatnonzero(f.event == "unloading")
     k = int(after[min(1, len(after) - 1)])  # one to two seconds after it
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
+    depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
     levels = {
-        "steady": (
-            f.levels[f.event == "steady"][0],
-            np.hypot(disk.static_u_K, gradient * disk.uncertainty.depth_mm * 1e-3),
-        ),
+        "steady": (f.levels[f.event == "steady"][0], np.hypot(disk.static_u_K, depth_u_K)),
         "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
     }
-    groups = angle_groups(disk.setup)
-    rows = []
-    for one, other in combinations(CHANNELS, 2):
-        i, j = CHANNELS.index(one), CHANNELS.index(other)
-        wanted = demand(disk.setup, one, other)
-        row: dict[str, object] = {
-            "disk": disk.name, "one": one, "other": other,
-            "same_group": any(one in g and other in g for g in groups),
-        }  # fmt: skip
-        for name, (level, u) in levels.items():
-            gap, spread = float(level[i] - level[j]), float(np.hypot(u[i], u[j]))
-            row |= {f"{name}_difference_K": gap, f"{name}_u_K": spread, name: said_of(wanted, gap, spread)}
-        rows.append(row)
-    return pd.DataFrame(rows)
-
-
-def pair_matrix(table: pd.DataFrame, disk: DiskTraces, column: str = "steady") -> pd.DataFrame:
-    """The upper triangle as the thesis prints it (tables 6.2 to 6.4), channels in their groups."""
-    order = [c for g in angle_groups(disk.setup) for c in g]
-    said = {frozenset((r["one"], r["other"])): r[column] for _, r in table[table["disk"] == disk.name].iterrows()}
-    body = [[said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)] for i, r in enumerate(order)]
-    return pd.DataFrame(body, index=order, columns=order)
+    i, j = np.triu_indices(len(CHANNELS), 1)
+    pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]
+    wanted = [demand(s, *pair) for pair in pairs]
+    table = pd.DataFrame(pairs, columns=["one", "other"])
+    table.insert(0, "disk", disk.name)
+    table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
+    for name, (level, u) in levels.items():
+        gap, spread = level[i] - level[j], np.hypot(u[i], u[j])
+        table[f"{name}_difference_K"], table[f"{name}_u_K"] = gap, spread
+        table[name] = [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
+    return table
