@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,9 +18,8 @@ from calibration.finding import Finding, Grade, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.cooling import CoolingFit, compensated, cooling_fit
+from tcdyn.partition.cooling import CoolingFit, compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
-from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
@@ -29,7 +28,6 @@ from tcdyn.partition.steady import (
     EQUAL_WEIGHTS,
     DiskLine,
     SpeedLawPoint,
-    SurfaceMaxima,
     at_one_radius,
     steady_lines,
     surface_temperatures,
@@ -38,6 +36,7 @@ from tcdyn.partition.window import DiskWindow, stretch_of
 
 SCHEMA = "tcdyn.beta/1"
 WINDOW_S = 5.0
+WAYS = ("speed law", *(f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS))
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,8 @@ class Partition:
     """All ways to the heat partition of one test.
 
     ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
-    lag refined by the joint fit); ``draws`` of the budget hold every quantity with its correlations; ``noticed``: what
-    was found on the way, before the cross-check's verdict.
+    lag refined by the joint fit); ``answers``: every quantity with the uncertainty of the budget's draws, which hold
+    their correlations; ``noticed``: what was found on the way, before the cross-check's verdict.
     """
 
     test: EhlTest
@@ -58,7 +57,7 @@ class Partition:
     both: BothFit
     budget: Budget
     crosscheck: CrossCheck
-    surface: SurfaceMaxima
+    answers: Mapping[str, Estimate]
     chains: Mapping[str, tuple[Chain, ...]]
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
@@ -76,20 +75,14 @@ class Partition:
         return sentences(self.noticed)
 
     @property
-    def ways(self) -> dict[str, float]:
+    def ways(self) -> dict[str, Estimate]:
         """beta of the fast disk by each way."""
-        out = {"speed law": self.speed.beta}
-        out |= {f"cooling {d}": self.cooling[d].beta for d in DISKS}
-        return out | {f"joint {d}": self.joint[d].beta for d in DISKS}
+        return {way: self.answers[way] for way in WAYS}
 
     @cached_property
     def profiles(self) -> pd.DataFrame:
         """How much worse the joint fits become away from their best numbers; see ``tcdyn.partition.profile``."""
         return joint_profiles(self.joint, self.both)
-
-    def estimate(self, key: str, value: float) -> Estimate:
-        """``value`` with the uncertainty of the budget's draws of ``key``."""
-        return Estimate.normal(value, float(np.std(self.budget.draws[key])))
 
 
 def analyse(
@@ -131,24 +124,24 @@ def analyse(
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
     for d in DISKS:
-        lag_u = joint[d].estimates["lag_s"].u
-        one = cooled[d] = compensated(test, test.disks[d], rows, chains[d], lag_u, profile)
+        one = cooled[d] = compensated(test, test.disks[d], rows, chains[d], joint[d].estimates["lag_s"].u, profile)
         progress(f"cooling fit, {d} disk")
         fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K)
-        shifts[d] = fit.shift(one.errors(fit.share, fit.h_W_m2K), lines[d])
+        shifts[d] = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), lines[d])
     windows = {d: one.window for d, one in cooled.items()}
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
-    ways = {"speed law": speed.beta}
-    ways |= {f"cooling {d}": cooling[d].beta for d in DISKS}
-    ways |= {f"joint {d}": joint[d].beta for d in DISKS}
-    steady = Estimate.normal(speed.beta, float(np.std(budget.draws["speed law"])))
-    checked = cross_check(ways, {k: budget.draws[k] for k in ways}, steady, tensions(test, joint, both, sensors))
-    surface = surface_temperatures(test, speed, windows)
-    budget = replace(budget, draws={**budget.draws, **surface.draws(speed, budget.draws, test.sliding_speed_m_s)})
+    values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
+    for d in DISKS:
+        values |= {f"{d} intercept": lines[d].line.intercept, f"{d} slope": lines[d].line.slope}
+        values |= {f"cooling {d}": cooling[d].beta, f"h cooling {d}": cooling[d].h_W_m2K}
+        values |= {f"joint {d}": joint[d].beta, f"h joint {d}": joint[d].h_W_m2K}
+    surface, drawn = surface_temperatures(test, speed, windows, budget.draws)
+    draws = {**budget.draws, **drawn}
+    answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
+    checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors))
     return Partition(
-        test, rows, lines, speed, cooling, joint, both, budget, checked, surface, chains,
-        {d: one.done for d, one in cooled.items()}, windows, sensors,
-        tuple(findings),
+        test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
+        {d: one.done for d, one in cooled.items()}, windows, sensors, tuple(findings),
     )  # fmt: skip
 
 
@@ -185,14 +178,14 @@ def _suspected(check: SensorCheck) -> list[Finding]:
 
 
 def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
-    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s."""
-    test, draws = p.test, p.budget.draws
+    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s.
 
-    def est(key: str, value: float) -> dict[str, float]:
-        return Estimate.normal(value, float(np.std(draws[key]))).model_dump()
-
-    lines = {d: p.lines[d].line for d in DISKS}
-    spread = float(np.std(draws["exponent"]))
+    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
+    """
+    test = p.test
+    a = {key: estimate.model_dump() for key, estimate in p.answers.items()}
+    both = {key: estimate.model_dump() for key, estimate in p.both.estimates.items()}
+    depths = {} if p.sensors is None else p.sensors.depths
     return {
         "schema": SCHEMA,
         "source": source,
@@ -206,62 +199,42 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "unload_s": test.events.unload_s,
         },
         "steady": {
-            "beta": est("speed law", p.speed.beta),
-            "h_fast": est("h_fast", p.speed.h_fast),
-            "h_slow": est("h_slow", p.speed.h_slow),
-            **{
-                f"{d}_line": {
-                    "intercept": est(f"{d} intercept", lines[d].intercept),
-                    "slope": est(f"{d} slope", lines[d].slope),
-                }
-                for d in DISKS
-            },
-            "exponent": Estimate.normal(test.speed_exponent, spread).model_dump(),
+            "beta": a["speed law"],
+            "h_fast": a["h_fast"],
+            "h_slow": a["h_slow"],
+            **{f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]} for d in DISKS},
+            "exponent": a["exponent"],
         },
         "transient": {
-            d: {
-                "beta": est(f"cooling {d}", p.cooling[d].beta),
-                "h": est(f"h cooling {d}", p.cooling[d].h_W_m2K),
-                "window_s": p.cooling[d].window_s,
-            }
-            for d in DISKS
+            d: {"beta": a[f"cooling {d}"], "h": a[f"h cooling {d}"], "window_s": p.cooling[d].window_s} for d in DISKS
         },
         "joint": {
             **{
                 d: {
-                    "beta": est(f"joint {d}", p.joint[d].beta),
-                    "h": est(f"h joint {d}", p.joint[d].h_W_m2K),
+                    "beta": a[f"joint {d}"],
+                    "h": a[f"h joint {d}"],
                     "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
                 }
                 for d in DISKS
             },
-            "both": {k: v.model_dump() for k, v in p.both.estimates.items()},
+            "both": both,
             "profiles": profiles_file(p.profiles),
         },
         "crosscheck": p.crosscheck.to_dict(),
-        "budget": [
-            {
-                "source": row.source,
-                "u_beta_steady": row.u_beta_steady,
-                "u_beta_transient": row.u_beta_transient,
-            }
-            for row in p.budget.rows
-        ],
+        "budget": [asdict(row) for row in p.budget.rows],
         "surface": {
-            "fast_max_degC": est("surface fast", p.surface.fast_max_degC),
-            "slow_max_degC": est("surface slow", p.surface.slow_max_degC),
-            "delta_T_us": est("delta_T_us", p.surface.delta_T_us),
+            "fast_max_degC": a["surface fast"],
+            "slow_max_degC": a["surface slow"],
+            "delta_T_us": a["delta_T_us"],
         },
         "sensors": {} if p.sensors is None else p.sensors.said,
-        "junctions": {} if p.sensors is None else {d: _junctions(t) for d, t in p.sensors.depths.items()},
+        "junctions": {
+            d: {
+                c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
+                for (c, e), z in zip(t.deeper_m.items(), t.pull)
+            }
+            for d, t in depths.items()
+        },
         "findings": [found.to_dict() for found in p.findings],
         "warnings": list(p.warnings),
-    }
-
-
-def _junctions(t: DepthTest) -> dict[str, Any]:
-    """How much deeper this test alone places each junction than rig.toml [mm], and its pull on the stated depth."""
-    return {
-        c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
-        for (c, e), z in zip(t.deeper_m.items(), t.pull)
     }

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration import Array
@@ -17,7 +16,7 @@ from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, FitShift, effects, with_common_u
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.steady import DiskLine, SteadyLine
-from tcdyn.partition.window import OUTER, DiskWindow, disk_window
+from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window
 from tcdyn.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
@@ -27,35 +26,38 @@ LAG_STEP_S = 0.01
 
 @dataclass(frozen=True)
 class Cooled:
-    """One disk's traces over ``rows`` of a test with their lag removed, and the window of what was compensated."""
+    """One disk's traces over some rows of a test with their lag removed, and the window of what was compensated.
+
+    ``late``: that window had ``LAG_STEP_S`` more lag been removed; ``noise_K``: standard deviation of what compensation
+    left in a trace of the outer row.
+    """
 
     test: EhlTest
     disk: DiskTraces
-    rows: slice
     done: Compensated
     window: DiskWindow
-
-    @property
-    def noise_K(self) -> float:
-        """Standard deviation of what compensation left in a trace of the outer row [K]."""
-        return float(np.median(self.done.sd_noise[:, OUTER]))
-
-    def errors(self, share: float, h_W_m2K: float) -> CoolingErrors:
-        """What may be wrong with the window about a point of the plane, the compensated lag included."""
-        done = self.done
-        longer = done.temperature + LAG_STEP_S * done.lag_sensitivity
-        moved = disk_window(self.test, self.disk, longer, self.rows, self.disk.noise_K, self.window.rim.profile)
-        predicted = moved.rim.answer(h_W_m2K)[0] - self.window.rim.answer(h_W_m2K)[0]
-        late = (predicted - (moved.y - self.window.y)) / LAG_STEP_S
-        return CoolingErrors(effects(self.test, self.disk, self.window, share, h_W_m2K), late)
+    late: DiskWindow
+    noise_K: float
 
 
 @dataclass(frozen=True)
-class CoolingErrors:
-    """Effects of what nobody measured, and predicted less compensated outer row per second of lag too long, (R, 3)."""
+class CoolingFit:
+    """h [W/m2K] and share of one disk from its cooling; ``misfit_K`` is the rms over the window.
 
-    known: Effects
-    late: Array
+    ``by_effect`` (R, 3): change of the fitted h by what the model's prediction of each mean changes by [W/m2K per K];
+    ``power`` (R, 3): the model's answer to a share of one; ``h_noise``: standard uncertainty of h from the compensated
+    traces' noise alone.
+    """
+
+    disk: str
+    h_W_m2K: float
+    share: float
+    beta: float
+    window_s: float
+    misfit_K: float
+    by_effect: Array
+    power: Array
+    h_noise: float
 
 
 @dataclass(frozen=True)
@@ -63,52 +65,6 @@ class CoolingShift(FitShift):
     """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
 
     by_lag: Array
-
-
-@dataclass(frozen=True)
-class CoolingFit:
-    """h [W/m2K] and share of one disk from its cooling; ``misfit_K`` is the rms over the window.
-
-    ``slope`` (R, 3): change of the matched model per unit of h along the line; ``inside`` (R,): blocks of the window,
-    ``weight`` (inside,) their samples; ``h_noise`` its standard uncertainty from the compensated traces' noise alone.
-    """
-
-    disk: str
-    h_W_m2K: float
-    share: float
-    window_s: float
-    misfit_K: float
-    slope: Array
-    power: Array
-    inside: NDArray[np.bool_]
-    weight: Array
-    before: NDArray[np.bool_]
-    h_noise: float
-
-    @property
-    def beta(self) -> float:
-        """Heat partition of the fast disk."""
-        return self.share if self.disk == "fast" else 1.0 - self.share
-
-    def matched(self, x: Array) -> Array:
-        """``x`` (R, 3) less its mean just before parting."""
-        return np.asarray(x - x[self.before].mean(axis=0))
-
-    def pull(self, effect: Array) -> float:
-        """Change of the fitted h when the model's prediction changes by ``effect`` (R, 3) [K]."""
-        s, w = self.slope[self.inside], self.weight[:, None]
-        return -float((w * s * self.matched(effect)[self.inside]).sum() / (w * s * s).sum())
-
-    def shift(self, errors: CoolingErrors, line: DiskLine) -> CoolingShift:
-        """Errors of (share, h), through the traces and through the line."""
-        slope = line.line.slope
-        share_off = line.shift.per_sd @ np.array([1.0, self.h_W_m2K])
-        h_off = np.array([-self.pull(c - off * self.power) for c, off in zip(errors.known.change, share_off)])
-        toward = np.array([slope, 1.0])
-        noise = self.h_noise**2 * np.outer(toward, toward)
-        noise[0, 0] += line.shift.noise[0, 0]
-        per_sd = np.column_stack([share_off + slope * h_off, h_off])
-        return CoolingShift(errors.known.of, per_sd, noise, toward * self.pull(errors.late))
 
 
 def compensated(
@@ -126,7 +82,30 @@ def compensated(
         lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
     )
-    return Cooled(test, disk, rows, done, disk_window(test, disk, done.temperature, rows, disk.noise_K, profile))
+    window, late = (
+        disk_window(test, disk, done.temperature + longer_s * done.lag_sensitivity, rows, disk.noise_K, profile)
+        for longer_s in (0.0, LAG_STEP_S)
+    )
+    return Cooled(test, disk, done, window, late, float(np.median(done.sd_noise[:, OUTER])))
+
+
+def cooling_errors(cooled: Cooled, share: float, h_W_m2K: float) -> tuple[Effects, Array]:
+    """What may be wrong with the window about a point of the plane: effects of what nobody measured, and predicted
+    less compensated outer row per second of compensated lag too long, (R, 3)."""
+    predicted = cooled.late.rim.through(REST, h_W_m2K) - cooled.window.rim.through(REST, h_W_m2K)
+    late = (predicted - (cooled.late.y - cooled.window.y)) / LAG_STEP_S
+    return effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
+
+
+def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) -> CoolingShift:
+    """Errors of (share, h), through the traces and through the line; ``known`` and ``late`` of ``cooling_errors``."""
+    share_off = line.shift.per_sd @ np.array([1.0, fit.h_W_m2K])
+    h_off = np.einsum("rp,qrp->q", fit.by_effect, share_off[:, None, None] * fit.power - known.change)
+    toward = np.array([line.line.slope, 1.0])
+    noise = fit.h_noise**2 * np.outer(toward, toward)
+    noise[0, 0] += line.shift.noise[0, 0]
+    per_sd = np.column_stack([share_off + line.line.slope * h_off, h_off])
+    return CoolingShift(known.of, per_sd, noise, toward * float((fit.by_effect * late).sum()))
 
 
 def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s: float, noise_K: float) -> CoolingFit:
@@ -164,10 +143,20 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
     h = float(np.exp(best.x))
     predicted, power = model(h)
     step = 1e-3 * h
-    slope = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))
-    residual = target - matched(predicted)
-    s = slope[inside]
-    scatter = np.sqrt(((s * weight) ** 2 / weight * noise_K**2).sum()) / (weight * s * s).sum()
-    misfit = float(np.sqrt((weight * residual[inside] ** 2).sum() / (3 * weight.sum())))
-    at = (window.disk, h, line.at(h), window_s, misfit)
-    return CoolingFit(*at, slope, power, inside, weight[:, 0], before, float(scatter))
+    s = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[inside]  # by h, along the line
+    residual = (target - matched(predicted))[inside]
+    curvature = (weight * s * s).sum()
+    by_effect = np.zeros_like(power)
+    by_effect[inside] = -weight * s / curvature
+    by_effect[before] -= by_effect[inside].sum(axis=0) / before.sum()
+    return CoolingFit(
+        disk=window.disk,
+        h_W_m2K=h,
+        share=line.at(h),
+        beta=line.at(h) if window.disk == "fast" else 1.0 - line.at(h),
+        window_s=window_s,
+        misfit_K=float(np.sqrt((weight * residual**2).sum() / (3 * weight.sum()))),
+        by_effect=by_effect,
+        power=power,
+        h_noise=float(np.sqrt((weight * s * s).sum()) * noise_K / curvature),
+    )

@@ -7,11 +7,13 @@ correlations, by which the ways are compared.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 from scipy import stats
+from scipy.linalg import block_diag
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -19,10 +21,10 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.effects import FitShift
-from tcdyn.partition.faults import chance_of, largest_pulls
+from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.sensors import SensorCheck, Suspect
+from tcdyn.partition.sensors import SensorCheck
 from tcdyn.partition.steady import DiskLine, speed_law_beta
 
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
@@ -30,7 +32,8 @@ OTHER_ALARM = 0.01
 LEAST_CHANCE = 1e-12
 SUSPECT_Z = 3.0
 NOTED_CHANCE = 0.5
-DRAWS = 4000
+DRAWS, PULL_DRAWS = 4000, 20_000
+LEAST_SEEN = 20
 MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
 
 
@@ -69,37 +72,39 @@ def monte_carlo(
 
     What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
     """
-    names = sorted({("both" if what.shared else d, what.name) for d in DISKS for what in lines[d].shift.of})
-    names += [(d, own) for d in DISKS for own in ("common lag", "lag shape", "model form")]
+    whose = {d: [("both" if q.shared else d, q.name) for q in joint[d].shift.of] for d in DISKS}
+    own = [(d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
+    names = [*sorted({key for keys in whose.values() for key in keys} - {*own}), *own]
     normal = {key: rng.standard_normal(DRAWS) for key in names}
-    uniform = rng.uniform(*test.exponent_range, DRAWS)
+    n, half = test.speed_exponent, test.exponent_half_range
+    uniform = rng.uniform(n - half, n + half, DRAWS)
     noise = {d: rng.standard_normal((DRAWS, 7)) for d in DISKS}
+    shifts = {d: _together(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
+    drawn = {d: np.column_stack([normal[key] for key in whose[d]]) for d in DISKS}
 
     def run(active: str | None) -> dict[str, Array]:
-        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(DRAWS, test.speed_exponent)}
+        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(DRAWS, n)}
         for d in DISKS:
-            line, form = lines[d].line, active in (None, "rim model form")
-            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * form
-            change = _errors(lines[d].shift, d, active, normal, noise[d][:, :2])
-            moved[f"{d} intercept"] = (line.intercept + change[:, 0]) * grow
-            moved[f"{d} slope"] = (line.slope + change[:, 1]) * grow
-            off = _errors(joint[d].shift, d, active, normal, noise[d][:, 4:])
-            cool = _errors(cooling_shifts[d], d, active, normal, noise[d][:, 2:4])
-            cool += off[:, 2:] * cooling_shifts[d].by_lag
-            for way, at, error in (("cooling", cooling[d], cool), ("joint", joint[d], off)):
-                share = at.share * grow + error[:, 0]
+            per_sd, root = shifts[d]
+            on = np.array([active in (None, q.source) for q in joint[d].shift.of])
+            off = (drawn[d][:, on] @ per_sd[on] + (active in (None, "noise")) * noise[d] @ root.T).T
+            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * (active in (None, "rim model form"))
+            moved[f"{d} intercept"] = (lines[d].line.intercept + off[0]) * grow
+            moved[f"{d} slope"] = (lines[d].line.slope + off[1]) * grow
+            for way, at, share_off, h_off in (("cooling", cooling[d], *off[2:4]), ("joint", joint[d], *off[4:6])):
+                share = at.share * grow + share_off
                 moved[f"{way} {d}"] = share if d == "fast" else 1 - share
-                moved[f"h {way} {d}"] = at.h_W_m2K + error[:, 1]
-            moved[f"lag {d}"] = off[:, 2]
+                moved[f"h {way} {d}"] = at.h_W_m2K + h_off
+            moved[f"lag {d}"] = off[6]
         a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
         chi = test.speed_ratio ** moved["exponent"]
         beta = moved["speed law"] = np.asarray(speed_law_beta(a, b, c, slope, chi))  # type: ignore[arg-type]
         return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
-    known = {what.source for d in DISKS for shift in (lines[d].shift, joint[d].shift) for what in shift.of}
     rows = []
-    for source in sorted(known | {"speed exponent", "noise", "rim model form"}):
+    sources = {q.source for d in DISKS for q in joint[d].shift.of}
+    for source in sorted(sources | {"speed exponent", "noise", "rim model form"}):
         one = run(source)
         transient = max(float(np.std(one[f"cooling {d}"])) for d in DISKS)
         rows.append(BudgetRow(source, float(np.std(one["speed law"])), transient))
@@ -107,27 +112,18 @@ def monte_carlo(
     return Budget(tuple(rows), run(None))
 
 
-def _errors(
-    shift: FitShift,
-    disk: str,
-    active: str | None,
-    normal: Mapping[tuple[str, str], Array],
-    noise: Array,
-) -> Array:
-    """Drawn errors (draws, k) of one fit, of all sources or of the ``active`` one."""
-    out = np.zeros((len(noise), shift.per_sd.shape[1]))
-    for what, per_sd in zip(shift.of, shift.per_sd):
-        if active in (None, what.source):
-            out += normal["both" if what.shared else disk, what.name][:, None] * per_sd
-    if active in (None, "noise"):
-        out += noise @ _root(shift.noise).T
-    return out
-
-
-def _root(covariance: Array) -> Array:
-    """A square root of a covariance that may be singular."""
-    values, vectors = np.linalg.eigh(covariance)
-    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
+def _together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Array, Array]:
+    """Errors of line, cooling and joint fit of a disk, (Q, 7) by a standard uncertainty of what the joint fit knows,
+    and a root (7, 7) of their noise; the compensated lag, which is the joint fit's, moves the cooling fit."""
+    per_sd = np.zeros((len(joint.of), 7))
+    per_sd[: len(line.of), :2], per_sd[: len(cooling.of), 2:4], per_sd[:, 4:] = (
+        line.per_sd,
+        cooling.per_sd,
+        joint.per_sd,
+    )
+    late = np.eye(7)
+    late[2:4, 6] = cooling.by_lag
+    return per_sd @ late.T, late @ block_diag(*(root_of(fit.noise) for fit in (line, cooling, joint)))
 
 
 @dataclass(frozen=True)
@@ -193,27 +189,24 @@ class CrossCheck:
 
 
 def cross_check(
-    values: dict[str, float],
-    draws: dict[str, Array],
-    steady: Estimate,
+    ways: Mapping[str, Estimate],
+    draws: Mapping[str, Array],
     tensions: Sequence[Tension] = (),
 ) -> CrossCheck:
     """Compare the ways to beta, given Monte Carlo ``draws`` of each that share their common errors.
 
-    ``values`` and ``draws`` have the same keys. The difference of two ways is judged against the spread of the
-    difference of their draws, so an error that moves both alike does not count. With several pairs the largest z is
-    judged by the chance that any of so many would be as large (``p_value`` from the draws themselves). ``tensions``
-    that contradict become named suspects. The ways agree when there is none and no pair is beyond ``SUSPECT_Z``.
+    ``ways``: the speed law's first; ``draws`` have their keys. The difference of two ways is judged against the spread
+    of the difference of their draws, so an error that moves both alike does not count. With several pairs the largest
+    z is judged by the chance that any of so many would be as large (``p_value`` from the draws themselves).
+    ``tensions`` that contradict become named suspects. The ways agree when there is none and no pair is beyond
+    ``SUSPECT_Z``.
     """
-    names = list(values)
-    pairs, zs = [], []
-    for i, one in enumerate(names):
-        for other in names[i + 1 :]:
-            gap = values[one] - values[other]
-            centred = draws[one] - draws[other]
-            spread = max(float(np.std(centred)), 1e-12)
-            pairs.append((one, other, float(gap), float(abs(gap) / spread)))
-            zs.append(np.abs(centred - centred.mean()) / spread)
+    values, pairs, zs = {way: e.value for way, e in ways.items()}, [], []
+    for one, other in combinations(ways, 2):
+        gap, centred = values[one] - values[other], draws[one] - draws[other]
+        spread = max(float(np.std(centred)), 1e-12)
+        pairs.append((one, other, gap, abs(gap) / spread))
+        zs.append(np.abs(centred - centred.mean()) / spread)
     worst = max(pairs, key=lambda row: row[3])
     largest = np.max(np.stack(zs), axis=0)
     p = float(np.mean(largest >= worst[3]))
@@ -222,6 +215,7 @@ def cross_check(
     suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
     most = min(tensions, key=lambda t: t.chance, default=None)
     strained = most if most is not None and most.chance < NOTED_CHANCE else None
+    steady = next(iter(ways.values()))
     numbers: dict[str, Any] = {
         "one": worst[0], "other": worst[1], "apart": abs(worst[2]), "z": worst[3], "low": min(values.values()),
         "high": max(values.values()), "steady": steady.value, "steady_u": steady.u,
@@ -251,49 +245,51 @@ def tensions(
     stated range about the one in use is no tension, outside it counts from the nearer end. What the sensor map suspects
     comes with the normal deviate of its odds.
     """
-    depths = _depths(sensors)
-    judged = {d for d in DISKS if sensors is not None and d in sensors.depths}
+    depths = {} if sensors is None else sensors.depths
+    pulled = [
+        (note("stated.depth", subject=d, channel=c, deeper_mm=1e3 * deeper.value, u_mm=1e3 * deeper.u), float(z))
+        for d, t in depths.items()
+        for (c, deeper), z in zip(t.deeper_m.items(), t.pull)
+    ]
     others = [
         (note("stated.value", subject=disk, name=what.name, source=what.source), z)
         for what, disk, z in both.pulls
-        if not (what.source == "junction depth" and disk in judged)
+        if not (what.source == "junction depth" and disk in depths)
     ]
     for name, fit in joint.items():
-        disk = test.disks[name]
-        lag = fit.estimates["lag_s"]
+        disk, lag = test.disks[name], fit.estimates["lag_s"]
         prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
         told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
         stated = note("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
         others.append((stated, float((lag.value - disk.common_lag_s) / told)))
-    n = both.estimates["exponent"]
-    outside = n.value - float(np.clip(n.value, *test.exponent_range))
-    others.append((note("stated.exponent", assumed=test.speed_exponent, implied=n.value, u=n.u), outside / n.u))
-    out = [Tension(stated, z, _chance(z, len(others)), OTHER_ALARM) for stated, z in others]
-    named = [] if sensors is None else [_named(s) for s in sensors.suspects]
-    return (*depths, *out, *named)
+    n, assumed, half = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range
+    outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
+    others.append((note("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
+    largest = largest_pulls([*depths.values()])
+    out = [Tension(f, z, chance_of(z, largest, len(pulled)), DEPTH_ALARM) for f, z in pulled]
+    for finding, z in others:  # how often the largest of so many independent normal deviates is at least |z|
+        one = min(2 * float(stats.norm.sf(abs(z))), 1 - 1e-9)
+        out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_ALARM))
+    for s in () if sensors is None else sensors.suspects:
+        fault = note("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
+        out.append(Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), LEAST_CHANCE, OTHER_ALARM))
+    return tuple(replace(t, chance=max(t.chance, LEAST_CHANCE)) for t in out)
 
 
-def _chance(z: float, count: int) -> float:
-    """How often the largest of ``count`` independent normal deviates is at least |z|."""
-    return float(max(-np.expm1(count * np.log1p(-min(2 * stats.norm.sf(abs(z)), 1 - 1e-9))), LEAST_CHANCE))
+def root_of(covariance: Array) -> Array:
+    """A square root of a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
-def _depths(sensors: SensorCheck | None) -> list[Tension]:
-    """Stated depths against where the test places the junctions."""
-    if sensors is None:
-        return []
-    tests = list(sensors.depths.values())
-    largest, count = largest_pulls(tests), sum(len(t.pull) for t in tests)
-    out = []
-    for t in tests:
-        for (channel, deeper), z in zip(t.deeper_m.items(), t.pull):
-            place: dict[str, Any] = {"channel": channel, "deeper_mm": 1e3 * deeper.value, "u_mm": 1e3 * deeper.u}
-            chance = max(chance_of(float(z), largest, count), LEAST_CHANCE)
-            out.append(Tension(note("stated.depth", subject=t.disk, **place), float(z), chance, DEPTH_ALARM))
-    return out
+def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
+    """Draws of the largest pull of all ``tests`` on sound disks, (PULL_DRAWS,)."""
+    rng = np.random.default_rng(seed)
+    pulls = [rng.standard_normal((PULL_DRAWS, len(t.pull))) @ root_of(t.correlation).T for t in tests]
+    return np.abs(np.hstack([np.zeros((PULL_DRAWS, 1)), *pulls])).max(axis=1)
 
 
-def _named(suspect: Suspect) -> Tension:
-    z = float(np.sqrt(2.0 * max(suspect.log_odds, 0.0)))
-    fault = note("stated.sensors", subject=suspect.disk, kind=suspect.kind, columns=suspect.columns)
-    return Tension(fault, z, LEAST_CHANCE, OTHER_ALARM)
+def chance_of(pull: float, largest: Array, count: int) -> float:
+    """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
+    seen = float(np.mean(largest >= abs(pull)))
+    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(stats.norm.sf(abs(pull))))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
@@ -33,9 +33,7 @@ LOADING_U_S = 0.5  # how long the load takes to come on is not known
 MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
 THICK_REL = 0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
 MODEL_K = 0.03
-DRAWS = 20_000
 LEAST_TOLD = 0.02
-LEAST_SEEN = 20
 SAME_GROUP_DEG = 60.0
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 PLACES = [*OUTER, *INNER]
@@ -240,20 +238,3 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
         for c, s, t in zip(CHANNELS, score, told)
     }
     return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m)
-
-
-def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
-    """Draws of the largest pull of all ``tests`` on sound disks, (DRAWS,)."""
-    rng = np.random.default_rng(seed)
-    largest = np.zeros(DRAWS)
-    for test in tests:
-        values, vectors = np.linalg.eigh(test.correlation)
-        root = vectors * np.sqrt(np.clip(values, 0.0, None))
-        largest = np.maximum(largest, np.abs(rng.standard_normal((DRAWS, len(values))) @ root.T).max(axis=1))
-    return largest
-
-
-def chance_of(pull: float, largest: Array, count: int) -> float:
-    """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
-    seen = float(np.mean(largest >= abs(pull)))
-    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(stats.norm.sf(abs(pull))))

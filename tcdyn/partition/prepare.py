@@ -68,11 +68,6 @@ class EhlTest:
         return 0.5 * sum(self.speeds_m_s)
 
     @property
-    def exponent_range(self) -> tuple[float, float]:
-        """Where n may lie: as wide as [uncertainty] says, about the exponent in use."""
-        return self.speed_exponent - self.exponent_half_range, self.speed_exponent + self.exponent_half_range
-
-    @property
     def speed_ratio(self) -> float:
         """u_f / u_s of the surface speeds under load."""
         return self.speeds_m_s[0] / self.speeds_m_s[1]

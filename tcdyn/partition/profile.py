@@ -202,15 +202,15 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
         value, deviance = own["value"].to_numpy(), own["deviance"].to_numpy()
         e = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
         low, high = crossing(value[::-1], deviance[::-1]), crossing(value, deviance)
-        seen = {"low_seen": float(value[0]), "high_seen": float(value[-1])}
+        first, last = float(value[0]), float(value[-1])
         off = [np.inf if end is None else abs(end - normal) for end, normal in ((low, e.low95), (high, e.high95))]
         differs = max(off) > NOTICEABLE * Z95 * e.u
         said = note(
             "joint.interval", subject=str(fit), parameter=parameter, u=e.u, low95=low, high95=high,
-            normal_low95=e.low95, normal_high95=e.high95, **seen,
+            normal_low95=e.low95, normal_high95=e.high95, low_seen=first, high_seen=last,
         )  # fmt: skip
         sentence = said.sentence if differs else ""
-        out.append(ProfileInterval(str(fit), str(parameter), e, low, high, **seen, differs=differs, sentence=sentence))
+        out.append(ProfileInterval(str(fit), str(parameter), e, low, high, first, last, differs, sentence))
     return tuple(out)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -59,20 +58,16 @@ class SteadyMap:
 
 @dataclass(frozen=True)
 class SpeedLawPoint:
-    """beta and both heat transfer coefficients [W/m2K] where the lines meet h_fast / h_slow = chi."""
+    """beta and both heat transfer coefficients [W/m2K] where the lines meet h_fast / h_slow = chi.
+
+    ``starts``: share and h [W/m2K] of each disk, for a transient fit to begin from.
+    """
 
     beta: float
     h_fast: float
     h_slow: float
     chi: float
-
-    @property
-    def starts(self) -> dict[str, tuple[float, float]]:
-        """Share and h [W/m2K] of each disk, for a transient fit to begin from."""
-        return {
-            "fast": (self.beta, max(self.h_fast, LEAST_H_W_M2K)),
-            "slow": (1 - self.beta, max(self.h_slow, LEAST_H_W_M2K)),
-        }
+    starts: Mapping[str, tuple[float, float]]
 
 
 def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
@@ -111,7 +106,9 @@ def speed_law(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponent: 
         )
     beta = speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi)
     h_fast = (beta - fast.intercept) / fast.slope
-    return SpeedLawPoint(beta, h_fast, h_fast / chi, chi)
+    least = LEAST_H_W_M2K
+    starts = {"fast": (beta, max(h_fast, least)), "slow": (1 - beta, max(h_fast / chi, least))}
+    return SpeedLawPoint(beta, h_fast, h_fast / chi, chi, starts)
 
 
 def exponent_sensitivity(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponents: Array) -> Array:
@@ -157,12 +154,8 @@ class DiskLine:
     """Map and line of one disk, and the error of (intercept, slope) per standard uncertainty of the unmeasured."""
 
     map: SteadyMap
+    line: SteadyLine
     shift: FitShift
-
-    @property
-    def line(self) -> SteadyLine:
-        """The line of least misfit."""
-        return self.map.line
 
 
 def disk_line(
@@ -187,7 +180,7 @@ def disk_line(
     spread = 2.0 * ((s / window.weight[steady]) ** 2).sum()  # twice: the boundary is noisy as well
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
-    return DiskLine(found, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))
+    return DiskLine(found, found.line, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))
 
 
 def steady_lines(
@@ -225,50 +218,29 @@ def _levelled(
     return replace(disk, inner_K=whole)
 
 
-@dataclass(frozen=True)
-class SurfaceMaxima:
-    """Maximum of the running track's mean temperature [degC] and (T_fast - T_slow) u_s [K m/s] (figure 7.18).
+def surface_temperatures(
+    test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow], draws: Mapping[str, Array]
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Maxima of the running tracks' mean temperature over the last seconds under load, and their Monte Carlo draws.
 
-    ``slopes``: of each disk's maximum by share [K] and by h [K per W/m2K], for the budget.
+    "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
+    places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
     """
-
-    fast_max_degC: float
-    slow_max_degC: float
-    delta_T_us: float
-    slopes: Mapping[str, tuple[float, float]]
-
-    def draws(self, speed: SpeedLawPoint, drawn: Mapping[str, Array], sliding_m_s: float) -> dict[str, Array]:
-        """Monte Carlo draws of the three numbers, from those of beta, h_fast and h_slow."""
-        hottest = []
-        for d, sign, at, h in (
-            ("fast", 1, self.fast_max_degC, speed.h_fast),
-            ("slow", -1, self.slow_max_degC, speed.h_slow),
-        ):
-            by_share, by_h = self.slopes[d]
-            more = sign * by_share * (drawn["speed law"] - speed.beta) + by_h * (drawn[f"h_{d}"] - h)
-            hottest.append(at + more)
-        fast, slow = hottest
-        return {"surface fast": fast, "surface slow": slow, "delta_T_us": (fast - slow) * sliding_m_s}
-
-
-def surface_temperatures(test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow]) -> SurfaceMaxima:
-    """Surface maxima over the last seconds under load; the centre of the track is the hottest place."""
-    found, slopes = {}, {}
-    for disk, h, share in (("fast", speed.h_fast, speed.beta), ("slow", speed.h_slow, 1 - speed.beta)):
-        to_parting = windows[disk].at_s - test.events.unload_s
+    values: dict[str, float] = {}
+    drawn: dict[str, Array] = {}
+    for d, h, share, sign in (("fast", speed.h_fast, speed.beta, 1), ("slow", speed.h_slow, 1 - speed.beta, -1)):
+        rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
         last = (to_parting >= -LAST_S) & (to_parting < -0.2)
-        rest, power = _track(windows[disk], max(h, 0.0), last)
-        hottest = int(np.argmax(rest + share * power))
+        places = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m)
         step = 0.01 * max(h, 10.0)
-        rest_up, power_up = _track(windows[disk], max(h, 0.0) + step, last)
-        found[disk] = float(rest[hottest] + share * power[hottest])
-        moved = float(rest_up[hottest] + share * power_up[hottest])
-        slopes[disk] = (float(power[hottest]), (moved - found[disk]) / step)
-    return SurfaceMaxima(found["fast"], found["slow"], (found["fast"] - found["slow"]) * test.sliding_speed_m_s, slopes)
-
-
-def _track(window: DiskWindow, h: float, last: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Mean surface temperature without heat and per share at nine places across the track."""
-    extra = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * window.rim.setup.width_m)
-    rest, power = window.rim.answer(h, extra=extra)
-    return rest[last, 3:].mean(axis=0), power[last, 3:].mean(axis=0)
+        answers = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
+        rest, power = (x[:, last, 3:].mean(axis=1) for x in answers)
+        track = rest + share * power  # (2, 9)
+        k = int(np.argmax(track[0]))
+        by_h = (track[1, k] - track[0, k]) / step
+        more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
+        values[f"surface {d}"], drawn[f"surface {d}"] = float(track[0, k]), track[0, k] + more
+    u_s = test.sliding_speed_m_s
+    values["delta_T_us"] = (values["surface fast"] - values["surface slow"]) * u_s
+    drawn["delta_T_us"] = (drawn["surface fast"] - drawn["surface slow"]) * u_s
+    return values, drawn

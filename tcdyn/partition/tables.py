@@ -12,7 +12,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded, with_u
 from calibration.words import as_known
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.cooling import compensated, cooling_fit
+from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import intervals
 from tcdyn.partition.window import stretch_of
@@ -39,12 +39,13 @@ def ways_table(p: Partition) -> pd.DataFrame:
         more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
         table.append(row | {key: with_u(e.value, e.u) if e else "" for key, e in more.items()})
 
-    for d, h in zip(DISKS, (p.speed.h_fast, p.speed.h_slow)):
-        way(f"speed law, {d} disk", p.estimate("speed law", p.speed.beta), p.estimate(f"h_{d}", h))
-    for kind, fits in (("cooling", p.cooling), ("joint", p.joint)):
-        for d, fit in fits.items():
-            beta, h_fit = p.estimate(f"{kind} {d}", fit.beta), p.estimate(f"h {kind} {d}", fit.h_W_m2K)
-            way(f"{kind} fit, {d} disk", beta, h_fit, p.joint[d].estimates["lag_s"] if kind == "joint" else None)
+    a = p.answers
+    for d in DISKS:
+        way(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"])
+    for kind, lag in (("cooling", False), ("joint", True)):
+        for d in DISKS:
+            lag_s = p.joint[d].estimates["lag_s"] if lag else None
+            way(f"{kind} fit, {d} disk", a[f"{kind} {d}"], a[f"h {kind} {d}"], lag_s)
     both = p.both.estimates
     for d in DISKS:
         way(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=both["exponent"])
@@ -70,11 +71,6 @@ def _u(u: float) -> str:
 def test_table(p: Partition) -> pd.DataFrame:
     """The test's conditions."""
     t = p.test
-    drawn = {
-        "hottest surface, fast disk": ("surface fast", p.surface.fast_max_degC, "°C"),
-        "hottest surface, slow disk": ("surface slow", p.surface.slow_max_degC, "°C"),
-        "their difference times sliding speed, ΔT u_s": ("delta_T_us", p.surface.delta_T_us, "K m/s"),
-    }
     parting = with_u(t.events.unload_s, t.events.unload_u_s)
     plain = [
         ("load", f"{t.load_N:.0f}", "N"),
@@ -86,9 +82,12 @@ def test_table(p: Partition) -> pd.DataFrame:
         ("load on at", f"{t.events.load_on_s:.2f}", "s"),
         ("unloading at", parting, "s"),
     ]
-    for word, (key, value, unit) in drawn.items():
-        estimate = p.estimate(key, value)
-        plain.append((word, with_u(estimate.value, estimate.u), unit))
+    for word, key, unit in (
+        ("hottest surface, fast disk", "surface fast", "°C"),
+        ("hottest surface, slow disk", "surface slow", "°C"),
+        ("their difference times sliding speed, ΔT u_s", "delta_T_us", "K m/s"),
+    ):
+        plain.append((word, str(p.answers[key]), unit))
     return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
 
 
@@ -131,28 +130,23 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
 def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -> list[dict[str, object]]:
     test, line, lag, at = p.test, p.lines[name], p.joint[name].estimates["lag_s"], p.cooling[name]
     cooled = compensated(test, test.disks[name], rows, p.chains[name], lag.u, p.windows[name].rim.profile)
-    errors = cooled.errors(at.share, at.h_W_m2K)
+    errors = cooling_errors(cooled, at.share, at.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:
-        row: dict[str, object] = {"disk": name, "window_s": length, "within_lag": length < lag.value}
+        found = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
         try:
             fit = cooling_fit(cooled.window, line.line, test.events.unload_s, length, cooled.noise_K)
         except InputError:
-            empty = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
-            out.append(row | empty)
-            continue
-        shift = fit.shift(errors, line)
-        u_share, u_h = np.sqrt((shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2)
-        out.append(
-            row
-            | {
-                "beta": fit.beta,
-                "u_beta": float(u_share),
-                "h_W_m2K": fit.h_W_m2K,
-                "u_h_W_m2K": float(u_h),
+            pass
+        else:
+            shift = cooling_shift(fit, *errors, line)
+            variance = (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
+            u_share, u_h = (float(u) for u in np.sqrt(variance))
+            found = {
+                "beta": fit.beta, "u_beta": u_share, "h_W_m2K": fit.h_W_m2K, "u_h_W_m2K": u_h,
                 "misfit_K": fit.misfit_K,
-            }
-        )
+            }  # fmt: skip
+        out.append({"disk": name, "window_s": length, "within_lag": length < lag.value, **found})
     return out
 
 
@@ -163,25 +157,22 @@ def referee_table(partition: Partition) -> pd.DataFrame:
     count; ``z`` = difference / u_difference; ``agree`` below two.
     """
     rows = []
-    draws = partition.budget.draws
     for d in DISKS:
-        cooling, joint = partition.cooling[d], partition.joint[d]
-        for quantity, one, other, key in (
-            ("beta", cooling.beta, joint.beta, ""),
-            ("h_W_m2K", cooling.h_W_m2K, joint.h_W_m2K, "h "),
-        ):
-            a, b = draws[f"{key}cooling {d}"], draws[f"{key}joint {d}"]
-            u = float(np.std(a - b))
-            z = (one - other) / max(u, 1e-12)
+        for quantity, key in (("beta", ""), ("h_W_m2K", "h ")):
+            ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
+            one, other = (partition.answers[way] for way in ways)
+            a, b = (partition.budget.draws[way] for way in ways)
+            gap, u = one.value - other.value, float(np.std(a - b))
+            z = gap / max(u, 1e-12)
             rows.append(
                 {
                     "disk": d,
                     "quantity": quantity,
-                    "compensated": one,
-                    "u_compensated": float(np.std(a)),
-                    "commuted": other,
-                    "u_commuted": float(np.std(b)),
-                    "difference": one - other,
+                    "compensated": one.value,
+                    "u_compensated": one.u,
+                    "commuted": other.value,
+                    "u_commuted": other.u,
+                    "difference": gap,
                     "u_difference": u,
                     "correlation": float(np.corrcoef(a, b)[0, 1]),
                     "z": z,

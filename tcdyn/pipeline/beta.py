@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files import read_numbers, sha256
 from calibration.finding import look
@@ -78,17 +79,13 @@ def estimate_beta(
 
 def summary_of(p: Partition) -> str:
     """beta, h and lag by every way, and the verdict."""
-    speed = p.estimate("speed law", p.speed.beta)
-    lines = [
-        f"speed law     beta {speed}   h_fast {p.estimate('h_fast', p.speed.h_fast)}   "
-        f"h_slow {p.estimate('h_slow', p.speed.h_slow)} W/m2K"
-    ]
-    for d, fit in p.cooling.items():
-        beta, h = p.estimate(f"cooling {d}", fit.beta), p.estimate(f"h cooling {d}", fit.h_W_m2K)
-        lines.append(f"cooling {d}  beta {beta}   h {h} W/m2K")
-    for d, joint in p.joint.items():
-        beta, h = p.estimate(f"joint {d}", joint.beta), p.estimate(f"h joint {d}", joint.h_W_m2K)
-        lines.append(f"joint {d}    beta {beta}   h {h} W/m2K   lag {joint.estimates['lag_s']} s")
+    a = p.answers
+    lines = [f"speed law     beta {a['speed law']}   h_fast {a['h_fast']}   h_slow {a['h_slow']} W/m2K"]
+    lines += [f"cooling {d}  beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K" for d in DISKS]
+    for d, fit in p.joint.items():
+        lines.append(
+            f"joint {d}    beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {fit.estimates['lag_s']} s"
+        )
     return "\n".join([*lines, p.crosscheck.sentence])
 
 

@@ -115,9 +115,10 @@ def compare_with_truth(
     for name, beta in tests.items():
         p, true = beta.partition, truth["tests"][name]
         for way, value in p.ways.items():
-            add(f"{name} beta, {way}", "1", value, p.estimate(way, value).u, true["beta"])
-        add(f"{name} h fast, speed law", "W/m2K", p.speed.h_fast, p.estimate("h_fast", 0).u, true["h_fast"])
-        add(f"{name} h slow, speed law", "W/m2K", p.speed.h_slow, p.estimate("h_slow", 0).u, true["h_slow"])
+            add(f"{name} beta, {way}", "1", value.value, value.u, true["beta"])
+        for d in DISKS:
+            h = p.answers[f"h_{d}"]
+            add(f"{name} h {d}, speed law", "W/m2K", h.value, h.u, true[f"h_{d}"])
         for disk in DISKS:
             lag = p.joint[disk].estimates["lag_s"]
             add(f"{name} {disk} common lag, unloading", "s", lag.value, lag.u, truth[disk]["common_lag_s"])

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calibration.disk import CHANNELS, DISKS
-from calibration.estimate import Z95
+from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
 from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, dressed
@@ -45,11 +45,14 @@ def draw_lines(p: Partition, ax: Axes) -> Axes:
         beta = share if disk == "fast" else 1 - share
         word = "β = A + B h" if disk == "fast" else "β = 1 - (C + D h)"
         ax.plot(h, beta, color=colour, linestyle=DISK_LINE[disk], label=f"{disk} steady line, {word}")
-        h_speed = p.speed.h_fast if disk == "fast" else p.speed.h_slow
-        fit, joint = p.cooling[disk], p.joint[disk]
-        _point(p, ax, f"h_{disk}", h_speed, "speed law", p.speed.beta, 0, colour, f"speed law, {disk}")
-        _point(p, ax, f"h cooling {disk}", fit.h_W_m2K, f"cooling {disk}", fit.beta, 1, colour, f"cooling fit, {disk}")
-        _point(p, ax, f"h joint {disk}", joint.h_W_m2K, f"joint {disk}", joint.beta, 2, colour, f"joint fit, {disk}")
+        for way, (h_key, key, word) in enumerate(
+            (
+                (f"h_{disk}", "speed law", "speed law"),
+                (f"h cooling {disk}", f"cooling {disk}", "cooling fit"),
+                (f"h joint {disk}", f"joint {disk}", "joint fit"),
+            )
+        ):
+            _point(ax, p.answers[h_key], p.answers[key], way, colour, f"{word}, {disk}")
     ax.set_xlim(0, top)
     return dressed(
         ax,
@@ -60,13 +63,11 @@ def draw_lines(p: Partition, ax: Axes) -> Axes:
     )
 
 
-def _point(
-    p: Partition, ax: Axes, h_key: str, h: float, key: str, beta: float, way: int, colour: str, label: str
-) -> None:
+def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, colour: str, label: str) -> None:
     """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
-    draws, (marker, size) = p.budget.draws, (("o", 14), ("s", 9), ("^", 5))[way]
+    marker, size = (("o", 14), ("s", 9), ("^", 5))[way]
     ax.errorbar(
-        h, beta, xerr=Z95 * float(np.std(draws[h_key])), yerr=Z95 * float(np.std(draws[key])), fmt=marker,
+        h.value, beta.value, xerr=Z95 * h.u, yerr=Z95 * beta.u, fmt=marker,
         color=colour, markerfacecolor=colour if way == 2 else "white", markersize=size, capsize=3 + 2 * (2 - way),
         linewidth=0.9, zorder=3 + way, label=label,
     )  # fmt: skip
@@ -74,15 +75,18 @@ def _point(
 
 def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     """beta by every way with its 95 % interval; a simulation's truth as a line."""
-    rows = [(name, value, p.estimate(name, value).u) for name, value in p.ways.items()]
-    both = p.both.estimates["beta"]
-    rows.append(("joint, both disks", both.value, both.u))
-    for k, (name, value, u) in enumerate(reversed(rows)):
+    rows = [*p.ways.items(), ("joint, both disks", p.both.estimates["beta"])]
+    for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
         ax.errorbar(
-            value, k, xerr=Z95 * u, fmt=DISK_MARKER.get(disk, "D"), color=DISK_COLOUR.get(disk, "black"), capsize=3
+            beta.value,
+            k,
+            xerr=Z95 * beta.u,
+            fmt=DISK_MARKER.get(disk, "D"),
+            color=DISK_COLOUR.get(disk, "black"),
+            capsize=3,
         )
-    ax.set_yticks(range(len(rows)), [_way_words(name) for name, _, _ in reversed(rows)])
+    ax.set_yticks(range(len(rows)), [_way_words(name) for name, _ in reversed(rows)])
     if truth is not None:
         ax.axvline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
         ax.legend(frameon=False, fontsize=8)

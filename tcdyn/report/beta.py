@@ -179,7 +179,7 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
 
 def verdict(p: Partition) -> str:
     """The answer first, then whether the ways to it agree."""
-    beta = p.estimate("speed law", p.speed.beta)
+    beta = p.answers["speed law"]
     low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
     return f"β = {beta} by the speed law (95 %: {low} to {high}). {p.crosscheck.sentence}"
 

@@ -25,7 +25,7 @@ def one(seed: int, test: str) -> dict[str, float | str]:
     seconds = time.process_time() - start
     told = made.told
     out: dict[str, float | str] = {"test": test, "seed": seed}
-    out |= {way: value - told["beta"] for way, value in p.ways.items()}
+    out |= {way: value.value - told["beta"] for way, value in p.ways.items()}
     out["both"] = p.both.estimates["beta"].value - told["beta"]
     out |= {"h fast": p.speed.h_fast / told["h_fast"] - 1, "h slow": p.speed.h_slow / told["h_slow"] - 1}
     for disk in ("fast", "slow"):

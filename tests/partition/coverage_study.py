@@ -32,8 +32,8 @@ def one(seed: int, test: str = "B3") -> dict[str, float]:
         return {"failed": 1.0}
     out: dict[str, float] = {"failed": 0.0}
     for way, value in p.ways.items():
-        u = p.estimate(way, value).u
-        out[f"error {way}"], out[f"z {way}"] = value - told["beta"], (value - told["beta"]) / u
+        gap = value.value - told["beta"]
+        out[f"error {way}"], out[f"z {way}"] = gap, gap / value.u
     both = p.both.estimates["beta"]
     out["error both"], out["z both"] = both.value - told["beta"], (both.value - told["beta"]) / both.u
     for disk in ("fast", "slow"):
@@ -42,9 +42,9 @@ def one(seed: int, test: str = "B3") -> dict[str, float]:
         out[f"error lag {disk}"], out[f"z lag {disk}"] = gap, gap / lag.u
         h = p.joint[disk].estimates["h"]
         out[f"z h joint {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
-        value = p.speed.h_fast if disk == "fast" else p.speed.h_slow
-        out[f"error h {disk}"] = value / told[f"h_{disk}"] - 1
-        out[f"z h speed {disk}"] = (value - told[f"h_{disk}"]) / p.estimate(f"h_{disk}", value).u
+        h = p.answers[f"h_{disk}"]
+        out[f"error h {disk}"] = h.value / told[f"h_{disk}"] - 1
+        out[f"z h speed {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
     n = p.both.estimates["exponent"]
     out["z exponent"] = (n.value - made.truth.speed_exponent) / n.u
     out["z check"] = p.crosscheck.z

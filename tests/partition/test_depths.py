@@ -12,8 +12,16 @@ from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
 from calibration.finding import note
 from calibration.log import read_log
-from tcdyn.partition.crosscheck import DEPTH_ALARM, OTHER_ALARM, Tension, cross_check, tensions
-from tcdyn.partition.faults import DepthTest, chance_of, largest_pulls
+from tcdyn.partition.crosscheck import (
+    DEPTH_ALARM,
+    OTHER_ALARM,
+    Tension,
+    chance_of,
+    cross_check,
+    largest_pulls,
+    tensions,
+)
+from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.prepare import EhlTest, FrictionAdded, prepare
 from tcdyn.partition.sensors import check_sensors
 from tests.conftest import Campaign
@@ -75,18 +83,17 @@ def test_pulls_that_go_together_count_for_fewer() -> None:
 
 def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -> None:
     draws = {n: np.random.default_rng(k).normal(0.66, 0.01, 5000) for k, n in enumerate(("speed law", "joint fast"))}
-    values = {"speed law": 0.66, "joint fast": 0.665}
-    steady = Estimate.normal(0.66, 0.01)
-    remark = cross_check(values, draws, steady, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_ALARM)])
+    ways = {"speed law": Estimate.normal(0.66, 0.01), "joint fast": Estimate.normal(0.665, 0.01)}
+    remark = cross_check(ways, draws, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_ALARM)])
     assert remark.agree
     assert remark.strained is not None
     assert (remark.finding.numbers["strained_z"], remark.finding.numbers["chance"]) == (2.4, 0.2)
     assert "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)" in remark.sentence
-    alarm = cross_check(values, draws, steady, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_ALARM)])
+    alarm = cross_check(ways, draws, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_ALARM)])
     assert not alarm.agree
     assert alarm.finding.code == "ways.contradicted"
     assert alarm.finding.numbers["suspects"] == (DEPTH_E.sentence,)
-    quiet = cross_check(values, draws, steady, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_ALARM)])
+    quiet = cross_check(ways, draws, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_ALARM)])
     assert quiet.strained is None
 
 
