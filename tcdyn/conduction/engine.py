@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
-from tcdyn.conduction.modal import INPUTS, Spectrum, boundary_shapes, forcing, rim_gains, spectrum
+from tcdyn.conduction.modal import INPUTS, Spectrum, forcing, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, Switch, cardinal, lag_bank, node_rates
 
 
@@ -106,7 +106,7 @@ def fields_at(
     banks[0] *= share
     weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
     amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(INPUTS), -1), banks @ weights.T)
-    inner = drive.inputs[at] @ boundary_shapes(s)
+    inner = drive.inputs[at] @ s.boundary
     return _nodal(s, amplitude.reshape(len(at), *s.rates.shape), inner)
 
 
@@ -132,7 +132,7 @@ def step_fields(
     old, new = (np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after))
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
-    return _nodal(s, amplitude, np.asarray(after, dtype=float) @ boundary_shapes(s))
+    return _nodal(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
 
 
 def free_decay(

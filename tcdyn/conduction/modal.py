@@ -20,7 +20,7 @@ from scipy.linalg import eigh_tridiagonal
 
 from calibration import Array
 from calibration.errors import InputError
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal, flux_density, profile_basis
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
 INPUTS = ("power_W", "d", "b", "f", "ambient")
 SPLIT_INPUTS = ("power_W", "d", "b", "f", "ambient_rim", "ambient_d_side", "ambient_f_side")
@@ -54,23 +54,22 @@ class Spectrum:
     """The rim's modes: rates lam_r (m,), lam_z (n,) [1/s], their nodal values, and what drives them.
 
     shape_r (nr-1, m) and shape_z (nz, n) are nodal values of modes of unit norm in the scheme's inner product.
-    force_r (4, m): power at R_o, temperature at R_i, everywhere, ambient at R_o. force_z (9, n), by source: flux, the
-    five shapes of ``profile``, one, face d, face f. profile (5, nz): temperature along R_i for a unit of d, b, f and
-    of the air behind either washer.
+    rates (m, n) of every mode, lam_r + lam_z. force_r (4, m): power at R_o, temperature at R_i, everywhere, ambient at
+    R_o. force_z (9, n), by source: flux, the five shapes of ``profile``, one, face d, face f. profile (5, nz):
+    temperature along R_i for a unit of d, b, f and of the air behind either washer; boundary (I, nz): the same for a
+    unit of every input. collect (I, 9): which sources belong to which input.
     """
 
     lam_r: Array
     lam_z: Array
+    rates: Array
     shape_r: Array
     shape_z: Array
     force_r: Array
     force_z: Array
     profile: Array
-
-    @property
-    def rates(self) -> Array:
-        """Rate of every mode (m, n), lambda_r + lambda_z [1/s]."""
-        return np.asarray(self.lam_r[:, None] + self.lam_z)
+    boundary: Array
+    collect: Array
 
 
 def outer_source(rim: Rim, n: int) -> float:
@@ -91,8 +90,13 @@ def _modes(diagonal: Array, coupling: Array, weight: Array) -> tuple[Array, Arra
     return lam, v, np.sqrt(weight)
 
 
-def spectrum(rim: Rim, h: float, half_width: float, profile: Profile, flux: Flux, mesh: Mesh) -> Spectrum:
-    """Modes and projections of the scheme at the surface's ``h`` [W/m2K], with the contact's ``half_width`` [m]."""
+def spectrum(
+    rim: Rim, h: float, half_width: float, profile: Profile, flux: Flux, mesh: Mesh, split: bool = False
+) -> Spectrum:
+    """Modes and projections of the scheme at the surface's ``h`` [W/m2K], with the contact's ``half_width`` [m].
+
+    Five inputs, or seven where the air has three temperatures (``split``).
+    """
     n, ri, ro, alpha = mesh.nr, rim.inner_radius_m, rim.outer_radius_m, rim.diffusivity_m2_s
     dr = rim.thickness_m / (n - 1)
     r = ri + dr * np.arange(1, n)  # node 0 carries the imposed profile
@@ -106,7 +110,12 @@ def spectrum(rim: Rim, h: float, half_width: float, profile: Profile, flux: Flux
     inner = alpha * half[0] / (r[0] * dr**2)  # heating rate of node 1 by a unit temperature of node 0
     force_r = np.stack([last * outer / (2 * np.pi * ro), first * inner, scale @ v, last * outer * h])
     lam_z, shape_z, force_z, basis = _axial(rim, half_width, profile, flux, mesh)
-    return Spectrum(lam_r, lam_z, v / scale[:, None], shape_z, force_r, force_z, basis)
+    whose = SOURCE_INPUT if split else np.minimum(SOURCE_INPUT, 4)
+    collect: Array = np.asarray(np.arange(7 if split else 5)[:, None] == whose, dtype=float)
+    return Spectrum(
+        lam_r, lam_z, lam_r[:, None] + lam_z, v / scale[:, None], shape_z, force_r, force_z, basis,
+        collect[:, 1:6] @ basis, collect,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=256)
@@ -130,6 +139,51 @@ def _axial(rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
     eye = np.eye(n)
     sources = np.vstack([flux_density(flux, half_width, w, n), basis, np.ones(n), face * eye[0], face * eye[-1]])
     return lam, shape, (sources * scale) @ v, basis
+
+
+def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
+    """Mean over each node's cell of the unit-power flux density across the track (n,) [1/m]; it sums to 1/dz.
+
+    Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); or the user's own
+    shape of z', scaled to unit power. Each cell gets its exact integral, so no heat is lost to the mesh. The half
+    cells at the faces count half.
+    """
+    edges = np.clip((np.arange(n + 1) - 0.5) * (width / (n - 1)), 0.0, width) - width / 2
+    cells = np.diff(edges)
+    if callable(flux):
+        x, w = np.polynomial.legendre.leggauss(12)
+        at = edges[:-1, None] + cells[:, None] * (x + 1) / 2
+        heat = np.asarray(flux(at), dtype=float) @ w / 2 * cells
+        return np.asarray(heat / heat.sum() / cells)
+    if not 0 < half_width <= width / 2 + 1e-12:
+        raise InputError(f"the contact's half-width {half_width} m must lie between 0 and half the width {width / 2} m")
+    s = np.clip(edges / half_width, -1.0, 1.0)
+    total = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
+    return np.asarray(np.diff(total) / cells)
+
+
+def profile_basis(
+    kind: Profile, z: Array, at: tuple[float, float, float], width: float, lowest: Array, reading: Array
+) -> Array:
+    """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two; ``width`` in m.
+
+    "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions
+    of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (3, nz).
+    """
+
+    def shapes(t: Array) -> Array:
+        if kind == "quadratic":
+            return np.asarray(np.vander(t, 3, increasing=True), dtype=float)
+        # zero slope at 0 and 1 leaves three of the quartic's five
+        return np.stack([np.ones_like(t), t**2 * (3 - 2 * t), t**2 * (1 - t) ** 2], axis=1)
+
+    if kind not in ("modal", "quadratic", "quartic"):
+        raise InputError(f"profile {kind!r} is unknown", expected="quadratic, quartic or modal")
+    if kind == "modal":
+        free, seen = lowest, reading @ lowest
+    else:
+        free, seen = shapes(z / width), shapes(np.asarray(at) / width)
+    return np.asarray((free @ np.linalg.inv(seen)).T)
 
 
 @lru_cache(maxsize=16)
@@ -159,21 +213,10 @@ def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Ar
     return reading_weights(in_r, mesh.nr), reading_weights(in_z, mesh.nz)
 
 
-def by_input(split: bool) -> Array:
-    """(I, 9): which sources belong to which of the five inputs, or seven where the air has three temperatures."""
-    whose = SOURCE_INPUT if split else np.minimum(SOURCE_INPUT, 4)
-    return np.asarray(np.arange(7 if split else 5)[:, None] == whose, dtype=float)
-
-
-def forcing(s: Spectrum, split: bool = False) -> Array:
+def forcing(s: Spectrum) -> Array:
     """Steady amplitude (I, m, n) of every mode for a unit of every input."""
     sources = s.force_r[SOURCE_R][:, :, None] * s.force_z[:, None, :]
-    return np.asarray(np.tensordot(by_input(split), sources, axes=1) / s.rates)
-
-
-def boundary_shapes(s: Spectrum, split: bool = False) -> Array:
-    """Temperature along R_i (I, nz) for a unit of every input."""
-    return np.asarray(by_input(split)[:, 1:6] @ s.profile)
+    return np.asarray(np.tensordot(s.collect, sources, axes=1) / s.rates)
 
 
 def rim_gains(
@@ -204,10 +247,10 @@ def rim_gains(
     """
     if not h_W_m2K >= 0:
         raise InputError(f"rim_gains: h_W_m2K must not be negative; got {h_W_m2K}")
-    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
+    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh, split_ambient)
     read_r, read_z = readings(rim, tuple(points), mesh)
     at_r, at_z = read_r[:, 1:] @ s.shape_r, read_z @ s.shape_z
-    lam, collect = s.rates, by_input(split_ambient)
+    lam, collect = s.rates, s.collect
     if lam.min() < rates[0]:
         raise InputError(
             f"the rim's slowest mode {lam.min():.3g} 1/s is below the bank's lowest {rates[0]:.3g}",
@@ -221,5 +264,5 @@ def rim_gains(
     steady = (at_r * s.force_r[:, None, :]) @ (1 / lam) * at_z
     whole = collect @ np.einsum("spn,sn->sp", steady[SOURCE_R], s.force_z)
     gains[:, :, -1] += whole - slow.sum(axis=2)
-    direct = read_r[:, 0] * (boundary_shapes(s, split_ambient) @ read_z.T)
+    direct = read_r[:, 0] * (s.boundary @ read_z.T)
     return RimGains(SPLIT_INPUTS if split_ambient else INPUTS, tuple(points), rates, gains, direct)

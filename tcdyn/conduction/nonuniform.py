@@ -13,10 +13,8 @@ from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.modal import (
     INPUTS,
-    SPLIT_INPUTS,
     RimGains,
     Spectrum,
-    boundary_shapes,
     forcing,
     outer_source,
     readings,
@@ -54,7 +52,6 @@ def rim_gains_nonuniform(
     profile: Profile = "modal",
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
-    split_ambient: bool = False,
 ) -> RimGains:
     """``rim_gains`` for a film that varies along z, one value per z node (``film_in_steps``).
 
@@ -65,7 +62,7 @@ def rim_gains_nonuniform(
     film = np.asarray(film_W_m2K, dtype=float)
     if film.shape != (mesh.nz,) or film.min() < 0:
         raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
-    s, coupling, rows = _coupled(rim, film, half_width_m, profile, flux, mesh, split_ambient)
+    s, coupling, rows = _coupled(rim, film, half_width_m, profile, flux, mesh)
     surface = s.shape_r[-1] * np.sqrt(surface_weight(rim, mesh.nr))  # last entry of each unit-norm r-mode
     lam = s.rates
     exact = _steady(rows / lam, surface, lam, coupling)
@@ -78,12 +75,12 @@ def rim_gains_nonuniform(
     answer = ((rows[:, keep] @ turn) / rate)[:, None, :] * (seen[:, keep] @ turn)[None]
     gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
-    direct = read_r[:, 0] * (boundary_shapes(s, split_ambient) @ read_z.T)
-    return RimGains(SPLIT_INPUTS if split_ambient else INPUTS, tuple(points), rates, gains, direct)
+    direct = read_r[:, 0] * (s.boundary @ read_z.T)
+    return RimGains(INPUTS, tuple(points), rates, gains, direct)
 
 
 def _coupled(
-    rim: Rim, film: Array, half_width: float, profile: Profile, flux: Flux, mesh: Mesh, split: bool
+    rim: Rim, film: Array, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 ) -> tuple[Spectrum, Array, Array]:
     """Modes of the mean film, its variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
     mean = float(film.mean())
@@ -93,7 +90,7 @@ def _coupled(
     unit = s.shape_z * np.sqrt(weight)[:, None]
     varying = outer_source(rim, mesh.nr) * (film - mean)
     coupling = unit.T @ (varying[:, None] * unit)
-    rows = forcing(s, split) * s.rates
+    rows = forcing(s) * s.rates
     rows[4] += np.outer(s.shape_r[-1] * surface_weight(rim, mesh.nr), (varying * np.sqrt(weight)) @ unit)
     return s, coupling, rows
 

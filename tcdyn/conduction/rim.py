@@ -61,7 +61,7 @@ class Rim:
     boundary_z_m: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        if not 0 <= self.inner_radius_m < self.outer_radius_m <= MAX_LENGTH_M:
+        if not (self.inner_radius_m >= 0 and self.thickness_m > 0 and self.outer_radius_m <= MAX_LENGTH_M):
             raise InputError(
                 f"Rim: the inner radius {self.inner_radius_m} m must be below the outer {self.outer_radius_m} m"
             )
@@ -120,51 +120,6 @@ def correction_factor(half_width_m: float, nz: int, width_m: float) -> float:
     """
     n = 2 * round(half_width_m / (width_m / (nz - 1)))
     return n**2 / (n**2 - 1)
-
-
-def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
-    """Mean over each node's cell of the unit-power flux density across the track (n,) [1/m]; it sums to 1/dz.
-
-    Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); or the user's own
-    shape of z', scaled to unit power. Each cell gets its exact integral, so no heat is lost to the mesh. The half
-    cells at the faces count half.
-    """
-    edges = np.clip((np.arange(n + 1) - 0.5) * (width / (n - 1)), 0.0, width) - width / 2
-    cells = np.diff(edges)
-    if callable(flux):
-        x, w = np.polynomial.legendre.leggauss(12)
-        at = edges[:-1, None] + cells[:, None] * (x + 1) / 2
-        heat = np.asarray(flux(at), dtype=float) @ w / 2 * cells
-        return np.asarray(heat / heat.sum() / cells)
-    if not 0 < half_width <= width / 2 + 1e-12:
-        raise InputError(f"the contact's half-width {half_width} m must lie between 0 and half the width {width / 2} m")
-    s = np.clip(edges / half_width, -1.0, 1.0)
-    total = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
-    return np.asarray(np.diff(total) / cells)
-
-
-def profile_basis(
-    kind: Profile, z: Array, at: tuple[float, float, float], width: float, lowest: Array, reading: Array
-) -> Array:
-    """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two; ``width`` in m.
-
-    "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions
-    of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (3, nz).
-    """
-
-    def shapes(t: Array) -> Array:
-        if kind == "quadratic":
-            return np.asarray(np.vander(t, 3, increasing=True), dtype=float)
-        # zero slope at 0 and 1 leaves three of the quartic's five
-        return np.stack([np.ones_like(t), t**2 * (3 - 2 * t), t**2 * (1 - t) ** 2], axis=1)
-
-    if kind not in ("modal", "quadratic", "quartic"):
-        raise InputError(f"profile {kind!r} is unknown", expected="quadratic, quartic or modal")
-    if kind == "modal":
-        free, seen = lowest, reading @ lowest
-    else:
-        free, seen = shapes(z / width), shapes(np.asarray(at) / width)
-    return np.asarray((free @ np.linalg.inv(seen)).T)
 
 
 @dataclass(frozen=True)
@@ -254,7 +209,13 @@ def lag_bank(
     start = np.full(len(rates), u[0]) if initial is None else np.asarray(initial, dtype=float)
     out = np.empty((len(rates), len(u)))
     out[:, 0] = start
-    extra = np.array([_switch_extra(s, u, dt_s, rates) for s in switches]).reshape(len(switches), len(rates))
+    whole = -np.expm1(-rates * dt_s)
+    extra = []  # what a jump inside a sample adds to the plain hold
+    for s in switches:
+        if not (0 <= s.index < len(u) - 1 and 0 <= s.fraction <= 1):
+            raise InputError(f"lag_bank: {s} lies outside a record of {len(u)} samples")
+        late = -np.expm1(-rates * dt_s * (1 - s.fraction))
+        extra.append(s.before * (whole - late) + s.after * late - u[s.index] * whole)
     for k, rate in enumerate(rates):
         x = rate * dt_s
         decay, rise = np.exp(-x), -np.expm1(-x)
@@ -263,16 +224,7 @@ def lag_bank(
             drive = ramp * u[1:] + (rise - ramp) * u[:-1]
         else:
             drive = rise * u[:-1]
-            for s, add in zip(switches, extra[:, k], strict=True):
-                drive[s.index] += add
+            for s, add in zip(switches, extra):
+                drive[s.index] += add[k]
         out[k, 1:] = lfilter([1.0], [1.0, -decay], drive, zi=[decay * start[k]])[0]
     return out.T
-
-
-def _switch_extra(s: Switch, u: Array, dt_s: float, rates: Array) -> Array:
-    """What a jump inside sample ``s.index`` adds to the plain hold of ``u[s.index]``, (K,)."""
-    if not (0 <= s.index < len(u) - 1 and 0 <= s.fraction <= 1):
-        raise InputError(f"lag_bank: {s} lies outside a record of {len(u)} samples")
-    late = -np.expm1(-rates * dt_s * (1 - s.fraction))
-    whole = -np.expm1(-rates * dt_s)
-    return np.asarray(s.before * (whole - late) + s.after * late - u[s.index] * whole)

@@ -23,7 +23,7 @@ from tcdyn.partition.window import (
     RimMeans,
     between,
     deeper_than_b_m,
-    power_bank,
+    power_seen,
 )
 from tcdyn.traces import DiskTraces
 
@@ -165,12 +165,10 @@ def _stretch(
     """
     rows = between(test.time_s, start_s, windows[-1][2] + test.dt_s)
     t = test.time_s[rows]
-    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
-    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    chains = disk.mean_chain, disk.mean_chain.with_lag_shift(LAG_STEP_S)
-    power, slower = (power_bank(test, rows, rates, chain) for chain in chains)
-    others = [*y.T, test.ambient_degC[rows]]
-    feeds = np.stack([power[0], *others, slower[0]], axis=1)
+    chain = disk.mean_chain
+    power, slower = (power_seen(test, rows, c)[0] for c in (chain, chain.with_lag_shift(LAG_STEP_S)))
+    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower], axis=1)
     weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
     rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
     base = between(t, *base_s)
@@ -186,6 +184,7 @@ def _stretch(
         weights[k, base] -= 1.0 / len(about) + ahead_s[k] * trend
         rate[k] = trend @ y[base]  # before the event
         slope[k] = (y[last] - y[first]) / (t[last] - t[first]) - rate[k]
-    banks = [weights @ b for b in (power[1], *(lag_bank(u, test.dt_s, rates) for u in others), slower[1])]
+    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
+    banks = [weights @ lag_bank(u, test.dt_s, rates) for u in feeds.T]
     noise = np.sqrt((weights**2).sum(axis=1))
     return weights @ feeds, np.stack(banks, axis=1), slope, noise, 0.5 * np.abs(rate) * ahead_s**2 / BEND_S

@@ -19,11 +19,11 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.rim import Profile
+from tcdyn.conduction.rim import Profile, lag_bank
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import FitShift, Unmeasured, effects
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_bank, stretch_of
+from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -123,7 +123,8 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     rim, blocks, weight = window.rim, window.blocks, window.weight
 
     def heated(taus_s: tuple[float, ...]) -> RimMeans:
-        power, bank = power_bank(test, rows, rim.rates_1_s, with_lags(like, taus_s))
+        power, _ = power_seen(test, rows, with_lags(like, taus_s))
+        bank = lag_bank(power, test.dt_s, rim.rates_1_s)
         inputs = np.column_stack([blocks @ power, rim.inputs[:, REST]])
         return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[REST]]))
 

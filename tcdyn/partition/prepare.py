@@ -37,9 +37,9 @@ NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 class EhlTest:
     """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
 
-    ``power_W`` is the whole frictional power F u_s; ``speeds_m_s`` (fast, slow) are the surface speeds under load;
-    ``added`` the part of ``friction_N`` that the transducer did not see; ``exponent_half_range`` how
-    far n may lie from ``speed_exponent``.
+    ``power_W`` is the whole frictional power F u_s; surface speeds under load: u_f / u_s their ratio, u_f - u_s sliding
+    (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
+    ``exponent_half_range`` how far n may lie from ``speed_exponent``.
     """
 
     time_s: Array
@@ -49,28 +49,15 @@ class EhlTest:
     ambient_degC: Array
     load_N: float
     friction_N: float
-    speeds_m_s: tuple[float, float]
+    speed_ratio: float
+    sliding_speed_m_s: float
+    entraining_speed_m_s: float
     half_width_m: float
     speed_exponent: float
     exponent_half_range: float
     disks: Mapping[str, DiskTraces]
     findings: tuple[Finding, ...]
     added: FrictionAdded = NOTHING_ADDED
-
-    @property
-    def sliding_speed_m_s(self) -> float:
-        """u_s = u_f - u_s, eq. (2.1)."""
-        return self.speeds_m_s[0] - self.speeds_m_s[1]
-
-    @property
-    def entraining_speed_m_s(self) -> float:
-        """Mean of the surface speeds, eq. (2.2)."""
-        return 0.5 * sum(self.speeds_m_s)
-
-    @property
-    def speed_ratio(self) -> float:
-        """u_f / u_s of the surface speeds under load."""
-        return self.speeds_m_s[0] / self.speeds_m_s[1]
 
 
 def prepare(
@@ -96,10 +83,14 @@ def prepare(
     if missing:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
+    others = {d: _other_disk(rig, d, records[d]) for d in DISKS}
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
+    load, friction = (
+        contact_force(t, frame[f"{force}_N"].to_numpy(dtype=float), events) for force in ("load", "friction")
+    )
     found = [*gathered(log.findings), *events.findings]
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
@@ -115,8 +106,6 @@ def prepare(
     ratio, nominal = speeds[0] / speeds[1], rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
         found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
-    load = contact_force(t, frame["load_N"].to_numpy(dtype=float), events)
-    friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
         found.append(look("forces.one_zero"))
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
@@ -137,7 +126,7 @@ def prepare(
     ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
     disks = {}
     for d in DISKS:
-        found += _other_disk(rig, d, records[d])
+        found += others[d]
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where)
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
@@ -150,7 +139,9 @@ def prepare(
         ambient_degC=bridged(ambient, np.isfinite(ambient)),
         load_N=load_N,
         friction_N=friction_N,
-        speeds_m_s=speeds,
+        speed_ratio=ratio,
+        sliding_speed_m_s=speeds[0] - speeds[1],
+        entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
         half_width_m=half_width,
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),

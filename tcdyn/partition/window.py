@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -214,8 +215,9 @@ def disk_window(
     each = np.repeat(1.0 / counts, counts), np.arange(first, len(t)), np.append(starts, len(t)) - first
     blocks = sparse.csr_array(each, shape=(len(starts), len(t)))
     seen = 1.0 - blocks @ disk.missing[rows][:, OUTER].astype(float)
+    power, held = power_seen(test, rows, chain)
     rates = node_rates(dt)
-    power, bank = power_bank(test, rows, rates, chain)
+    bank = lag_bank(power, dt, rates, **held)
     feeds = [*(temperatures[:, INNER] + disk.inner_K[rows]).T, test.ambient_degC[rows]]
     return DiskWindow(
         disk=disk.name,
@@ -243,8 +245,8 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
 
-def power_bank(test: EhlTest, rows: slice, rates_1_s: Array, chain: Chain | None) -> tuple[Array, Array]:
-    """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and its bank (N, K).
+def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
+    """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and how ``lag_bank`` is to hold it.
 
     It is held between samples and ends at an instant inside one. Through the chain it drives the model when the
     readings are left lagged: the sample in which the power ends carries its average, which keeps the energy and places
@@ -255,9 +257,7 @@ def power_bank(test: EhlTest, rows: slice, rates_1_s: Array, chain: Chain | None
     ends = 0 <= k < len(t) - 1 and power[k] > 0 and power[k + 1] == 0
     part = float((off - t[k]) / test.dt_s) if ends else 1.0
     if chain is None:
-        switches = (Switch(k, part, float(power[k]), 0.0),) if ends else ()
-        return power, lag_bank(power, test.dt_s, rates_1_s, hold="zoh", switches=switches)
+        return power, {"hold": "zoh", "switches": (Switch(k, part, float(power[k]), 0.0),) if ends else ()}
     held = power.copy()
     held[max(k, 0)] *= part
-    seen = chain.response(held, test.dt_s, hold="zoh")
-    return seen, lag_bank(seen, test.dt_s, rates_1_s)
+    return chain.response(held, test.dt_s, hold="zoh"), {}

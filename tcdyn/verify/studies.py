@@ -10,7 +10,7 @@ from scipy.interpolate import interp1d
 from calibration import Array
 from calibration.rig import load_rig
 from tcdyn.conduction.engine import Drive, fields_at, free_decay, map_beta_h, step_fields
-from tcdyn.conduction.modal import boundary_shapes, forcing, spectrum
+from tcdyn.conduction.modal import flux_density, forcing, spectrum
 from tcdyn.conduction.referees import (
     CrankNicolson,
     product_decay_K,
@@ -20,7 +20,7 @@ from tcdyn.conduction.referees import (
     semi_infinite,
     steady_field,
 )
-from tcdyn.conduction.rim import Mesh, Rim, correction_factor, flux_density
+from tcdyn.conduction.rim import Mesh, Rim, correction_factor
 
 FILM_W_m2K = 700.0
 POWER_W = 250.0  # heat into one disk, about that of test B3
@@ -133,7 +133,7 @@ def crank_nicolson_field(rim: Rim, mesh: Mesh, dt_s: float, time_s: float, late_
     s = spectrum(rim, 0.0, rim.width_m / 2, "modal", "uniform", mesh)
     unit = forcing(s)
     old, new = (np.tensordot([p, 20.0, 20.0, 20.0, 20.0], unit, axes=1) for p in (0.0, POWER_W))
-    half = (s.lam_r[:, None] + s.lam_z) * dt_s / 2
+    half = s.rates * dt_s / 2
     ratio = (1 - half) / (1 + half)
     amplitude = new + (old - new) * ratio ** (round(time_s / dt_s) - late_steps)
     return np.vstack([np.full(mesh.nz, 20.0), s.shape_r @ amplitude @ s.shape_z.T])
@@ -208,7 +208,7 @@ def map_study(h: float, share: float, steps: int = 150) -> tuple[float, tuple[fl
     levels = np.tile([360.0, 84.0, 86.0, 85.0, 60.0], (steps, 1))
     levels[0, 0] = 0.0
     drive = Drive(dt, *levels.T)
-    s, inner = scheme(rim, h, mesh), boundary_shapes(spectrum(rim, h, b, "modal", "hertz", mesh))
+    s, inner = scheme(rim, h, mesh), spectrum(rim, h, b, "modal", "hertz", mesh).boundary
     columns = s.inner @ inner.T
     columns[:, 0] = s.outer @ flux_density("hertz", b, rim.width_m, mesh.nz) * share / (2 * np.pi * rim.outer_radius_m)
     columns[:, 4] += s.film + s.face_d + s.face_f

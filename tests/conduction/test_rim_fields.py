@@ -7,7 +7,8 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.conduction.engine import free_decay, step_fields
-from tcdyn.conduction.rim import Mesh, flux_density
+from tcdyn.conduction.modal import flux_density
+from tcdyn.conduction.rim import Mesh
 
 MESH, B = Mesh(33, 53), 1.62e-3
 
