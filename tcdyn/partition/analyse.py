@@ -109,7 +109,8 @@ def analyse(
             remedy="ask for a longer window",
         )
     test = at_one_radius(test)
-    rows = stretch_of(test, max(window_s, joint_length_s(test)))
+    joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
+    rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
     sensors = None
     if sensor_check:
@@ -119,7 +120,7 @@ def analyse(
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
-    joint, both = joint_fits(test, speed.starts, joint_length_s(test), profile)
+    joint, both = joint_fits(test, speed.starts, joint_s, profile)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
@@ -145,14 +146,9 @@ def analyse(
     )  # fmt: skip
 
 
-def joint_length_s(test: EhlTest) -> float:
-    """Cooling that the joint fits use [s]: ten seconds, or what the log holds."""
-    return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-
-
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
-    length = joint_length_s(test)
+    length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]
 

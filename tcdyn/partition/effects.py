@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,48 +80,29 @@ def stated_u(disk: DiskTraces, static_u_K: Array, lag_u_s: Array) -> Array:
     return np.concatenate([static_u_K[order], np.full(len(ROWS), u.depth_mm * 1e-3), lag_u_s[order], steel])
 
 
-def stated_effects(
-    moved: Callable[[Perturbation], Array],
-    through: Callable[[int, Array | float], Array],
-    lasts: Array | float,
-    outer_K_s: Array,
-    inner_K_s: Array,
-    gradient_K_m: Array,
-    depth_step_m: float = DEPTH_STEP_M,
-) -> Array:
+def departures(depth_step_m: float) -> list[tuple[Perturbation, float]]:
+    """What ``stated_effects`` asks the answer to, each with its size: every junction deeper, steel, washer, width."""
+    deeper = [(Perturbation(deeper_m=tuple(row)), depth_step_m) for row in depth_step_m * np.eye(len(ROWS))]
+    return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
+
+
+def stated_effects(moved: Array, driven: Array, lasts: Array, rates_K_s: Array) -> Array:
     """What R means of a, c, e (or a, c, e, d, b, f) show more by a unit of everything in ``STATED``, (Q, R, P).
 
-    ``moved``: what a disk that departs from its statement shows more, (R, P); ``through``: answer (R, 3) of the outer
-    row to an error of input d, b, f, ambient (1 to 4); ``lasts``: how much of a lasting error the means show. Rates of
-    the outer row (R, 3) and of what drives the model (N, 3) [K/s], and the rise of temperature with radius there
-    (N, 3): a junction of the inner row that lies deeper reads too low for the model's inner radius by that gradient.
+    ``moved`` (10, R, P): what they show more by a unit of each of the ``departures``; ``driven`` (10, R, 3): what the
+    outer row answers to an input that is higher by a lasting kelvin, by its rise of temperature with radius, and by its
+    rate, each for d, b, f, and to a kelvin of ambient; ``lasts`` (R,): how much of a lasting error the means show;
+    ``rates_K_s`` (R, P): how fast each rises. A junction of the inner row that reads too high drives the prediction
+    up, one that lies deeper reads too low for the model's inner radius.
     """
-    nothing = np.zeros_like(moved(Perturbation()))
-
-    def reads(k: int, error: Array | float) -> Array:
-        """More than predicted if junction ``k`` of ``ROWS`` reads ``error`` [K] too high."""
-        out = nothing.copy()
-        if k >= 3:
-            out[:, :3] = -through(k - 2, error)
-        if k < out.shape[1]:
-            out[:, k] = error
-        return out
-
-    deeper = [moved(Perturbation(deeper_m=tuple(row))) / depth_step_m for row in depth_step_m * np.eye(len(ROWS))]
-    for k in range(3):
-        deeper[3 + k][:, :3] += through(1 + k, gradient_K_m[:, k])
-    ambient = nothing.copy()
-    ambient[:, :3] = through(4, lasts)
-    rates = (*outer_K_s.T, *inner_K_s.T)
-    return np.stack(
-        [
-            *(reads(k, lasts) for k in range(len(ROWS))),
-            *deeper,
-            *(reads(k, -rate) for k, rate in enumerate(rates)),
-            *(moved(p) / MATERIAL_STEP for p in MATERIALS),
-            ambient,
-        ]
-    )
+    place = np.eye(len(ROWS))[:, None, : moved.shape[2]]
+    static, lag, depth = place * lasts[:, None], -place * rates_K_s, moved[: len(ROWS)].copy()
+    static[3:, :, :3] -= driven[:3]
+    depth[3:, :, :3] += driven[3:6]
+    lag[3:, :, :3] += driven[6:9]
+    ambient = np.zeros_like(moved[:1])
+    ambient[0, :, :3] = driven[9]
+    return np.concatenate([static, depth, lag, moved[len(ROWS) :], ambient])
 
 
 def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float) -> Effects:
@@ -135,23 +115,19 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     rim, blocks, dt = window.rim, window.blocks, test.dt_s
     rest, power = rim.answer(h_W_m2K)
     base, g = rest + share * power, rim.gains(h_W_m2K)
-
-    def moved(p: Perturbation) -> Array:
+    moved = []
+    for p, size in departures(DEPTH_STEP_M):
         there = rim.answer(h_W_m2K, p)
-        return np.asarray(there[0] + share * there[1] - base)
-
-    def through(i: int, error: Array | float) -> Array:
-        if isinstance(error, float):
-            return np.broadcast_to(error * g.static[i], base.shape)
-        bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
-        return np.asarray((blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T)
-
+        moved.append((there[0] + share * there[1] - base) / size)
     width = max(int(round(SMOOTH_RATE_S / dt)), 1)
     smooth = ndimage.uniform_filter1d(window.readings[:, INNER], width, axis=0, mode="nearest")
-    outer_K_s = np.gradient(base, window.at_s, axis=0)
-    known = stated_effects(
-        moved, through, 1.0, outer_K_s, np.gradient(smooth, dt, axis=0), inner_gradient(window, share, h_W_m2K)
-    )
+    errors = np.hstack([inner_gradient(window, share, h_W_m2K), np.gradient(smooth, dt, axis=0)])
+    driven = np.repeat(g.static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4]][:, None], len(base), axis=1)
+    for k, error in enumerate(errors.T, start=3):
+        i = 1 + k % 3
+        bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
+        driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
+    known = stated_effects(np.array(moved), driven, np.ones(len(base)), np.gradient(base, window.at_s, axis=0))
     late = -share * np.gradient(power, window.at_s, axis=0)
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)

@@ -18,10 +18,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
 from calibration import Array
-from calibration.disk import CHANNELS, DiskSetup
+from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import STATED, differential_lag_u_s, stated_u
-from tcdyn.partition.features import DiskFeatures, Order
+from tcdyn.partition.features import LEVELS, DiskFeatures, Order
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
@@ -34,7 +34,6 @@ MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
 THICK_REL = 0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
 MODEL_K = 0.03
 LEAST_TOLD = 0.02
-SAME_GROUP_DEG = 60.0
 AS_WIRED: Order = tuple(range(len(CHANNELS)))
 PLACES = [*OUTER, *INNER]
 NAMES = [what.name for what in STATED]
@@ -46,6 +45,8 @@ SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
 LOG_H_SD = 1.0  # h is as good as unknown
 MISPLACED_M = 1.5e-3
 OFFSET_K = 5.0
+LEAST_DEPTH_M = 0.3e-3
+SETTLED_M = 0.03e-3
 
 
 @dataclass(frozen=True)
@@ -85,25 +86,6 @@ class Verdict:
     size: Estimate | None
 
 
-def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
-    """Channels by where they sit round the disk: neighbours within 60 degrees belong together, largest angle gap first.
-
-    >>> from calibration.rig import load_rig
-    >>> angle_groups(load_rig().disk_setup("slow"))
-    (('a', 'c', 'd'), ('b', 'e', 'f'))
-    """
-    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in CHANNELS}
-    order = sorted(CHANNELS, key=lambda c: angles[c])
-    gaps = [(angles[order[(k + 1) % 6]] - angles[c]) % 360.0 for k, c in enumerate(order)]
-    cuts = [k for k, gap in enumerate(gaps) if gap > SAME_GROUP_DEG]
-    if len(cuts) < 2:
-        return (CHANNELS,)
-    groups = []
-    for one, other in zip(cuts, [*cuts[1:], cuts[0] + len(order)]):
-        groups.append(tuple(sorted(order[k % 6] for k in range(one + 1, other + 1))))
-    return tuple(sorted(groups))
-
-
 def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[list[Fault]]:
     """A sound disk and all faults that are looked for, by the order of their columns.
 
@@ -127,7 +109,7 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     )
     found = []
     for share in SHARE_GRID:
-        left = f.levels[:, order][:, PLACES][f.seen] - rests - share * powers
+        left = f.inputs[:, LEVELS][:, order][:, PLACES][f.seen] - rests - share * powers
         own = independent_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
         known: dict[int, Array] = {}  # effects about the points of the coarse grid, which most faults share
@@ -169,6 +151,27 @@ def _about(
     size = Estimate.normal(sd * float(one_sd @ r), sd * max(1 - float(one_sd @ one_sd), 0.0) ** 0.5) if sd else None
     likely = float(np.clip(share + SHARE_SD**2 * float(toward @ r), 0.0, 1.0))
     return Verdict(fault, -0.5 * (chi2 + log_det), chi2, r.size - 1, likely, float(H_FINE_W_M2K[best]), size)
+
+
+def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
+    """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
+    channel = v.fault.channels[0]
+    if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
+        return v
+    setup = f.setup
+    stated = setup.junctions[channel]
+    deepest = setup.junctions["b"].depth_m - LEAST_DEPTH_M
+    size, again = v.size, v
+    for _ in range(4):
+        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
+        there = {**setup.junctions, channel: replace(stated, depth_m=depth)}
+        (again,) = judge(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
+        if again.size is None:
+            break
+        size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
+        if abs(again.size.value) < SETTLED_M:
+            break
+    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
 def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:
@@ -225,7 +228,7 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
     known = f.effects(AS_WIRED, h, sound.share)
     cov = covariance(f, disk, known, AS_WIRED) + np.outer(off, off)
-    left = (f.levels[:, PLACES] - at)[f.seen]
+    left = (f.inputs[:, LEVELS][:, PLACES] - at)[f.seen]
     sd_m = disk.uncertainty.depth_mm * 1e-3
     effects = sd_m * known[[NAMES.index(f"depth {c}") for c in CHANNELS]]
     toward = np.linalg.solve(cov, effects.T).T

@@ -12,7 +12,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, DiskSetup
 from tcdyn.chain import equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
-from tcdyn.partition.effects import stated_effects
+from tcdyn.partition.effects import departures, stated_effects
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import (
     INNER,
@@ -42,6 +42,7 @@ BEND_S = 40.0  # a disk under load warms up with about this time constant
 THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 DEPTH_STEP_M = 0.1e-3
 COLUMNS = ("power", *CHANNELS, "ambient", "slower power")
+LEVELS = slice(1, 7)  # of the columns: a..f, their level or change since the base
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,6 @@ class DiskFeatures:
     noise: Array
     bend: Array
     seen: NDArray[np.bool_]
-
-    @property
-    def levels(self) -> Array:
-        """Level, or change since the base, of the channels a..f, (W, 6)."""
-        return self.inputs[:, 1:7]
 
     def with_column_of(self, other: DiskFeatures, place: int, column: int) -> DiskFeatures:
         """The same disk with position ``place`` of a..f read by ``column`` of another disk."""
@@ -103,24 +99,17 @@ class DiskFeatures:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then of a second of
         common lag, a second of later load, and of the share, (Q, D)."""
         rest, power = self.answer(order, h_W_m2K)
+        base, moved = rest + share * power, []
+        for p, size in departures(DEPTH_STEP_M):
+            there = self.answer(order, h_W_m2K, p)
+            moved.append((there[0] + share * there[1] - base) / size)
         driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
-        static = driven.gains(h_W_m2K).static
         gradient = driven.gradient(h_W_m2K)
         rates = self.slope[:, [order[i] for i in (*OUTER, *INNER)]]
-
-        def moved(p: Perturbation) -> Array:
-            there = self.answer(order, h_W_m2K, p)
-            return np.asarray(there[0] + share * there[1] - (rest + share * power))
-
-        known = stated_effects(
-            moved,
-            lambda i, error: np.asarray(error)[:, None] * static[i],  # slow errors, which the rim follows
-            (self.event == "steady").astype(float),
-            rates[:, :3],
-            rates[:, 3:],
-            gradient[0] + share * gradient[1],
-            DEPTH_STEP_M,
-        )
+        lasts = (self.event == "steady").astype(float)
+        slow = [lasts, lasts, lasts, *(gradient[0] + share * gradient[1]).T, *rates[:, 3:].T, lasts]  # the rim follows
+        static = driven.gains(h_W_m2K).static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4]]
+        known = stated_effects(np.array(moved), np.array(slow)[:, :, None] * static[:, None], lasts, rates)
         both = [slower.through(POWER, h_W_m2K, bore=b) - driven.through(POWER, h_W_m2K, bore=b) for b in (False, True)]
         later = share * np.hstack(both) / LAG_STEP_S
         loading = later * (self.event == "loading")[:, None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -11,20 +11,19 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from calibration.disk import CHANNELS, DISKS, OUTER_ROW, DiskSetup
+from calibration.disk import CHANNELS, DISKS, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.faults import (
-    MISPLACED_M,
     DepthTest,
     Fault,
     Verdict,
-    angle_groups,
     depth_test,
     hypotheses,
     judge,
+    settled,
 )
-from tcdyn.partition.features import DiskFeatures, disk_features
+from tcdyn.partition.features import LEVELS, DiskFeatures, disk_features
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
@@ -35,12 +34,11 @@ BLIND_LOG_ODDS = 4.0
 UNSOUND_P = 1e-4
 DEAD_REL = 0.25  # of the median rise of the disk's channels
 LEAST_RISE_K = 3.0
-LEAST_DEPTH_M = 0.3e-3
-SETTLED_M = 0.03e-3
 SAME_PLACE_M = 0.15e-3
 SURE_Z = 2.0
 ASYMMETRY_Z = 3.0
 LAG_U_S = 0.05
+SAME_GROUP_DEG = 60.0
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         table=table,
         verdicts=verdicts,
         suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in DISKS for s in found[d]),
-        bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
+        bulk_degC={d: float(f.inputs[f.event == "steady"][0, LEVELS].mean()) for d, f in features.items()},
         blind=blind,
         depths=depths,
         groups=groups,
@@ -159,7 +157,7 @@ def _judged(
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
     if odds > NAMED_LOG_ODDS:
-        first, *others = sorted((_settled(f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
+        first, *others = sorted((settled(f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
         rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
@@ -189,32 +187,11 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     return Suspect("both", "swapped", names, None, best - apart) if best - apart >= RIVAL_LOG_ODDS else None
 
 
-def _settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
-    """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
-    channel = v.fault.channels[0]
-    if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
-        return v
-    setup = f.setup
-    stated = setup.junctions[channel]
-    deepest = setup.junctions["b"].depth_m - LEAST_DEPTH_M
-    size, again = v.size, v
-    for _ in range(4):
-        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
-        there = {**setup.junctions, channel: replace(stated, depth_m=depth)}
-        (again,) = judge(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
-        if again.size is None:
-            break
-        size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
-        if abs(again.size.value) < SETTLED_M:
-            break
-    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
-
-
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
     """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
-    falls = -f.levels[f.event == "unloading"][-1]
-    steady = f.levels[f.event == "steady"][0]
+    falls = -f.inputs[f.event == "unloading"][-1, LEVELS]
+    steady = f.inputs[f.event == "steady"][0, LEVELS]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual, fall = float(np.median(rise)), float(np.median(falls))
     dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K)
@@ -223,6 +200,25 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
         out.append(Suspect(disk.name, "dead", (CHANNELS[i],), None, np.inf, {k: float(v) for k, v in moved.items()}))
     return tuple(out)
+
+
+def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
+    """Channels by where they sit round the disk: neighbours within 60 degrees belong together, largest angle gap first.
+
+    >>> from calibration.rig import load_rig
+    >>> angle_groups(load_rig().disk_setup("slow"))
+    (('a', 'c', 'd'), ('b', 'e', 'f'))
+    """
+    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in CHANNELS}
+    order = sorted(CHANNELS, key=lambda c: angles[c])
+    gaps = [(angles[order[(k + 1) % 6]] - angles[c]) % 360.0 for k, c in enumerate(order)]
+    cuts = [k for k, gap in enumerate(gaps) if gap > SAME_GROUP_DEG]
+    if len(cuts) < 2:
+        return (CHANNELS,)
+    groups = []
+    for one, other in zip(cuts, [*cuts[1:], cuts[0] + len(order)]):
+        groups.append(tuple(sorted(order[k % 6] for k in range(one + 1, other + 1))))
+    return tuple(sorted(groups))
 
 
 def demand(setup: DiskSetup, one: str, other: str) -> int | None:
@@ -269,8 +265,8 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
     depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
     levels = {
-        "steady": (f.levels[f.event == "steady"][0], np.hypot(disk.static_u_K, depth_u_K)),
-        "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
+        "steady": (f.inputs[f.event == "steady"][0, LEVELS], np.hypot(disk.static_u_K, depth_u_K)),
+        "unloading": (-f.inputs[k, LEVELS], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
     }
     i, j = np.triu_indices(len(CHANNELS), 1)
     pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]

@@ -12,10 +12,9 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
-from tcdyn.partition.faults import angle_groups
-from tcdyn.partition.features import disk_features
+from tcdyn.partition.features import LEVELS, disk_features
 from tcdyn.partition.prepare import EhlTest, prepare
-from tcdyn.partition.sensors import SensorCheck, check_sensors, demand
+from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
 
@@ -64,8 +63,8 @@ def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
         for answer in (
-            -f.levels[f.event == "unloading"][1],
-            f.levels[f.event == "loading"][0],
+            -f.inputs[f.event == "unloading"][1, LEVELS],
+            f.inputs[f.event == "loading"][0, LEVELS],
         ):  # fall and rise of a..f
             a, b, c, _, e, _ = answer
             assert e > a > c > b
