@@ -6,7 +6,7 @@ matters, and one filter bank of that stretch serves every heat transfer coeffici
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -78,12 +78,12 @@ class RimMeans:
         """
         s = self.setup
         places = [(s.junctions[c].depth_m + dx, s.junctions[c].z_m) for c, dx in zip(ROWS, p.deeper_m)]
-        rim = Rim.from_setup(
-            s,
-            **({"inner_radius_m": s.bore_radius_m} if bore else {}),
-            conductivity_W_mK=s.conductivity_W_mK * (1 + p.conductivity),
-            specific_heat_J_kgK=s.specific_heat_J_kgK * (1 + p.heat_capacity),
-            washer_W_m2K=s.washer_W_m2K * (1 + p.washer),
+        rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m) if bore else Rim.from_setup(s)
+        rim = replace(
+            rim,
+            conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
+            specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
+            washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
         )
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
