@@ -34,7 +34,8 @@ SOURCE_INPUT = np.array([0, 1, 2, 3, 5, 6, 4, 5, 6])
 class RimGains:
     """How the points answer the inputs: ``T_p = sum_i direct[i,p] u_i + sum_ik gains[i,p,k] bank_i[k]``.
 
-    gains (I, P, K), direct (I, P); power_W in W into this disk, temperatures in degC; rates (K,) [1/s].
+    gains (I, P, K), direct (I, P); static (I, P) their sum, the steady answer, exact for the scheme whatever the bank;
+    power_W in W into this disk, temperatures in degC; rates (K,) [1/s].
     """
 
     inputs: tuple[str, ...]
@@ -42,11 +43,7 @@ class RimGains:
     rates: Array
     gains: Array
     direct: Array
-
-    @property
-    def static(self) -> Array:
-        """Steady answer of each point to each input (I, P): exact for the scheme, whatever the bank."""
-        return np.asarray(self.gains.sum(axis=2) + self.direct)
+    static: Array
 
 
 @dataclass(frozen=True)
@@ -265,4 +262,5 @@ def rim_gains(
     whole = collect @ np.einsum("spn,sn->sp", steady[SOURCE_R], s.force_z)
     gains[:, :, -1] += whole - slow.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    return RimGains(SPLIT_INPUTS if split_ambient else INPUTS, tuple(points), rates, gains, direct)
+    inputs = SPLIT_INPUTS if split_ambient else INPUTS
+    return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)

@@ -76,7 +76,7 @@ def rim_gains_nonuniform(
     gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    return RimGains(INPUTS, tuple(points), rates, gains, direct)
+    return RimGains(INPUTS, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
 
 
 def _coupled(

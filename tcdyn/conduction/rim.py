@@ -4,7 +4,7 @@ the bank of lags that a record is filtered by once: every rim's output is a weig
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -44,7 +44,8 @@ MESHES = {"I": Mesh(9, 13), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": MESH_
 class Rim:
     """The rim ``R_i <= r <= R_o``, ``0 <= z <= w``, its steel, and where along z junctions d, b and f sit.
 
-    ``washer_W_m2K`` is K_c / w_c, the washers' conductance (section 3.4.4.3).
+    ``washer_W_m2K`` is K_c / w_c, the washers' conductance (section 3.4.4.3); ``thickness_m`` R_o - R_i and
+    ``diffusivity_m2_s`` alpha = K / (rho c) follow.
 
     >>> from calibration.rig import load_rig
     >>> Rim.from_setup(load_rig().disk_setup("fast")).inner_radius_m
@@ -59,9 +60,11 @@ class Rim:
     specific_heat_J_kgK: float
     washer_W_m2K: float
     boundary_z_m: tuple[float, float, float]
+    thickness_m: float = field(init=False)
+    diffusivity_m2_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        if not (self.inner_radius_m >= 0 and self.thickness_m > 0 and self.outer_radius_m <= MAX_LENGTH_M):
+        if not 0 <= self.inner_radius_m < self.outer_radius_m <= MAX_LENGTH_M:
             raise InputError(
                 f"Rim: the inner radius {self.inner_radius_m} m must be below the outer {self.outer_radius_m} m"
             )
@@ -76,6 +79,9 @@ class Rim:
                 raise InputError(f"Rim: {name} must be positive; got {getattr(self, name)}")
         if self.washer_W_m2K < 0:
             raise InputError(f"Rim: washer_W_m2K must not be negative; got {self.washer_W_m2K}")
+        heat = self.density_kg_m3 * self.specific_heat_J_kgK
+        object.__setattr__(self, "thickness_m", self.outer_radius_m - self.inner_radius_m)
+        object.__setattr__(self, "diffusivity_m2_s", self.conductivity_W_mK / heat)
 
     @classmethod
     def from_setup(cls, setup: DiskSetup, **changes: Any) -> Rim:
@@ -92,16 +98,6 @@ class Rim:
             "boundary_z_m": tuple(junctions[name].z_m for name in ("d", "b", "f")),
         }
         return cls(**{**fields, **changes})
-
-    @property
-    def diffusivity_m2_s(self) -> float:
-        """alpha = K / (rho c) [m2/s]."""
-        return self.conductivity_W_mK / (self.density_kg_m3 * self.specific_heat_J_kgK)
-
-    @property
-    def thickness_m(self) -> float:
-        """R_o - R_i [m]."""
-        return self.outer_radius_m - self.inner_radius_m
 
 
 def points_of(setup: DiskSetup, names: str = "ace") -> tuple[Point, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,14 @@ from calibration.finding import Finding, Grade, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.cooling import CoolingFit, compensated, cooling_errors, cooling_fit, cooling_shift
+from tcdyn.partition.cooling import (
+    CoolingFit,
+    compensated,
+    cooling_errors,
+    cooling_fit,
+    cooling_shift,
+    refined_chains,
+)
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.prepare import EhlTest
@@ -116,7 +123,16 @@ def analyse(
     if sensor_check:
         progress("sensor map")
         sensors = check_sensors(test)
-        findings += _suspected(sensors)
+        suspected = [suspect.finding for suspect in sensors.suspects]
+        for finding in suspected:
+            if finding.grade is Grade.REFUSE:
+                raise InputError(
+                    finding.sentence,
+                    expected="six living junctions where rig.toml says",
+                    remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
+                    parameters=("sensor_check=False",),
+                )
+        findings += suspected
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
@@ -151,26 +167,6 @@ def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]
-
-
-def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
-    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
-    mean = float(np.mean([c.lag_s for c in chains]))
-    taus = sorted(common.taus_s, reverse=True)
-    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
-
-
-def _suspected(check: SensorCheck) -> list[Finding]:
-    """What the sensor map suspects; a dead or swapped channel stops the analysis by name."""
-    for suspect in check.suspects:
-        if suspect.finding.grade is Grade.REFUSE:
-            raise InputError(
-                suspect.finding.sentence,
-                expected="six living junctions where rig.toml says",
-                remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
-                parameters=("sensor_check=False",),
-            )
-    return [suspect.finding for suspect in check.suspects]
 
 
 def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -65,6 +66,13 @@ class CoolingShift(FitShift):
     """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
 
     by_lag: Array
+
+
+def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
+    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
+    mean = float(np.mean([c.lag_s for c in chains]))
+    taus = sorted(common.taus_s, reverse=True)
+    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
 
 
 def compensated(

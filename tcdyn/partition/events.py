@@ -36,26 +36,16 @@ class Events:
     """Loading and unloading of one EHL test.
 
     ``load_on_s`` and ``unload_s`` are in the log's own time [s]; ``unload_u_s`` is the standard uncertainty of the
-    instant at which the frictional heat ended; ``parting_s`` is how long the friction took to fall from 90 to 10 %.
+    instant at which the frictional heat ended; ``parting_s`` is how long the friction took to fall from 90 to 10 %;
+    ``kinks_s``: where the temperatures bend at the parting [s], its middle, or both ends of a slow one.
     """
 
     load_on_s: float
     unload_s: float
     unload_u_s: float
     parting_s: float
+    kinks_s: tuple[float, ...]
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def fall_s(self) -> float:
-        """The whole of a straight fall of the friction [s]."""
-        return self.parting_s / STRAIGHT_FALL
-
-    @property
-    def kinks_s(self) -> tuple[float, ...]:
-        """Instants at which the temperatures bend at the parting [s]: its middle, or both ends of a slow one."""
-        if self.fall_s < TWO_KINKS_S:
-            return (self.unload_s,)
-        return (self.unload_s - 0.5 * self.fall_s, self.unload_s + 0.5 * self.fall_s)
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
@@ -99,7 +89,9 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     unload, u, parting, said = _parting(t, frame, 0.5 * float(t[last] + t[last + 1]), float(t[first]))
     found += said
     load_on = 0.5 * (t[first - 1] + t[first]) if first else t[0]
-    return Events(float(load_on), float(unload), float(u), float(parting), tuple(found))
+    half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
+    kinks = (float(unload),) if 2 * half_s < TWO_KINKS_S else (float(unload - half_s), float(unload + half_s))
+    return Events(float(load_on), float(unload), float(u), float(parting), kinks, tuple(found))
 
 
 def _parting(
@@ -233,7 +225,7 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     inside = (t > on + SETTLE_S) & (t < off - quiet)
     level = _line_through((raw_N - zero)[inside], float(np.median(np.diff(t))))
     force = np.interp(t, t[inside], level)
-    ramp_s = events.fall_s
+    ramp_s = events.parting_s / STRAIGHT_FALL
     if ramp_s > 4 * float(np.median(np.diff(t))):
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:

@@ -182,8 +182,9 @@ def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, 
     foreign = np.isin(CHANNELS, mixed)
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
     lag_u = np.hypot(differential_lag_u_s(disk.lag_covariance_s2), MIXED_LAGS_S * foreign)
+    u = stated_u(disk, static, lag_u)
     common = [max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
-    a = np.concatenate([stated_u(disk, static, lag_u), common])[:, None] * effects
+    a = np.concatenate([u, common])[:, None] * effects
     return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
 
 

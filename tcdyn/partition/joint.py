@@ -231,9 +231,9 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
 def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array) -> tuple[float, Array, Array]:
     """Inflation by slow waves in the residuals of the worse disk; covariance by noise (k, k) and answers to all else
     (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
+    noise, per_sd = told(best, sides)
     ends = np.cumsum([len(s.y) for s in sides])
     inflation = max(wave_factor(r.reshape(-1, 3)) for r in np.split(best.residual[: ends[-1]], ends[:-1]))
-    noise, per_sd = told(best, sides)
     return inflation, inflation * noise[np.ix_(index, index)] * np.outer(scale, scale), scale[:, None] * per_sd[index]
 
 

@@ -25,7 +25,8 @@ from tcdyn.compensate.intensity import Criterion
 from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
-from tcdyn.partition.analyse import refine_lags, refined_chains
+from tcdyn.partition.analyse import refine_lags
+from tcdyn.partition.cooling import refined_chains
 from tcdyn.partition.effects import with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
