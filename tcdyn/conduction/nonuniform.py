@@ -14,7 +14,6 @@ from calibration.errors import InputError
 from tcdyn.conduction.modal import (
     INPUTS,
     RimGains,
-    Spectrum,
     forcing,
     outer_source,
     readings,
@@ -62,10 +61,23 @@ def rim_gains_nonuniform(
     film = np.asarray(film_W_m2K, dtype=float)
     if film.shape != (mesh.nz,) or film.min() < 0:
         raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
-    s, coupling, rows = _coupled(rim, film, half_width_m, profile, flux, mesh)
-    surface = s.shape_r[-1] * np.sqrt(surface_weight(rim, mesh.nr))  # last entry of each unit-norm r-mode
-    lam = s.rates
-    exact = _steady(rows / lam, surface, lam, coupling)
+    mean = float(film.mean())
+    s = spectrum(rim, mean, half_width_m, profile, flux, mesh)
+    lam, last = s.rates, surface_weight(rim, mesh.nr)
+    weight = np.ones(mesh.nz)
+    weight[[0, -1]] = 0.5
+    unit = s.shape_z * np.sqrt(weight)[:, None]
+    varying = outer_source(rim, mesh.nr) * (film - mean)
+    coupling = unit.T @ (varying[:, None] * unit)  # between z-modes (n, n) [1/s]
+    rows = forcing(s) * lam  # (I, m, n) [1/s]
+    rows[4] += np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
+    surface = s.shape_r[-1] * np.sqrt(last)  # last entry v of each unit-norm r-mode
+    # steady: (lam + v v' x C) x = rows, so c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam
+    free = rows / lam
+    compliance = (surface[:, None] ** 2 / lam).sum(axis=0)
+    at_surface = np.einsum("m,imn->in", surface, free)
+    solved = np.linalg.solve(np.eye(len(coupling)) + compliance[:, None] * coupling, at_surface.T).T
+    exact = free - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :]
     read_r, read_z = readings(rim, tuple(points), mesh)
     seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
     keep = lam <= np.sort(lam, axis=None)[min(BASIS, lam.size) - 1]
@@ -77,27 +89,3 @@ def rim_gains_nonuniform(
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     return RimGains(INPUTS, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
-
-
-def _coupled(
-    rim: Rim, film: Array, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
-) -> tuple[Spectrum, Array, Array]:
-    """Modes of the mean film, its variation between z-modes (n, n) [1/s], and the forcing (I, m, n) [1/s]."""
-    mean = float(film.mean())
-    s = spectrum(rim, mean, half_width, profile, flux, mesh)
-    weight = np.ones(mesh.nz)
-    weight[[0, -1]] = 0.5
-    unit = s.shape_z * np.sqrt(weight)[:, None]
-    varying = outer_source(rim, mesh.nr) * (film - mean)
-    coupling = unit.T @ (varying[:, None] * unit)
-    rows = forcing(s) * s.rates
-    rows[4] += np.outer(s.shape_r[-1] * surface_weight(rim, mesh.nr), (varying * np.sqrt(weight)) @ unit)
-    return s, coupling, rows
-
-
-def _steady(free: Array, surface: Array, lam: Array, coupling: Array) -> Array:
-    """Amplitudes x with (lam + v v' x C) x = lam free: c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam."""
-    compliance = (surface[:, None] ** 2 / lam).sum(axis=0)
-    at_surface = np.einsum("m,imn->in", surface, free)
-    solved = np.linalg.solve(np.eye(len(coupling)) + compliance[:, None] * coupling, at_surface.T).T
-    return np.asarray(free - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :])

@@ -99,7 +99,7 @@ def monte_carlo(
             moved[f"lag {d}"] = off[6]
         a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
         chi = test.speed_ratio ** moved["exponent"]
-        beta = moved["speed law"] = np.asarray(speed_law_beta(a, b, c, slope, chi))  # type: ignore[arg-type]
+        beta = moved["speed law"] = speed_law_beta(a, b, c, slope, chi)
         return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
     rows = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -79,7 +80,7 @@ def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
     return float(speed_ratio**exponent)
 
 
-def speed_law_beta(A: float, B: float, C: float, D: float, chi: float) -> float:
+def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
     """beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and (4.6).
 
     ``A``, ``B``: intercept and slope of the fast line beta = A + B h_f; ``C``, ``D``: of the slow line
@@ -120,7 +121,7 @@ def exponent_sensitivity(fast: SteadyLine, slow: SteadyLine, speed_ratio: float,
     array([0.72, 0.73, 0.75])
     """
     chi = speed_ratio ** np.asarray(exponents, dtype=float)
-    return np.array([speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, float(c)) for c in chi])
+    return np.asarray(speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi))
 
 
 def steady_map(
