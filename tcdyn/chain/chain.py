@@ -179,30 +179,18 @@ class Sensor:
     """State (x, x', stages of the chain): d state/dt = drift @ state, logged value = output @ state.
 
     x is the junction temperature [degC], x' its slope [K/s]; every stage has unit static gain, so all stages are in
-    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s].
+    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s]. ``ramp``
+    (n, 2): the state of a chain that has followed a level 1, and a slope 1 through zero, for ever; ``scatter`` (n, n):
+    stationary covariance of the stages about the ramp, for slope noise of intensity 1 K2/s3.
     """
 
     drift: Array
     output: Array
     lag_row: Array
+    ramp: Array
+    scatter: Array
     delay_s: float
     lag_s: float
-
-    def prior(self, level: float, wide: Array, intensity: Array) -> tuple[Array, Array]:
-        """Mean (n,) and covariances (Q, n, n) of the state of a chain that has followed a ramp for ever.
-
-        Its level [degC] and a slope of zero have the standard deviations ``wide`` (2,) [K, K/s]; the stages scatter
-        about the ramp as slope noise of ``intensity`` (Q,) [K2/s3] lets them.
-        """
-        n = len(self.output)
-        ramp, scatter = np.zeros((n, 2)), np.zeros((n, n))
-        ramp[0, 0] = ramp[1, 1] = 1.0
-        if n > 2:
-            stages = self.drift[2:, 2:]
-            ramp[2:, 0] = -np.linalg.solve(stages, self.drift[2:, 0])
-            ramp[2:, 1] = v = np.linalg.solve(stages, ramp[2:, 0])
-            scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
-        return level * ramp[:, 0], ramp * wide**2 @ ramp.T + intensity[:, None, None] * scatter
 
 
 def sensors(chains: Sequence[Chain]) -> list[Sensor]:
@@ -241,4 +229,11 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         lag_row[1] = 1.0
     idle = range(at, size)
     drift[idle, idle] = -1.0
-    return Sensor(drift, output, lag_row, chain.delay_s, chain.lag_s)
+    ramp, scatter = np.zeros((size, 2)), np.zeros((size, size))
+    ramp[0, 0] = ramp[1, 1] = 1.0
+    if size > 2:
+        stages = drift[2:, 2:]
+        ramp[2:, 0] = -np.linalg.solve(stages, drift[2:, 0])
+        ramp[2:, 1] = v = np.linalg.solve(stages, ramp[2:, 0])
+        scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
+    return Sensor(drift, output, lag_row, ramp, scatter, chain.delay_s, chain.lag_s)

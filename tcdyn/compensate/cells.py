@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from calibration import Array, Flags
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, Sensor
 from tcdyn.compensate.stretch import Stretch
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
@@ -106,12 +106,6 @@ class Cells:
     slope_var: Array
     rows: tuple[tuple[tuple[NDArray[np.intp], Array, NDArray[np.intp]], ...], ...]
 
-    def at(self, t: ArrayLike, dt_s: float) -> NDArray[np.intp]:
-        """The cell that each time of ``t`` (N,) [s] lies in; a sample on a knot belongs to the cell after it."""
-        return np.clip(
-            np.searchsorted(self.knots_s, np.asarray(t) + 1e-6 * dt_s, side="right") - 1, 0, len(self.kind) - 1
-        )
-
 
 def cells_for(
     stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
@@ -160,11 +154,11 @@ def cells_for(
             rows_c.append((where, read, sample))
         seen = stretch.y[stretch.weight[:, c] > 0, c]
         level, span = (float(seen[0]), float(np.ptp(seen))) if len(seen) else (0.0, 1.0)
-        wide = diffuse(max(span, 10 * float(np.sqrt(noise_var[c]))), s.lag_s, dt)
-        mean, cov = s.prior(level, wide, np.array([float(q.at(0.0)) for q in proposals[c]]))
         added = np.stack([q.between(knots) for q in proposals[c]], axis=1)
+        least = 10 * float(np.sqrt(noise_var[c]))
+        mean, cov, jump_var = prior(s, level, max(span, least), dt, np.array([float(q.at(0.0)) for q in proposals[c]]))
         at_knot = 0.5 * (added + np.concatenate([np.zeros_like(added[:1]), added[:-1]]))
-        at_knot[event] += wide[1] ** 2
+        at_knot[event] += jump_var
         channels.append((np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], at_knot))
         rows.append(tuple(rows_c))
     lengths = np.diff(knots)[example]
@@ -204,9 +198,15 @@ def _knots(
     return np.array(knots)
 
 
-def diffuse(span: float, lag_s: float, dt_s: float) -> Array:
-    """Prior standard deviation (2,) of level [K] and slope [K/s] of a record that covers ``span`` [K]."""
-    return DIFFUSE * span * np.array([1.0, 1.0 / (lag_s + 4 * dt_s)])
+def prior(s: Sensor, level: float, span: float, dt_s: float, intensity: Array) -> tuple[Array, Array, float]:
+    """Mean (n,) and covariances (Q, n, n) of the state of a chain that has followed a ramp for ever.
+
+    Its level [degC] is about ``level``, its slope about zero, as loosely as a record asks that covers ``span`` [K]; the
+    stages scatter about the ramp as slope noise of ``intensity`` (Q,) [K2/s3] lets them. Last, the slope's variance.
+    """
+    wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
+    cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
+    return level * s.ramp[:, 0], cov, float(wide[1] ** 2)
 
 
 def flow(drift: Array, time_s: float) -> Array:

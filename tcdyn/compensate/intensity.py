@@ -66,7 +66,7 @@ def exact_levels(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple
     """Level q (M,) [K2/s3] and noise variance (M,) of a short stretch by the exact likelihood, noise profiled out."""
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(1e8), 14), (len(noise_var), 1))
     for _ in range(3):
-        proposed = [[Intensity.constant(v * r) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
+        proposed = [[Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
         value, ratio = likelihood(stretch, noise_var, proposed)
         if not noise_known:
             used = (stretch.weight > 0).sum(axis=0)[:, None]
@@ -102,7 +102,7 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
                 for c, chain in enumerate(stretch.chains):
                     levels[k, c] = spectral_level(stretch.y[a + skip : b, c], dt, chain, noise_var[c])
             else:
-                levels[k], _ = exact_levels(stretch.window(a + skip, b, ()), noise_var, True)
+                levels[k], _ = exact_levels(_window(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
         most = np.where(np.isfinite(most), most, noise_var)
         levels = np.where(np.isfinite(levels), levels, most)  # too short a segment takes the largest of the others
@@ -110,6 +110,14 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
     for event in stretch.events_s:
         chosen = _with_burst(stretch, noise_var, chosen, event)
     return chosen, noise_var
+
+
+def _window(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
+    """Samples first..last-1 as a stretch of its own, its clock starting at zero, with those of ``events`` in it."""
+    shift, length, rows = first * stretch.dt_s, (last - first) * stretch.dt_s, slice(first, last)
+    inside = tuple(e - shift for e in events if 0 <= e - shift < length)
+    cut = {name: getattr(stretch, name)[rows] for name in ("y", "weight", "flags")}
+    return replace(stretch, **cut, events_s=inside)
 
 
 def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], event: float) -> list[Intensity]:
@@ -141,16 +149,17 @@ def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
     after = min([e for e in stretch.events_s if e > event], default=(n - 1) * dt)
     first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
     last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
-    return stretch.window(first, last, (event,)), first * dt
+    return _window(stretch, first, last, (event,)), first * dt
 
 
-def sharp_event(stretch: Stretch, states: Smoothed, start_var: Array, noise_known: bool) -> tuple[float, float] | None:
+def sharp_event(states: Smoothed, start_var: Array, noise_known: bool) -> tuple[float, float] | None:
     """The most significant jump of slope in any channel that is no known event: its likeliest time [s] and u [s].
 
     None where no jump is sure, or the likeliest time stays loose. The curvature of the log likelihood, all channels
     together, with the burst that is likely there.
     """
-    knots, lag = states.cells.knots_s, max(s.lag_s for s in stretch.sensors)
+    stretch, knots = states.stretch, states.cells.knots_s
+    lag = max(s.lag_s for s in stretch.sensors)
     z = np.max(np.abs(states.jump_z), axis=1)
     for event in stretch.events_s:
         z = np.where((knots[:-1] > event - 2 * lag) & (knots[:-1] < event + 6 * lag), 0.0, z)

@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.finding import look
 from calibration.noise import SPIKES, SpikeRule
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.cells import diffuse, flow
+from tcdyn.compensate.cells import flow, prior
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
 from tcdyn.compensate.stretch import MISSING, SPIKE
 
@@ -109,8 +109,8 @@ class LiveSmoother:
             )
         m, n, keep = len(first), len(self.sensors[0].output), self.lag_samples + 1
         each = zip(self.sensors, first, self.noise_sd, self.intensity)
-        priors = [s.prior(y, diffuse(10 * sd, s.lag_s, self.dt_s), np.array([q])) for s, y, sd, q in each]
-        mean, cov = np.stack([m0 for m0, _ in priors]), np.concatenate([c0 for _, c0 in priors])
+        priors = [prior(s, y, 10 * sd, self.dt_s, np.array([q])) for s, y, sd, q in each]
+        mean, cov = np.stack([m0 for m0, _, _ in priors]), np.concatenate([c0 for _, c0, _ in priors])
         return LiveState(
             mean, cov, np.tile(mean[:, 0], (keep, 1)), np.tile(cov[:, 0, 0], (keep, 1)), np.zeros((keep, m, n)),
             np.zeros(m), np.zeros(m), np.zeros(m), np.tile(first, (self.coarse.width, 1)), np.zeros(m),

@@ -6,7 +6,7 @@ Regularised deconvolution is the same smoother with a weight by another criterio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.cells import Intensity, corner_rad_s
 from tcdyn.compensate.intensity import MOST, Criterion, Tradeoff, by_criterion, choose, sharp_event
 from tcdyn.compensate.result import Compensated
-from tcdyn.compensate.stretch import SPIKE, Stretch, stretch_of
+from tcdyn.compensate.stretch import SPIKE, stretch_of
 from tcdyn.compensate.sweep import Smoothed, smoothed
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
@@ -74,91 +74,48 @@ def smooth(
     else:
         listed = intensity if isinstance(intensity, Sequence | np.ndarray) else [intensity] * len(start_var)
         chosen, noise_var = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed], start_var
-    fit = _Fit(stretch, noise_var, tuple(chosen), dict(zip(stretch.events_s, u_s)))
+    events, fit = dict(zip(stretch.events_s, u_s)), smoothed(stretch, noise_var, chosen)
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
-    rule = SPIKES["answer"]
-    far = (np.abs(fit.residual) > rule.sigmas * np.sqrt(noise_var)) & (stretch.weight > 0)
+    rule, w = SPIKES["answer"], stretch.weight
+    far = (np.abs(stretch.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
     crowd = np.stack([np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1)
     if (spikes := far & (crowd <= rule.longest)).any():
-        flags = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
-        fit = replace(fit, stretch=replace(stretch, weight=np.where(spikes, 0.0, stretch.weight), flags=flags))
+        flags, w = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8), np.where(spikes, 0.0, w)
+        fit = smoothed(replace(stretch, weight=w, flags=flags), noise_var, chosen)
     if intensity is None and (not events_s if find_events is None else find_events):
-        fit = _with_events_found(fit, start_var, known, len(events_s) + MOST)
+        while len(events) < len(events_s) + MOST and (found := sharp_event(fit, start_var, known)) is not None:
+            events = dict(sorted({found[0]: found[1], **events}.items()))
+            apart = replace(fit.stretch, events_s=tuple(events))
+            chosen, noise_var = choose(apart, start_var, known)
+            fit = smoothed(apart, noise_var, chosen)
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
-        weight = (FREEDOM + 1) / (FREEDOM + fit.residual**2 / fit.noise_var)  # turns least squares into Student's t
-        weight = np.where(fit.stretch.weight > 0, weight, 0.0)
-        fit = replace(fit, stretch=replace(fit.stretch, weight=weight))
-    x, slope, sd, lag = fit.at_samples()
-    for event, u in fit.events.items():
+        student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
+        weight = np.where(fit.stretch.weight > 0, student, 0.0)
+        fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
+    sd = fit.sd
+    for event, u in events.items():
         if u > 0:
             sd = np.hypot(sd, _event_sd(fit, event, u))
-    time = np.arange(len(x)) * dt_s
+    time = np.arange(len(sd)) * dt_s
     return Compensated.of(
-        x, sd, slope, lag, lag_covariance, static_u, dt_s,
-        noise_sd=np.sqrt(fit.noise_var),
-        intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in fit.chosen]),
+        fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s,
+        noise_sd=np.sqrt(noise_var),
+        intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]),
         flags=fit.stretch.flags,
         method="fixed-interval smoother",
         findings=stretch.findings,
-        events_s=tuple(fit.events.items()),
-        intensities=fit.chosen,
+        events_s=tuple(events.items()),
+        intensities=tuple(chosen),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """A smoothed stretch: noise variance (M,), intensities chosen, events with their uncertainty [s], and states."""
-
-    stretch: Stretch
-    noise_var: Array
-    chosen: tuple[Intensity, ...]
-    events: dict[float, float]
-    states: Smoothed = field(init=False)
-    residual: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        states = smoothed(self.stretch, self.noise_var, self.chosen)
-        object.__setattr__(self, "states", states)
-        object.__setattr__(self, "residual", self.stretch.y - states.read)
-
-    def at_samples(self) -> tuple[Array, Array, Array, Array]:
-        """Temperature, slope, sd and lag sensitivity (N, M) at the sample times from the states at the knots."""
-        mean, cov, dt, knots = self.states.mean, self.states.cov, self.stretch.dt_s, self.states.cells.knots_s
-        t = np.arange(len(self.stretch.y)) * dt
-        cell = self.states.cells.at(t, dt)
-        along = (t - knots[cell])[:, None]
-        slope = mean[cell, :, 1]
-        var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
-        at_knot = np.einsum("jmn,mn->jm", mean, np.stack([s.lag_row for s in self.stretch.sensors]))
-        following = np.concatenate([at_knot[1:], at_knot[-1:]])
-        part = np.clip(along / np.diff(knots)[cell][:, None], 0, 1)
-        lag = (1 - part) * at_knot[cell] + part * following[cell]
-        return mean[cell, :, 0] + along * slope, slope, np.sqrt(np.maximum(var, 0.0)), lag
-
-
-def _with_events_found(fit: _Fit, start_var: Array, noise_known: bool, most: int) -> _Fit:
-    """With jumps of slope that nobody announced as events, the most significant first, as long as they are sharp.
-
-    Each gets its time by likelihood, and the intensities are chosen anew, before and after.
-    """
-    while len(fit.events) < most:
-        found = sharp_event(fit.stretch, fit.states, start_var, noise_known)
-        if found is None:
-            break
-        stretch = replace(fit.stretch, events_s=tuple(sorted((*fit.stretch.events_s, found[0]))))
-        events = {e: fit.events.get(e, found[1]) for e in stretch.events_s}
-        chosen, noise_var = choose(stretch, start_var, noise_known)
-        fit = _Fit(stretch, noise_var, tuple(chosen), events)
-    return fit
-
-
-def _event_sd(fit: _Fit, event_s: float, u_s: float) -> Array:
+def _event_sd(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
     answers = []
     for to in (event_s - u_s, event_s + u_s):
         events = tuple(sorted(to if e == event_s else e for e in fit.stretch.events_s))
-        moved = tuple(q.moved(event_s, to) for q in fit.chosen)
-        answers.append(replace(fit, stretch=replace(fit.stretch, events_s=events), chosen=moved).at_samples()[0])
+        moved = [q.moved(event_s, to) for q in fit.chosen]
+        answers.append(smoothed(replace(fit.stretch, events_s=events), fit.noise_var, moved).temperature)
     return np.asarray(0.5 * np.abs(answers[1] - answers[0]))
 
 
@@ -233,8 +190,7 @@ def window_covariance(
     stretch = stretch_of(part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s], noise_sd)
     states = smoothed(stretch, noise_sd**2, [q.moved(shift_s=a * dt_s)])
     cells = states.cells
-    t = np.arange(first - a, last - a) * dt_s
-    cell = cells.at(t, dt_s)
+    t, cell = np.arange(first - a, last - a) * dt_s, states.cell[first - a : last - a]
     low, count, n = int(cell[0]), int(cell[-1] - cell[0]) + 1, states.mean.shape[2]
     between = np.zeros((count, count, n, n))
     for j in range(count - 1, -1, -1):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,12 +36,6 @@ class Stretch:
     noise_sd: Array
     flags: NDArray[np.uint8]
     findings: tuple[Finding, ...] = ()
-
-    def window(self, first: int, last: int, events: Sequence[float]) -> Stretch:
-        """Samples first..last-1 as a stretch of its own, its clock starting at zero, with those of ``events`` in it."""
-        shift, length, rows = first * self.dt_s, (last - first) * self.dt_s, slice(first, last)
-        inside = tuple(e - shift for e in events if 0 <= e - shift < length)
-        return replace(self, y=self.y[rows], weight=self.weight[rows], flags=self.flags[rows], events_s=inside)
 
 
 def stretch_of(

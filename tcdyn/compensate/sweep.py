@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import Array
 from tcdyn.compensate.cells import FINE, Cells, Intensity, cells_for
@@ -50,18 +51,28 @@ def likelihood(
 
 @dataclass(frozen=True)
 class Smoothed:
-    """States at the knots of ``cells`` given the whole stretch, mean (J, M, n) and covariance (J, M, n, n).
+    """A stretch, its noise variance (M,), intensities, and states at the knots of its ``cells`` given all of it.
 
-    ``past (J, M, n, n)``: covariance given the samples up to the end of each cell only; ``jump_z (J, M)``: score test
-    for a slope jump at each knot, standard normal when there is none; ``read``, ``read_var`` (N, M): what the logger
-    would have written without noise [degC], and its variance [K2].
+    ``mean (J, M, n)`` and ``cov (J, M, n, n)`` of these states; ``past (J, M, n, n)``: covariance given the samples
+    up to the end of each cell only; ``jump_z (J, M)``: score test for a slope jump at each knot, standard normal when
+    there is none. At the samples: ``cell (N,)`` of each, one on a knot belonging to the cell after it; (N, M):
+    ``temperature`` [degC], its ``slope`` [K/s], ``sd`` [K] and ``lag_sensitivity`` [K/s]; ``read``, ``read_var``:
+    what the logger would have written without noise [degC], and its variance [K2].
     """
 
+    stretch: Stretch
+    noise_var: Array
+    chosen: tuple[Intensity, ...]
     cells: Cells
     mean: Array
     cov: Array
     past: Array
     jump_z: Array
+    cell: NDArray[np.intp]
+    temperature: Array
+    slope: Array
+    sd: Array
+    lag_sensitivity: Array
     read: Array
     read_var: Array
 
@@ -97,4 +108,15 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
         for where, rows, sample in kinds:
             read[sample, c] = mean[where, c] @ rows.T
             read_var[sample, c] = np.einsum("ri,jik,rk->jr", rows, cov[where, c], rows, optimize=True)
-    return Smoothed(cells, mean, cov, past, z, read[:-1], read_var[:-1])
+    t, knots = np.arange(len(stretch.y)) * stretch.dt_s, cells.knots_s
+    cell = np.clip(np.searchsorted(knots, t + 1e-6 * stretch.dt_s, side="right") - 1, 0, count - 1)
+    along = (t - knots[cell])[:, None]
+    slope = mean[cell, :, 1]
+    var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
+    at_knot = np.einsum("jmn,mn->jm", mean, np.stack([s.lag_row for s in stretch.sensors]))
+    following = np.concatenate([at_knot[1:], at_knot[-1:]])
+    part = np.clip(along / np.diff(knots)[cell][:, None], 0, 1)
+    return Smoothed(
+        stretch, noise_var, tuple(chosen), cells, mean, cov, past, z, cell, mean[cell, :, 0] + along * slope, slope,
+        np.sqrt(np.maximum(var, 0.0)), (1 - part) * at_knot[cell] + part * following[cell], read[:-1], read_var[:-1],
+    )  # fmt: skip
