@@ -33,7 +33,7 @@ cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.fitting.descend import Loss, free_directions, held, least, minimise, robust_covariance
-from tcdyn.fitting.noise import Noise, autocovariance, correlation_length, fit_ar, fit_arma, sandwich, wave_factor
+from tcdyn.fitting.noise import Noise, autocovariance, correlation_length, fit_ar, fit_arma, sandwich
 from tcdyn.fitting.problem import (
     Evaluate,
     Optimum,
@@ -43,6 +43,7 @@ from tcdyn.fitting.problem import (
     from_rows,
     inverse,
     orthonormal,
+    wave_factor,
 )
 from tcdyn.fitting.walk import Profile, crossing, profile
 

@@ -144,14 +144,3 @@ def correlation_length(z: Array, longest: int = 40) -> float:
             break
         total += 2 * rho
     return total
-
-
-def wave_factor(z: Array, sums: int = 25) -> float:
-    """Variance of slow waves in standardised residuals ``z`` (N, C) over that of white noise: never below one.
-
-    The mean square of sums over an N/``sums``-th of the record each, which any slow misfit fills and white noise
-    of unit variance does not.
-    """
-    m = max(len(z) // sums, 1)
-    waves = np.add.reduceat(z, np.arange(0, len(z) - m + 1, m), axis=0)[:-1] / np.sqrt(m)
-    return max(1.0, float(np.mean(waves**2)))
