@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
@@ -115,25 +114,29 @@ def _descend(
         return Optimum(problem, start, np.zeros(0), nothing, np.inf, full, directions, Status.NOWHERE, 0, weights)
     damping, status, steps, idle, left = 1e-3, Status.STALLED, 0, 0, False
     while steps < limit:
-        at_end = _pushed_out(now, problem, directions)
+        low = now.theta <= problem.lower
+        at_end = np.flatnonzero(low | (now.theta >= problem.upper))
+        if len(at_end):  # what must stay: bounds whose multipliers the gradient along the free directions asks for
+            normals, push = directions[at_end].T * np.where(low[at_end], 1.0, -1.0), directions.T @ now.gradient
+            at_end = at_end[nnls(normals, push / (np.abs(normals.T @ push).max() or 1.0))[0] > 0]
         free = free_directions(np.vstack([rows, np.eye(problem.size)[at_end]])) if len(at_end) else directions
         done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
         slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         slope, curvature = slope * scale, curvature * scale[:, None] * scale
-        enough = tolerance + relative * now.cost
+        unit, enough = np.eye(len(slope)), tolerance + relative * now.cost
         steps += 1
         if idle == 2 and left:
             status = Status.EDGE
             break
-        if idle == 2 or float(slope @ _damped(curvature, slope, 1e-13)) <= enough:
-            step = -free @ (scale * _damped(curvature, slope, min(damping, 1e-9)))
+        if idle == 2 or float(slope @ np.linalg.solve(curvature + 1e-13 * unit, slope)) <= enough:
+            step = -free @ (scale * np.linalg.solve(curvature + min(damping, 1e-9) * unit, slope))
             last = _state(problem, _inside(now.theta + step, problem, rows), weights)
             now, status = last if last is not None and last.cost <= now.cost else now, done
             break
         trial, left = None, False
         for _ in range(TRIALS):
-            step = -free @ (scale * _damped(curvature, slope, damping))
+            step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
             step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
             trial = _state(problem, _inside(now.theta + step, problem, rows), weights)
             left |= trial is None
@@ -183,19 +186,6 @@ def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
     return None
 
 
-def _pushed_out(now: _State, problem: Problem, directions: Array) -> NDArray[np.intp]:
-    """The parameters on a bound that the gradient, along the free ``directions`` (P, F), pushes out of the box.
-
-    The descent's part within the box is what non-negative multipliers of the bounds' normals leave of the gradient.
-    """
-    low = now.theta <= problem.lower
-    at = np.flatnonzero(low | (now.theta >= problem.upper))
-    normals = directions[at].T * np.where(low[at], 1.0, -1.0)
-    slope = directions.T @ now.gradient
-    push = np.abs(normals.T @ slope).max(initial=0.0)
-    return at[nnls(normals, slope / push)[0] > 0] if push > 0 else at[:0]
-
-
 def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _State | None:
     """Cost, half-gradient and information at ``theta``; None where there is none."""
     answer = None if theta is None else problem.evaluate(theta)
@@ -209,10 +199,6 @@ def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _Sta
     if not np.isfinite(cost) or not np.isfinite(information).all():
         return None
     return _State(theta, residual, jacobian, cost, heavy.T @ residual + problem.precision * gap, information)
-
-
-def _damped(matrix: Array, vector: Array, damping: float) -> Array:
-    return np.asarray(np.linalg.solve(matrix + damping * np.eye(len(matrix)), vector))
 
 
 def weights_of(residual: Array, loss: str) -> Array:
