@@ -12,6 +12,8 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
+from tcdyn.partition.effects import STATED
+from tcdyn.partition.faults import AS_WIRED
 from tcdyn.partition.features import LEVELS, disk_features
 from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
@@ -68,6 +70,18 @@ def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
         ):  # fall and rise of a..f
             a, b, c, _, e, _ = answer
             assert e > a > c > b
+
+
+def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: EhlTest) -> None:
+    """What conduction predicts depends on differences alone: to rounding, for a steady rim."""
+    for disk in b3.disks.values():
+        f = disk_features(b3, disk)
+        known = dict(zip([what.name for what in STATED], f.effects(AS_WIRED, 700.0, 0.6)[:, :3]))  # a, c, e, steady
+        all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
+        np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
+        assert (known["static a"][0], known["static a"][1]) == (1.0, 0.0)
+        assert (known["depth e"] * [0, 0, 1] == known["depth e"]).all()  # no other junction is where it is
+        assert known["depth e"][2] < 0  # deeper is colder
 
 
 @pytest.mark.parametrize(
