@@ -98,13 +98,13 @@ class DiskFeatures:
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then of a second of
         common lag, a second of later load, and of the share, (Q, D)."""
+        driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
+        gradient = driven.gradient(h_W_m2K)
         rest, power = self.answer(order, h_W_m2K)
         base, moved = rest + share * power, []
         for p, size in departures(DEPTH_STEP_M):
             there = self.answer(order, h_W_m2K, p)
             moved.append((there[0] + share * there[1] - base) / size)
-        driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
-        gradient = driven.gradient(h_W_m2K)
         rates = self.slope[:, [order[i] for i in (*OUTER, *INNER)]]
         lasts = (self.event == "steady").astype(float)
         slow = [lasts, lasts, lasts, *(gradient[0] + share * gradient[1]).T, *rates[:, 3:].T, lasts]  # the rim follows
@@ -155,8 +155,9 @@ def _stretch(
     rows = between(test.time_s, start_s, windows[-1][2] + test.dt_s)
     t = test.time_s[rows]
     chain = disk.mean_chain
-    power, slower = (power_seen(test, rows, c)[0] for c in (chain, chain.with_lag_shift(LAG_STEP_S)))
+    chains = chain, chain.with_lag_shift(LAG_STEP_S)
     y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    power, slower = (power_seen(test, rows, c)[0] for c in chains)
     feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower], axis=1)
     weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
     rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
