@@ -13,8 +13,7 @@ from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
 from calibration.checks.kind import check_kind
-from calibration.checks.sampling import Sampling, check_time
-from calibration.checks.temperature import LONGEST_NAN_S, SIDE, ColumnCheck, clean, course_noise_K
+from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck, Sampling, check_time
 from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import Table, open_table, read_whole, sha256
@@ -23,6 +22,7 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, Place, look, sentences
 from calibration.lines.oven import oven_frame
 from calibration.lines.transducers import in_degC
+from calibration.noise import SPIKES, clean, course_noise_K
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
@@ -143,7 +143,8 @@ class LogPieces:
     def __iter__(self) -> Iterator[LogPiece]:
         where, grid, total, end_row = self._place.where, self.sampling.grid, len(self.sampling.grid), self.rows
         checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
-        margin = SIDE * (int(max(LONGEST_NAN_S / self.dt_s, SIDE) + 1) + 1)  # neighbours, each behind a gap
+        side = SPIKES["reading"].longest
+        margin = side * (int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + 1)  # neighbours, each behind a gap
         kept: dict[str, Array] = {}
         at = done = 0
         for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):

@@ -1,4 +1,4 @@
-"""How noisy a trace is, whatever it does slowly and however many spikes stand in it, and which samples are spikes."""
+"""How noisy a trace is, whatever it does slowly and however many spikes stand in it, and which samples cannot be."""
 
 from __future__ import annotations
 
@@ -8,12 +8,17 @@ from math import comb
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
 from calibration import Array, Flags
+from calibration.errors import InputError
+from calibration.finding import Place
 
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
+COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
+MOST_MISSING = 0.05  # fraction of a channel
+LEAST_TOLD = 15  # samples that tell the noise
 MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
 
 
@@ -120,3 +125,54 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
         usual = np.median(away, keepdims=True)
     out[index] = away > np.maximum(rule.sigmas * MAD_TO_SD * usual, limit)
     return out
+
+
+def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
+    """The samples (N,) with what cannot be as NaN: beyond a million or, in a temperature, beyond type J, and spikes.
+
+    ``noise_K`` tells a spike, see ``course_noise_K``.
+    """
+    if not name.endswith("_degC"):
+        with np.errstate(invalid="ignore"):
+            return np.where(np.abs(values) <= 1e6, values, np.nan)
+    out = np.where(impossible(values), np.nan, values)
+    out[find_spikes(out, SPIKES["reading"], noise_K)] = np.nan
+    return out
+
+
+def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Place) -> float:
+    """Noise [K] that a spike of this column must stand out of, from its course ``sample`` (M,), found in ``rows`` (M,).
+
+    Infinite where no spikes are sought, or too few samples tell it. Raises InputError for a temperature without
+    numbers, for kelvin and for values that no thermocouple gives.
+    """
+    if not name.endswith("_degC"):
+        return np.inf
+    finite = sample[np.isfinite(sample)]
+    if not len(finite):
+        raise InputError(f"column {name} holds no numbers", where=place.where, expected="degrees Celsius")
+    low, high = np.quantile(finite, [0.02, 0.98])
+    if low > 250.0 and high < 800.0:
+        raise InputError(
+            f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",
+            where=place.where,
+            expected="degrees Celsius",
+            remedy="subtract 273.15",
+        )
+    wild = impossible(sample)
+    if wild.mean() > MOST_MISSING:
+        i, more = int(np.argmax(wild)), int(wild.sum()) - 1
+        raise InputError(
+            f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values that no junction has",
+            where=place.where,
+            expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
+            remedy="check the unit and the wiring of this channel",
+        )
+    told = sample[np.isfinite(sample) & ~wild]
+    return float(white_noise_sd(told, 1)) if place.dt_s is not None and len(told) >= LEAST_TOLD else np.inf
+
+
+def impossible(x: Array) -> Flags:
+    """Temperatures (N,) [degC] that no junction has."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

@@ -9,11 +9,12 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from calibration import Array
-from calibration.checks.temperature import ColumnCheck, clean, course_noise_K
+from calibration.checks.trace import ColumnCheck
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, look, note
 from calibration.lines.linefit import fit_line
+from calibration.noise import clean, course_noise_K
 
 
 def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
