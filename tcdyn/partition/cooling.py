@@ -14,9 +14,9 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import Effects, FitShift, effects, with_common_u
+from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.steady import DiskLine, SteadyLine
+from tcdyn.partition.steady import DiskLine, FitShift, SteadyLine
 from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window
 from tcdyn.traces import DiskTraces
 
@@ -66,6 +66,17 @@ class CoolingShift(FitShift):
     """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
 
     by_lag: Array
+
+
+def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
+    """Covariance (M, M) of lags whose differences are known as ``covariance_s2`` says and their mean to ``common_u_s``.
+
+    >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
+    array([[0.01, 0.01],
+           [0.01, 0.01]])
+    """
+    centre = np.eye(len(covariance_s2)) - 1.0 / len(covariance_s2)
+    return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:

@@ -20,12 +20,11 @@ from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
-from tcdyn.partition.effects import FitShift
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors import SensorCheck
-from tcdyn.partition.steady import DiskLine, speed_law_beta
+from tcdyn.partition.steady import DiskLine, FitShift, speed_law_beta
 
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
 OTHER_ALARM = 0.01

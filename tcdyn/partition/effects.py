@@ -1,31 +1,58 @@
-"""What nobody measured in a test: how well it is known, and what it does to the readings that the rim predicts."""
+"""What nobody measured in a test: how well it is known, and what it does to the readings that the rim predicts: in the
+blocks that the fits look at, and in few numbers that tell junctions apart, of the steady level and the first seconds
+after loading and unloading."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage, signal
 
 from calibration import Array
-from calibration.disk import OUTER_ROW
-from tcdyn.chain import discretised
-from tcdyn.conduction.rim import lag_bank
+from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
+from tcdyn.chain import discretised, equalised
+from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.prepare import EhlTest
-from tcdyn.partition.window import INNER, OUTER, ROWS, DiskWindow, Perturbation
+from tcdyn.partition.window import (
+    INNER,
+    NOMINAL,
+    OUTER,
+    POWER,
+    ROWS,
+    DiskWindow,
+    Perturbation,
+    RimMeans,
+    between,
+    deeper_than_b_m,
+    power_seen,
+)  # fmt: skip
 from tcdyn.traces import DiskTraces
 
 MATERIAL_STEP = 0.01
-MATERIALS = (
-    Perturbation(conductivity=MATERIAL_STEP),
-    Perturbation(heat_capacity=MATERIAL_STEP),
-    Perturbation(washer=MATERIAL_STEP),
-    Perturbation(half_width=MATERIAL_STEP),
-)
+MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
 DEPTH_STEP_M = 0.05e-3
 SMOOTH_RATE_S = 0.5
 SPLIT_SD_S = 0.03  # a plunge hardly tells how a channel's lag is split in two
 MODEL_K = 0.03  # what rim and mesh leave unexplained at a junction, against whole-disk solutions
+Order = tuple[int, ...]
+Window = tuple[str, float, float]  # event that it follows, start, stop [s]
+
+STEADY_S = 100.0
+BASE_S = 8.0
+BEFORE_S = 12.0
+FORGET_S = 20.0
+AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
+AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
+LAG_STEP_S = 0.05
+SLOWEST_PER_S = 0.02
+BEND_S = 40.0  # a disk under load warms up with about this time constant
+THICK_S = 5.0  # heat needs some ten seconds to the bore and back
+FEATURE_DEPTH_M = 0.1e-3
+COLUMNS = ("power", *CHANNELS, "ambient", "slower power")
+LEVELS = slice(1, 7)  # of the columns: a..f, their level or change since the base
 
 
 @dataclass(frozen=True)
@@ -58,25 +85,14 @@ class Effects:
     change: Array
 
 
-@dataclass(frozen=True)
-class FitShift:
-    """Error of fitted numbers by one standard uncertainty of what nobody measured, and their noise.
-
-    ``per_sd`` (Q, k): how far the fit is off when the true disk departs by one standard uncertainty from the stated
-    one, in the units of the fitted numbers: (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit,
-    (share, h, lag [s]) of a joint fit; ``noise`` (k, k) covariance.
-    """
-
-    of: tuple[Unmeasured, ...]
-    per_sd: Array
-    noise: Array
-
-
-def stated_u(disk: DiskTraces, static_u_K: Array, lag_u_s: Array) -> Array:
-    """Standard uncertainty of everything in ``STATED``, (Q,); static lines and differential lags (6,) of a..f."""
-    u = disk.uncertainty
+def stated_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
+    """Standard uncertainty of everything in ``STATED``, (Q,): static lines (6,) of a..f as given; lags by how well the
+    record tells each from the mean of all, and by ``other_lags_s`` where they may be another channel's."""
+    u, order = disk.uncertainty, [*OUTER, *INNER]
+    centre = np.eye(len(CHANNELS)) - 1.0 / len(CHANNELS)
+    apart = np.clip(np.diag(centre @ disk.lag_covariance_s2 @ centre.T), 0.0, None)
+    lag_u_s = np.hypot(np.sqrt(apart), other_lags_s)
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
-    order = [*OUTER, *INNER]
     return np.concatenate([static_u_K[order], np.full(len(ROWS), u.depth_mm * 1e-3), lag_u_s[order], steel])
 
 
@@ -137,7 +153,7 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(3)[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    u = stated_u(disk, static, differential_lag_u_s(disk.lag_covariance_s2))
+    u = stated_u(disk, static)
     u = np.concatenate([u, [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3]])
     change = np.concatenate([known, [late, share * power], split])
     asked = np.flatnonzero(u > 0)
@@ -155,17 +171,128 @@ def sampled(window: DiskWindow, of_blocks: Array) -> Array:
     return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
 
 
-def differential_lag_u_s(covariance_s2: Array) -> Array:
-    """Standard uncertainty of each channel's lag less the mean of all, from their covariance; (M, M) -> (M,)."""
-    return np.sqrt(np.clip(np.diag(with_common_u(covariance_s2, 0.0)), 0.0, None))
+@dataclass(frozen=True)
+class DiskFeatures:
+    """Window means of one disk, W windows, each after one ``event``: "steady", "unloading" or "loading".
 
+    ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f, ambient [degC], and the power when the chain is
+    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white
+    noise left of one; ``bend`` (W, 6) how far a trend before the event may have bent since [K].
 
-def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
-    """Covariance (M, M) of lags whose differences are known as ``covariance_s2`` says and their mean to ``common_u_s``.
-
-    >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
-    array([[0.01, 0.01],
-           [0.01, 0.01]])
+    The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
+    an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
+    e, d, b, f.
     """
-    centre = np.eye(len(covariance_s2)) - 1.0 / len(covariance_s2)
-    return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)
+
+    disk: str
+    setup: DiskSetup
+    half_width_m: float
+    rates_1_s: Array
+    event: NDArray[np.str_]
+    inputs: Array
+    banks: Array
+    slope: Array
+    noise: Array
+    bend: Array
+    seen: NDArray[np.bool_]
+
+    def driven(self, order: Order, power: int = 0) -> RimMeans:
+        """The rim driven by ``power``, inner row and ambient, position i of a..f read by column ``order[i]``."""
+        feeds = [power, *(1 + order[i] for i in INNER), 7]
+        return RimMeans(self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds])
+
+    def answer(self, order: Order, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
+        """Model of a, c, e, d, b, f without heat and per share of one, (..., W, 6) each for h of shape (...)."""
+        driven, deeper = self.driven(order), deeper_than_b_m(self.setup)
+        rest, power = driven.answer(h_W_m2K, p)
+        if np.any(deeper):
+            static = np.reshape([driven.gains(float(h), p).static[1:4] for h in np.ravel(h_W_m2K)], (-1, 3, 3))
+            static = deeper[:, None] * static.reshape(*np.shape(h_W_m2K), 3, 3)
+            by_rest, by_power = driven.gradient(h_W_m2K, p)
+            rest, power = rest + by_rest @ static, power + by_power @ static
+        inner = driven.through(POWER, h_W_m2K, p, bore=True)
+        return np.concatenate([rest, 0 * inner], axis=-1), np.concatenate([power, inner], axis=-1)
+
+    def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
+        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then of a second of
+        common lag, a second of later load, and of the share, (Q, D)."""
+        driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
+        gradient = driven.gradient(h_W_m2K)
+        rest, power = self.answer(order, h_W_m2K)
+        base, moved = rest + share * power, []
+        for p, size in departures(FEATURE_DEPTH_M):
+            there = self.answer(order, h_W_m2K, p)
+            moved.append((there[0] + share * there[1] - base) / size)
+        rates = self.slope[:, [order[i] for i in (*OUTER, *INNER)]]
+        lasts = (self.event == "steady").astype(float)
+        slow = [lasts, lasts, lasts, *(gradient[0] + share * gradient[1]).T, *rates[:, 3:].T, lasts]  # the rim follows
+        static = driven.gains(h_W_m2K).static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4]]
+        known = stated_effects(np.array(moved), np.array(slow)[:, :, None] * static[:, None], lasts, rates)
+        both = [slower.through(POWER, h_W_m2K, bore=b) - driven.through(POWER, h_W_m2K, bore=b) for b in (False, True)]
+        later = share * np.hstack(both) / LAG_STEP_S
+        loading = later * (self.event == "loading")[:, None]
+        return np.concatenate([known, [later, loading, power]])[:, self.seen]
+
+
+def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
+    """Features of one disk; windows that the log does not hold are left out."""
+    on, off, end = test.events.load_on_s, test.events.unload_s, test.time_s[-1]
+    windows: list[Window] = [("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5)]
+    windows += [("unloading", off + a, off + b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s]
+    parts = [_stretch(test, disk, windows, windows[0][1] - FORGET_S, (off - BASE_S, off - 0.3))]
+    if on - test.time_s[0] >= BASE_S and off - on > 2 * AFTER_LOADING_S[-1][1]:
+        loading: list[Window] = [("loading", on + a, on + b) for a, b in AFTER_LOADING_S]
+        parts.append(_stretch(test, disk, loading, on - BEFORE_S, (on - BASE_S, on - 0.5)))
+        windows += loading
+    inputs, banks, slope, noise, bend = (np.concatenate(part) for part in zip(*parts))
+    begun = {"unloading": off, "loading": on}
+    early = [event in begun and stop - begun[event] <= THICK_S for event, _, stop in windows]
+    return DiskFeatures(
+        disk=disk.name,
+        setup=disk.setup,
+        half_width_m=test.half_width_m,
+        rates_1_s=node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
+        event=np.array([event for event, _, _ in windows]),
+        inputs=inputs,
+        banks=banks.transpose(1, 0, 2),
+        slope=slope,
+        noise=noise,
+        bend=bend,
+        seen=np.column_stack([np.ones((len(early), 3), dtype=bool), np.repeat(np.array(early)[:, None], 3, axis=1)]),
+    )
+
+
+def _stretch(
+    test: EhlTest, disk: DiskTraces, windows: Sequence[Window], start_s: float, base_s: tuple[float, float]
+) -> tuple[Array, ...]:
+    """Means of ``COLUMNS`` (W, 9), their banks (W, 9, K), slope, noise and bend in one stretch.
+
+    From the mean of a window after an event the straight line through the base is taken, so that a disk that still
+    warms up, or an ambient that drifts, is not read as an answer to the event.
+    """
+    rows = between(test.time_s, start_s, windows[-1][2] + test.dt_s)
+    t = test.time_s[rows]
+    chain = disk.mean_chain
+    chains = chain, chain.with_lag_shift(LAG_STEP_S)
+    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    power, slower = (power_seen(test, rows, c)[0] for c in chains)
+    feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower], axis=1)
+    weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
+    rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
+    base = between(t, *base_s)
+    for k, (event, start, stop) in enumerate(windows):
+        inside = between(t, start, stop)
+        first, last = inside.start, max(inside.stop, inside.start + 2) - 1
+        weights[k, first : last + 1] = 1.0 / (last + 1 - first)
+        if event == "steady":
+            continue
+        about = t[base] - t[base].mean()
+        trend = about / (about**2).sum()
+        ahead_s[k] = t[first : last + 1].mean() - t[base].mean()
+        weights[k, base] -= 1.0 / len(about) + ahead_s[k] * trend
+        rate[k] = trend @ y[base]  # before the event
+        slope[k] = (y[last] - y[first]) / (t[last] - t[first]) - rate[k]
+    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
+    banks = [weights @ lag_bank(u, test.dt_s, rates) for u in feeds.T]
+    noise = np.sqrt((weights**2).sum(axis=1))
+    return weights @ feeds, np.stack(banks, axis=1), slope, noise, 0.5 * np.abs(rate) * ahead_s**2 / BEND_S

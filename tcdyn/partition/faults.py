@@ -20,8 +20,7 @@ from scipy.linalg import solve_triangular
 from calibration import Array
 from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
-from tcdyn.partition.effects import STATED, differential_lag_u_s, stated_u
-from tcdyn.partition.features import LEVELS, DiskFeatures, Order
+from tcdyn.partition.effects import LEVELS, STATED, DiskFeatures, Order, stated_u
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
@@ -179,10 +178,9 @@ def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, 
 
     ``mixed``: channels whose static lines and lags are another's.
     """
-    foreign = np.isin(CHANNELS, mixed)
+    foreign = np.isin(CHANNELS, mixed).astype(float)
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
-    lag_u = np.hypot(differential_lag_u_s(disk.lag_covariance_s2), MIXED_LAGS_S * foreign)
-    u = stated_u(disk, static, lag_u)
+    u = stated_u(disk, static, MIXED_LAGS_S * foreign)
     common = [max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
     a = np.concatenate([u, common])[:, None] * effects
     return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))

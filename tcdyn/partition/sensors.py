@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -14,6 +15,7 @@ from scipy import stats
 from calibration.disk import CHANNELS, DISKS, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
+from tcdyn.partition.effects import LEVELS, DiskFeatures, disk_features
 from tcdyn.partition.faults import (
     DepthTest,
     Fault,
@@ -23,7 +25,6 @@ from tcdyn.partition.faults import (
     judge,
     settled,
 )
-from tcdyn.partition.features import LEVELS, DiskFeatures, disk_features
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
@@ -79,7 +80,7 @@ class SensorCheck:
 
     ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
     ``depths``: where the test places the junctions of each disk that shows no fault; ``groups``: channels of each disk
-    by angle; ``said``: what is found of each disk, in words.
+    by angle.
     """
 
     table: pd.DataFrame
@@ -89,7 +90,11 @@ class SensorCheck:
     blind: dict[str, tuple[tuple[str, ...], ...]]
     depths: dict[str, DepthTest]
     groups: Mapping[str, tuple[tuple[str, ...], ...]]
-    said: Mapping[str, str]
+
+    @property
+    def said(self) -> dict[str, str]:
+        """What is found of each disk, in words."""
+        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.verdicts.items()}
 
     @property
     def sound(self) -> bool:
@@ -144,7 +149,6 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         blind=blind,
         depths=depths,
         groups=groups,
-        said={d: " ".join(f"{f.sentence}." for f in told) for d, told in verdicts.items()},
     )
 
 
@@ -178,7 +182,9 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     for i, j in product(range(len(CHANNELS)), repeat=2):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
-            mixed = f.with_column_of(other, place, column)
+            mixed = deepcopy(f)
+            mixed.inputs[:, 1 + place], mixed.banks[1 + place] = other.inputs[:, 1 + column], other.banks[1 + column]
+            mixed.slope[:, place], mixed.bend[:, place] = other.slope[:, column], other.bend[:, column]
             (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])
             total += foreign.log_likelihood
         found.append((total, i, j))

@@ -12,7 +12,7 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import FitShift, effects, inner_gradient
+from tcdyn.partition.effects import Unmeasured, effects, inner_gradient
 from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
@@ -148,6 +148,20 @@ def steady_map(
     mean_abs = np.einsum("hsrp,p->hs", np.abs(misfit), w) / y.shape[0]
     slope, intercept = np.polyfit(h_W_m2K, best, 1)
     return SteadyMap(h_W_m2K, share, mean_abs, best, SteadyLine(float(intercept), float(slope)))
+
+
+@dataclass(frozen=True)
+class FitShift:
+    """Error of fitted numbers by one standard uncertainty of what nobody measured, and their noise.
+
+    ``per_sd`` (Q, k): how far the fit is off when the true disk departs by one standard uncertainty from the stated
+    one, in the units of the fitted numbers: (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit,
+    (share, h, lag [s]) of a joint fit; ``noise`` (k, k) covariance.
+    """
+
+    of: tuple[Unmeasured, ...]
+    per_sd: Array
+    noise: Array
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inver
 from tcdyn.compensate.result import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
 from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.cooling import refined_chains
-from tcdyn.partition.effects import with_common_u
+from tcdyn.partition.cooling import refined_chains, with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.prepare import prepare

@@ -12,9 +12,8 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
-from tcdyn.partition.effects import STATED
+from tcdyn.partition.effects import LEVELS, STATED, disk_features
 from tcdyn.partition.faults import AS_WIRED
-from tcdyn.partition.features import LEVELS, disk_features
 from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
 from tcdyn.traces import DiskTraces
