@@ -12,9 +12,9 @@ from scipy.signal.windows import hann
 
 from calibration import Array
 from tcdyn.chain import Chain
-from tcdyn.compensate.cells import FINE, Burst, Intensity, corner_rad_s
+from tcdyn.compensate.result import Burst, Intensity
+from tcdyn.compensate.states import FINE, Smoothed, corner_rad_s, likelihood, smoothed
 from tcdyn.compensate.stretch import Stretch
-from tcdyn.compensate.sweep import Smoothed, likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one

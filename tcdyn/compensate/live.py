@@ -13,8 +13,8 @@ from calibration.errors import InputError
 from calibration.finding import look
 from calibration.noise import SPIKES, SpikeRule
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.cells import flow, prior
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
+from tcdyn.compensate.states import flow, prior
 from tcdyn.compensate.stretch import MISSING, SPIKE
 
 Array = NDArray[np.float64]

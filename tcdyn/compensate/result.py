@@ -1,9 +1,9 @@
-"""What a compensator returns: temperature, a standard deviation made of named parts, flags."""
+"""What a compensator returns: temperature, a standard deviation made of named parts, flags; and how restless it was."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,64 @@ from calibration import Array
 from calibration.estimate import with_u
 from calibration.finding import Finding, sentences
 from calibration.result import Result, jsonable
-from tcdyn.compensate.cells import Intensity
+
+
+@dataclass(frozen=True)
+class Burst:
+    """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
+
+    A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
+    a large power.
+    """
+
+    start_s: float
+    height: float
+    decay_s: float
+    power: float = 3.0
+
+
+@dataclass(frozen=True)
+class Intensity:
+    """d(slope) has variance q(t) dt; ``levels`` [K2/s3] hold from each of ``starts_s`` on, ``bursts`` add to them.
+
+    >>> q = Intensity((0.0, 10.0), (1.0, 4.0), (Burst(10.0, 8.0, 2.0),))
+    >>> q.at([5.0, 10.0, 16.0]).tolist()
+    [1.0, 12.0, 5.0]
+    >>> float(q.between([0.0, 10.0, 16.0])[1])
+    42.0
+    """
+
+    starts_s: tuple[float, ...]
+    levels: tuple[float, ...]
+    bursts: tuple[Burst, ...] = ()
+
+    @classmethod
+    def constant(cls, level: float) -> Intensity:
+        """The same ``level`` [K2/s3] at all times."""
+        return cls((0.0,), (float(level),))
+
+    def at(self, t_s: ArrayLike) -> Array:
+        """q(t) [K2/s3], same shape as ``t_s``."""
+        t = np.asarray(t_s, dtype=float)
+        q: Array = np.asarray(self.levels)[np.clip(np.searchsorted(self.starts_s, t, side="right") - 1, 0, None)]
+        for b in self.bursts:
+            age = np.maximum(t - b.start_s, 0.0) / b.decay_s
+            q = q + np.where(t >= b.start_s, b.height * (1.0 + age / b.power) ** -b.power, 0.0)
+        return q
+
+    def between(self, knots_s: ArrayLike) -> Array:
+        """Integral of q over each cell of ``knots_s`` (J+1,), shape (J,) [K2/s2]."""
+        t = np.asarray(knots_s, dtype=float)
+        q = replace(self, bursts=()).at(t[:-1]) * np.diff(t)
+        for b in self.bursts:
+            age, p = np.maximum(t - b.start_s, 0.0) / b.decay_s, b.power
+            q = q + np.diff(b.height * b.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
+        return q
+
+    def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
+        """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""
+        bursts = tuple(replace(b, start_s=(to_s if b.start_s == was_s else b.start_s) - shift_s) for b in self.bursts)
+        return Intensity(tuple((to_s if s == was_s else s) - shift_s for s in self.starts_s), self.levels, bursts)
 
 
 @dataclass(frozen=True)
