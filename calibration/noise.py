@@ -86,6 +86,22 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     return np.asarray(np.maximum(sd, np.reshape(columns, x.shape[1:])))
 
 
+def trace_noise_sd(y: Array, fallback: float = 1e-6) -> float:
+    """Standard deviation [same unit] of white noise on a smooth trace ``y (N,)``, NaN for missing.
+
+    sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling rate leaves less
+    than 2 % of its amplitude. A trace that rests on one step of its logger gets a quarter of that step.
+    """
+    if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
+        return fallback
+    sd = float(white_noise_sd(y, 4, centred=False))
+    if sd > 0:
+        return sd
+    steps = np.abs(np.diff(y[np.isfinite(y)]))
+    steps = steps[steps > 0]
+    return float(np.min(steps)) / 4 if len(steps) else fallback
+
+
 def rounding_sd(x: Array) -> float:
     """Rounding error of a trace (N,) whose neighbours are often equal: its logger's step over sqrt(12); else zero.
 

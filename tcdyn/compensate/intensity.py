@@ -12,9 +12,8 @@ from scipy.signal.windows import hann
 
 from calibration import Array
 from tcdyn.chain import Chain
-from tcdyn.compensate.result import Burst, Intensity
+from tcdyn.compensate.record import Burst, Intensity, Stretch
 from tcdyn.compensate.states import FINE, Smoothed, corner_rad_s, likelihood, smoothed
-from tcdyn.compensate.stretch import Stretch
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one

@@ -14,8 +14,8 @@ from calibration.finding import look
 from calibration.noise import SPIKES, SpikeRule
 from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
+from tcdyn.compensate.record import MISSING, SPIKE
 from tcdyn.compensate.states import flow, prior
-from tcdyn.compensate.stretch import MISSING, SPIKE
 
 Array = NDArray[np.float64]
 FORGET, ALARM = 0.6, 2.1  # running mean of normalised surprises (sd 0.5) and the level that means an event

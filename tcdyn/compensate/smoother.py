@@ -16,9 +16,8 @@ from calibration.errors import InputError
 from calibration.noise import SPIKES
 from tcdyn.chain import Chain
 from tcdyn.compensate.intensity import MOST, Criterion, Tradeoff, by_criterion, choose, sharp_event
-from tcdyn.compensate.result import Compensated, Intensity
+from tcdyn.compensate.record import SPIKE, Compensated, Intensity, stretch_of
 from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
-from tcdyn.compensate.stretch import SPIKE, stretch_of
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left

@@ -12,8 +12,7 @@ from scipy.linalg import expm
 
 from calibration import Array, Flags
 from tcdyn.chain import Chain, Sensor
-from tcdyn.compensate.result import Intensity
-from tcdyn.compensate.stretch import Stretch
+from tcdyn.compensate.record import Intensity, Stretch
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
 FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd

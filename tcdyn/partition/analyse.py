@@ -16,7 +16,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, Grade, sentences
 from tcdyn.chain import Chain
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.cooling import (
     CoolingFit,

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.chain import Chain
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, effects

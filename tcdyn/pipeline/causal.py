@@ -13,13 +13,13 @@ from scipy import signal
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, static_u
-from calibration.noise import SPIKES
+from calibration.noise import SPIKES, trace_noise_sd
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate
 from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
-from tcdyn.compensate.stretch import SPIKE, trace_noise_sd
+from tcdyn.compensate.record import SPIKE
 from tcdyn.traces import DiskChannels, disk_channels
 
 Array = NDArray[np.float64]

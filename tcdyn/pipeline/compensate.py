@@ -23,7 +23,7 @@ from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.compensate.intensity import Criterion
 from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import refined_chains, with_common_u

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from calibration.estimate import Z95
 from tcdyn.compensate.intensity import Tradeoff
 from tcdyn.compensate.inverse import BeforeUse
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, SLOW, dressed
 
 MOST_POINTS = 4000  # more than a page can show

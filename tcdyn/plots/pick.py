@@ -15,7 +15,7 @@ from calibration.record import DiskRecord
 from tcdyn import plots
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.design.compare import Design
 from tcdyn.identify.choose import Comparison
 from tcdyn.identify.identified import Identified

@@ -19,7 +19,7 @@ from tcdyn.compensate.inverse import (
     smoother_bandwidth_Hz,
     widest_bandwidth_Hz,
 )
-from tcdyn.compensate.result import Compensated
+from tcdyn.compensate.record import Compensated
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated

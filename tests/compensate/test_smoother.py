@@ -7,7 +7,7 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import Intensity, invert, smooth, window_covariance
-from tcdyn.compensate.stretch import SATURATED, SPIKE, STUCK
+from tcdyn.compensate.record import SATURATED, SPIKE, STUCK
 
 DT = 0.05
 RISE_S = 5.0
