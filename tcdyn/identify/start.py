@@ -9,7 +9,7 @@ same realisation serves both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import product
 
@@ -24,7 +24,6 @@ from tcdyn.identify.models import Model, process
 from tcdyn.identify.problem import Posed
 
 REFINED = 4  # times the row of lags is narrowed to its cube root and less: from a factor 3 to 1 %
-Pool = Iterator[tuple[float, Array]]  # costs and the x that they belong to
 
 
 def filled(segment: Segment) -> Array:
@@ -67,7 +66,7 @@ def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[
 
 
 def srivc(
-    problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int = 8
+    problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int
 ) -> tuple[Array, Array] | None:
     """Numerator and denominator, ascending, iterated from the prefilter (1 + s/rate)^poles; None where it fails."""
     a, num = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1], np.eye(zeros + 1)[0]
@@ -82,17 +81,6 @@ def srivc(
         if np.allclose(a, before, rtol=1e-3, atol=0):
             break
     return num, a
-
-
-def transfer_starts(problem: Posed, delays_s: Iterable[float]) -> Pool:
-    """Starts for a general transfer function: SRIVC over prefilters, from the record's length to its sampling, and
-    candidate dead times."""
-    model = problem.model
-    zeros = sum(n.startswith("b") for n in model.names) - 1
-    for delay, rate in product(delays_s, np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6)):
-        if (answer := srivc(problem, zeros, model.order, delay, float(rate))) is not None:
-            num, den = ({f"{c}{i}": float(v) for i, v in enumerate(part)} for c, part in zip("ba", answer))
-            yield polished(problem, {**num, **den, "Td": delay})
 
 
 def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Array:
@@ -204,26 +192,12 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     return float(rest @ rest), x
 
 
-def process_starts(problem: Posed) -> Pool:
-    """Starts for a process model: total lag and dead time shared out, and SRIVC where poles may be complex."""
-    model = problem.model
-    seen = one_lag_starts(problem)[:4]
-    if model.order == 0:
-        for _, delay in seen[:3]:
-            yield polished(problem, {"Kp": 1.0, "Td": delay})
-        return
-    for (tau, delay), pattern in product(seen, range(3)):
-        yield polished(problem, spread(model, tau, delay, pattern))
-    if model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names:
-        tau, delay = seen[0]
-        for share, rate in product((1.0, 0.5), (1.0 / tau, 4.0 / tau)):
-            answer = srivc(problem, int("Tz" in model.names), model.order, share * delay, rate, iterations=4)
-            if answer is not None:
-                yield polished(problem, from_poles(model, *answer, share * delay))
-
-
 def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str, float]:
-    """Process parameters nearest to a general transfer function: complex poles become two equal lags unless U."""
+    """Parameters nearest to a general transfer function; complex poles are two equal lags in a process without U."""
+    if model.kind != "process":
+        return {"Td": delay_s} | {
+            f"{c}{i}": float(v) for c, part in (("b", num), ("a", den)) for i, v in enumerate(part)
+        }
     poles = np.roots(den[::-1])
     theta = {"Kp": float(num[0]), "Td": delay_s, "Tz": float(num[1] / num[0]) if len(num) > 1 and num[0] else 0.0}
     if "Tw" in model.names:
@@ -237,14 +211,27 @@ def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str
 
 
 def starts(problem: Posed) -> list[Array]:
-    """Starts for any model, best first."""
-    model = problem.model
-    if model.kind == "process":
-        pool = process_starts(problem)
-    elif model.has_delay:
-        pool = transfer_starts(
-            problem, sorted({f * d for _, d in one_lag_starts(problem)[:2] for f in (0.0, 0.5, 1.0)})
-        )
-    else:
-        pool = transfer_starts(problem, [model.fixed.get("Td", 0.0)])
+    """Starts for any model, best first.
+
+    One lag's total shared out over those of a process model; SRIVC where its poles may be complex, and for a general
+    transfer function over prefilters from the record's length to its sampling and candidate dead times.
+    """
+    model, seen = problem.model, one_lag_starts(problem)[:4]
+    (tau, delay), process = seen[0], model.kind == "process"
+    begun: list[dict[str, float]] = []
+    if process and model.order == 0:
+        begun = [{"Kp": 1.0, "Td": d} for _, d in seen[:3]]
+    elif process:
+        begun = [spread(model, *one, pattern) for one, pattern in product(seen, range(3))]
+    zeros, delays, rates, iterations = int("Tz" in model.names), [delay, 0.5 * delay], [1.0 / tau, 4.0 / tau], 4
+    if not process:
+        zeros, iterations = sum(n.startswith("b") for n in model.names) - 1, 8
+        delays = sorted({f * d for _, d in seen[:2] for f in (0.0, 0.5, 1.0)})
+        delays = delays if model.has_delay else [model.fixed.get("Td", 0.0)]
+        rates = np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6).tolist()
+    if not process or (model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names):
+        for d, rate in product(delays, rates):
+            if (answer := srivc(problem, zeros, model.order, d, rate, iterations)) is not None:
+                begun.append(from_poles(model, *answer, d))
+    pool = [polished(problem, theta) for theta in begun]
     return [x for cost, x in sorted(pool, key=lambda item: item[0]) if np.isfinite(cost)]
