@@ -27,8 +27,8 @@ from tcdyn.partition.cooling import (
     refined_chains,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
-from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import joint_profiles, profiles_file
 from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.steady import (

@@ -15,7 +15,7 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, effects
-from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import DiskLine, FitShift, SteadyLine
 from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window
 from tcdyn.traces import DiskTraces

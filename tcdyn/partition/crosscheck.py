@@ -20,9 +20,9 @@ from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
-from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.sensors import SensorCheck
 from tcdyn.partition.steady import DiskLine, FitShift, speed_law_beta
 

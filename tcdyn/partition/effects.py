@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
 from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
-from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import (
     INNER,
     NOMINAL,

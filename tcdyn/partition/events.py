@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,6 +15,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
+from tcdyn.traces import DiskTraces
 
 SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
@@ -46,6 +48,45 @@ class Events:
     parting_s: float
     kinks_s: tuple[float, ...]
     findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class FrictionAdded:
+    """What the transducer does not see of the contact's friction, its standard uncertainty, and what to say of it."""
+
+    value_N: float
+    u_N: float
+    findings: tuple[Finding, ...] = ()
+
+
+NOTHING_ADDED = FrictionAdded(0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class EhlTest:
+    """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
+
+    ``power_W`` is the whole frictional power F u_s; surface speeds under load: u_f / u_s their ratio, u_f - u_s sliding
+    (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
+    ``exponent_half_range`` how far n may lie from ``speed_exponent``.
+    """
+
+    time_s: Array
+    dt_s: float
+    events: Events
+    power_W: Array
+    ambient_degC: Array
+    load_N: float
+    friction_N: float
+    speed_ratio: float
+    sliding_speed_m_s: float
+    entraining_speed_m_s: float
+    half_width_m: float
+    speed_exponent: float
+    exponent_half_range: float
+    disks: Mapping[str, DiskTraces]
+    findings: tuple[Finding, ...]
+    added: FrictionAdded = NOTHING_ADDED
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:

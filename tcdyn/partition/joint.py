@@ -22,7 +22,7 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, lag_bank
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import Unmeasured, effects
-from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces

@@ -16,6 +16,7 @@ from calibration.disk import CHANNELS, DISKS, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.effects import LEVELS, DiskFeatures, disk_features
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.faults import (
     DepthTest,
     Fault,
@@ -25,7 +26,6 @@ from tcdyn.partition.faults import (
     judge,
     settled,
 )
-from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 

@@ -20,7 +20,7 @@ from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
-from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.events import EhlTest
 from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3

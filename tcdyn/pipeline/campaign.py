@@ -24,7 +24,7 @@ from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig
 from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.prepare import EhlTest
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import between, steady_start_s
 from tcdyn.pipeline.beta import BearingFile, estimate_beta
 from tcdyn.pipeline.campaign_table import AGREE, campaign_table, table_csv, table_row

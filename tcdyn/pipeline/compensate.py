@@ -29,8 +29,8 @@ from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import refined_chains, with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.prepare import prepare
 from tcdyn.partition.steady import at_one_radius
+from tcdyn.pipeline.beta import prepare
 from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered, rig_of
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to

@@ -16,9 +16,8 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
-from tcdyn.partition.prepare import prepare
 from tcdyn.pipeline import campaign as stage
-from tcdyn.pipeline.beta import read_bearing
+from tcdyn.pipeline.beta import prepare, read_bearing
 from tcdyn.pipeline.campaign import CampaignSettings, run_campaign, spread
 from tcdyn.pipeline.campaign_table import COLUMNS, table_columns, trend_table
 from tests.conftest import Campaign

@@ -19,7 +19,8 @@ from calibration.log import Log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, now_utc
 from calibration.rig import Rig, load_rig
 from tcdyn.partition.analyse import Partition, analyse
-from tcdyn.partition.prepare import EhlTest, prepare
+from tcdyn.partition.events import EhlTest
+from tcdyn.pipeline.beta import prepare
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth

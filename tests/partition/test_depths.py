@@ -21,9 +21,10 @@ from tcdyn.partition.crosscheck import (
     largest_pulls,
     tensions,
 )
+from tcdyn.partition.events import EhlTest, FrictionAdded
 from tcdyn.partition.faults import DepthTest
-from tcdyn.partition.prepare import EhlTest, FrictionAdded, prepare
 from tcdyn.partition.sensors import check_sensors
+from tcdyn.pipeline.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere

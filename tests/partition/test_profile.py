@@ -13,8 +13,8 @@ from scipy import stats
 from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.fitting import Problem
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
-from tcdyn.partition.prepare import EhlTest
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.tables import interval_table

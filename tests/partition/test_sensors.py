@@ -13,9 +13,10 @@ from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.partition.effects import LEVELS, STATED, disk_features
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.faults import AS_WIRED
-from tcdyn.partition.prepare import EhlTest, prepare
 from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
+from tcdyn.pipeline.beta import prepare
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
 
