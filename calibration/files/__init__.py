@@ -1,25 +1,42 @@
-"""Any file of a logger to named columns: ``open_table`` chooses the reader by ending and first bytes."""
+"""Any file of a logger to named columns: ``open_table`` chooses the reader by ending and first bytes.
+
+Text is read here: every row's fields counted, numbers parsed exactly, clock times and on/off words understood.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Sequence
+import io
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import IO
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import csv as pacsv
 
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files.binary import parquet_table, tdms_table
-from calibration.files.csvtable import CsvTable, text_pieces
-from calibration.files.dialect import sniff
+from calibration.files.dialect import ABSENT, Dialect, TextColumn, is_number, sniff
 from calibration.files.lvm import MARK, lvm_table
-from calibration.files.table import Table, read_whole
+from calibration.files.table import PIECE_ROWS, Columns, Table, read_whole
+from calibration.finding import Finding, Place, look
 
-__all__ = ["Table", "open_table", "read_numbers", "read_whole", "sha256", "shown"]
+__all__ = ["CsvTable", "Table", "open_table", "read_numbers", "read_whole", "sha256", "shown", "text_of"]
 
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
+BLOCK_BYTES = 1 << 21  # of text in one piece, at most
+_NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
+
+
+@dataclass(frozen=True)
+class CsvTable(Table):
+    """A table of text, and the dialect it is written in."""
+
+    dialect: Dialect
 
 
 def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
@@ -49,7 +66,7 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     if head.startswith(b"PAR1") or ending in (".parquet", ".pq"):
         return parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(MARK):
-        return lvm_table(file, where)
+        return lvm_table(file, where, text_pieces)
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
     if ending in NO_LOGS:
@@ -93,3 +110,124 @@ def sha256(path: str | Path) -> str:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as problem:
         raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None
+
+
+def text_of(dialect: Dialect) -> IO[bytes]:
+    """The text from its first byte."""
+    return open(dialect.path, "rb") if dialect.body is None else io.BytesIO(dialect.body)
+
+
+def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+    """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory.
+
+    From the first cell on that is no number where numbers were, every column is read as text.
+    Raises InputError for a damaged row before the first piece.
+    """
+    d = dialect
+    with text_of(d) as stream:
+        count, place, found = check_rows(stream, d)
+    if count == 0:
+        raise InputError("no rows below the header", where=d.where)
+    keys = {name: f"c{d.names.index(name)}" for name in wanted}  # names in files may repeat; these do not
+    cells = {name: d.first_row[d.names.index(name)] for name in wanted}
+    words = {n for n, cell in cells.items() if not is_number(cell, d.decimal) and cell.lower() not in ABSENT}
+    texts: dict[str, TextColumn] = {}
+    line = max(len(d.first_row) * 4, sum(len(cell) + 1 for cell in d.first_row))
+    # small blocks, none read ahead: the allocators keep some twenty times a block for themselves
+    read = pacsv.ReadOptions(
+        skip_rows=d.skip,
+        column_names=[f"c{i}" for i in range(len(d.names))],
+        block_size=min(max(rows * line, 1 << 16), BLOCK_BYTES),
+        use_threads=False,
+    )
+    parse = pacsv.ParseOptions(delimiter=d.separator)
+    done = 0
+    for as_text in (False, True):
+        convert = pacsv.ConvertOptions(
+            include_columns=list(keys.values()),
+            column_types={k: pa.string() if as_text or n in words else pa.float64() for n, k in keys.items()},
+            decimal_point=d.decimal,
+            null_values=_NULLS,
+            check_utf8=False,
+        )
+        skip = done
+        try:
+            with text_of(d) as stream:
+                for batch in pacsv.open_csv(stream, read, parse, convert):
+                    part = batch.slice(min(skip, batch.num_rows))
+                    skip -= batch.num_rows - part.num_rows
+                    if part.num_rows:
+                        numbers = {
+                            name: _numbers(part.column(k), name, d, done, place, texts) for name, k in keys.items()
+                        }
+                        yield Columns(numbers, place)
+                        done += part.num_rows
+            break
+        except pa.ArrowInvalid as problem:
+            if as_text:
+                text = str(problem).splitlines()[0][:160]
+                raise InputError(f"the table cannot be read ({text})", where=d.where) from None
+            if done:  # numbers so far: no clock
+                texts |= {name: TextColumn(name, d.decimal, place, clock=False) for name in keys if name not in words}
+    found += [f for column in texts.values() for f in column.judge(done)]
+    if found:
+        yield Columns({name: np.empty(0) for name in wanted}, place, tuple(found))
+
+
+def _numbers(
+    column: pa.Array, name: str, dialect: Dialect, at: int, place: Place, texts: dict[str, TextColumn]
+) -> Array:
+    """Numbers of one piece, whose first is number ``at`` of the file's; ``texts`` keeps the columns of text."""
+    if pa.types.is_floating(column.type):
+        return np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+    if name not in texts:
+        texts[name] = TextColumn(name, dialect.decimal, place)
+    cells = (b"" if cell is None else cell for cell in column.cast(pa.binary()).to_pylist())
+    return texts[name].numbers([c.decode("utf-8", errors="replace").strip().strip('"').strip() for c in cells], at)
+
+
+def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Finding]]:
+    """How many rows of data there are, where they stand, and what was noticed: the fields of every row are counted.
+
+    A short or long row is refused by its number, a last short one as truncated; a last row without line end may have
+    lost digits: that is noted.
+    """
+    separator, where, fields = dialect.separator.encode(), dialect.where, len(dialect.names)
+    blank: list[int] = []
+    rows, line = 0, b"\n"
+    short: tuple[int, int] | None = None
+    for number, line in enumerate(stream, 1):
+        if number <= dialect.skip:
+            continue
+        if short is not None and line.strip():
+            raise _row_error(short, fields, where)
+        count = line.count(separator)
+        if count == fields - 1:
+            rows += 1
+        elif not line.strip():
+            blank.append(number)
+        elif count < fields - 1:
+            short = (number, count + 1)
+        elif b'"' not in line:
+            raise _row_error((number, count + 1), fields, where)
+        if b"\x00" in line:
+            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+    if short is not None:
+        raise InputError(
+            f"row {short[0]}, the last, has {short[1]} of {fields} fields: the file is truncated",
+            where=where,
+            expected="a whole last row",
+            remedy="copy the file again, or delete the last row",
+        )
+    whole = line.endswith((b"\n", b"\r"))
+    found = [] if whole else [look("text.no_line_end", row=dialect.skip + rows + len(blank))]
+    return rows, Place(where, dialect.skip + 1, tuple(blank)), found
+
+
+def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:
+    return InputError(
+        f"row {row[0]} has {row[1]} fields",
+        where=where,
+        expected=f"{fields} as in the first row",
+        remedy="repair or delete that row",
+    )

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import InputError
-from calibration.files import open_table, shown
-from calibration.files.csvtable import CsvTable
+from calibration.files import CsvTable, open_table, shown
 from calibration.files.dialect import ABSENT, FLAGS, split
 
 MOST_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows

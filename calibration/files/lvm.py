@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,13 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import InputError
-from calibration.files.csvtable import text_pieces
 from calibration.files.dialect import LINE_END, Dialect
 from calibration.files.table import Columns, Table, Track, align, in_pieces, read_whole
 
 MARK = b"LabVIEW Measurement"
 _END = "***End_of_Header***"
 _MARKS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+
+
+Pieces = Callable[[Dialect, Sequence[str]], Iterator[Columns]]
 
 
 @dataclass(frozen=True)
@@ -25,8 +28,8 @@ class _Segment:
     columns: Columns
 
 
-def lvm_table(path: Path, where: str) -> Table:
-    """Read a .lvm file, which begins with LabVIEW's mark, at once.
+def lvm_table(path: Path, where: str, pieces: Pieces) -> Table:
+    """Read a .lvm file, which begins with LabVIEW's mark, at once; ``pieces`` reads the rows of text below a header.
 
     ``X_Value`` becomes ``time_s`` unless the file has a ``time_s`` of its own; where LabVIEW wrote no X column the
     time is X0 + i Delta_X. Comments and notes are left out. Several segments follow one another.
@@ -45,7 +48,7 @@ def lvm_table(path: Path, where: str) -> Table:
     separator = _MARKS.get(mark.lower(), mark[:1] or "\t")
     decimal = "," if head.pop("Decimal_Separator", ".") == "," else "."
     segments, at = [], end + 1
-    while (found := _segment(lines, at, separator, decimal, where)) is not None:
+    while (found := _segment(lines, at, separator, decimal, where, pieces)) is not None:
         segment, at = found
         segments.append(segment)
     if not segments:
@@ -67,7 +70,9 @@ def _file_head(lines: list[str]) -> dict[str, str]:
     return head
 
 
-def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str) -> tuple[_Segment, int] | None:
+def _segment(
+    lines: list[str], at: int, separator: str, decimal: str, where: str, pieces: Pieces
+) -> tuple[_Segment, int] | None:
     while at < len(lines) and not lines[at].replace(separator, "").strip():
         at += 1
     if at >= len(lines):
@@ -97,7 +102,7 @@ def _segment(lines: list[str], at: int, separator: str, decimal: str, where: str
     lined = "\n" * (first - 1) + "\n".join(body) + "\n"
     row = tuple(body[0].split(separator))
     dialect = Dialect(where, "utf-8", separator, decimal, keys, first - 1, row, body=lined.encode())
-    return _Segment(head, names, read_whole(Table(where, keys, {}, partial(text_pieces, dialect)), keys)), at
+    return _Segment(head, names, read_whole(Table(where, keys, {}, partial(pieces, dialect)), keys)), at
 
 
 def _timed(segments: list[_Segment]) -> Columns:

@@ -11,8 +11,7 @@ import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.files import open_table, read_whole
-from calibration.files.csvtable import CsvTable, text_of
+from calibration.files import CsvTable, open_table, read_whole, text_of
 from tcdyn.identify.data import Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
