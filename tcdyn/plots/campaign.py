@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.pipeline.campaign_table import done_rows, speed_groups, trend
-from tcdyn.plots.style import DARK, GREY, PALE, SERIES_COLOURS, SERIES_LINES, SERIES_MARKERS, dressed, figure
+from tcdyn.plots.style import DARK, GREY, PALE, SERIES_COLOURS, SERIES_LINES, SERIES_MARKERS, TRUTH, dressed, figure
 
 SPEED = "sliding speed"
 
@@ -56,7 +56,7 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
     aside = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))  # so that the bars of one test stand apart
     for column, marker, colour, fill, shift, label in (
-        ("beta", "o", "black", "black", 0.0, "speed law"),
+        ("beta", "o", TRUTH, TRUTH, 0.0, "speed law"),
         ("beta_both", "^", GREY, "white", aside, "joint fit, both disks"),
     ):
         y, u = good[column].to_numpy(dtype=float), good[f"u_{column}"].to_numpy(dtype=float)
@@ -67,7 +67,7 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     line = trend(x, good["beta"].to_numpy(dtype=float))
     if line is not None:
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, line.intercept + line.slope * ends, ":", color="black", linewidth=1, label="line, least squares")
+        ax.plot(ends, line.intercept + line.slope * ends, ":", color=TRUTH, linewidth=1, label="line, least squares")
     name_points(ax, x, [str(name) for name in good["test"]])
     return dressed(
         ax,

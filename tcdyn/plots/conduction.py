@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, dressed, finish
+from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, finish
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
@@ -23,7 +23,7 @@ def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str
     filled = ax.contourf(z, depth, field, levels=14, cmap="inferno")
     ax.figure.colorbar(filled, ax=ax, label="temperature [°C]")
     for name, (d, at) in (points or {}).items():
-        ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor="black", markersize=5)
+        ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor=TRUTH, markersize=5)
         ax.annotate(name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white")
     ax.invert_yaxis()
     return dressed(ax, "z [mm]", "depth [mm]")
@@ -70,7 +70,7 @@ def draw_mesh_errors(
 ) -> Axes:
     """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
     for k, (name, errors) in enumerate(ours.items()):
-        colour, marker, line = ("black", FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
+        colour, marker, line = (TRUTH, FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
         ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), marker, color=colour, linestyle=line, label=f"mesh {name}")
         ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
     return dressed(ax, "time [s]", f"{part} error against mesh IV [%]", title="crosses: published")

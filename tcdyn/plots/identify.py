@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
-from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, dressed, figure
+from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure
 
 
 def label(name: str, unit: str) -> str:
@@ -22,7 +22,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     s, model = fit.problem.segments[segment], fit.identified
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
     ax.plot(t, s.y, ".", markersize=2.5, color=GREY, label=f"{model.output_name} measured")
-    ax.plot(t, fit.simulated()[segment], color="black", linewidth=1.3, label=f"{model.model.name} simulated")
+    ax.plot(t, fit.simulated()[segment], color=TRUTH, linewidth=1.3, label=f"{model.model.name} simulated")
     style = "steps-post" if fit.problem.hold == "zoh" else "default"
     twin = ax.twinx()
     twin.plot(t, s.u, color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)

@@ -9,7 +9,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
-from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, dressed
+from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 SHOWN = ("e", "a", "b")
 
@@ -30,7 +30,7 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
             label=f"{ch}, {depth:g} mm deep, compensated",
         )  # fmt: skip
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
-    ax.axvline(0.0, color="black", linewidth=0.8)
+    ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     ax.set_title(f"{disk} disk", loc="left")
     return dressed(ax, "time from parting [s]", "temperature [°C]", legend=True)
 
@@ -83,12 +83,12 @@ def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
             k,
             xerr=Z95 * beta.u,
             fmt=DISK_MARKER.get(disk, "D"),
-            color=DISK_COLOUR.get(disk, "black"),
+            color=DISK_COLOUR.get(disk, TRUTH),
             capsize=3,
         )
     ax.set_yticks(range(len(rows)), [_way_words(name) for name, _ in reversed(rows)])
     if truth is not None:
-        ax.axvline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
+        ax.axvline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
         ax.legend(frameon=False, fontsize=8)
     ax.set_ylim(-0.6, len(rows) - 0.4)
     ax.set_xlabel("heat partition β [1], 95 % intervals")
@@ -111,7 +111,7 @@ def draw_budget(p: Partition, ax: Axes) -> Axes:
         y - 0.2, [r[2] for r in rows], height=0.38, color=PALE, edgecolor=DARK, hatch="////", linewidth=0.6,
         label="cooling fit (the worse disk)",
     )  # fmt: skip
-    ax.axhline(0.75, color="black", linewidth=0.8)
+    ax.axhline(0.75, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, [r[0] for r in rows])
     ax.set_xlabel("standard uncertainty of β [1]")
     ax.legend(frameon=False, fontsize=8, loc="center right")
@@ -145,11 +145,11 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
     n = np.linspace(low - 0.05, high + 0.05, 60)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")
-    ax.plot(n, beta, color="black", label="speed law")
+    ax.plot(n, beta, color=TRUTH, label="speed law")
     implied, both = p.both.estimates["exponent"], p.both.estimates["beta"]
     ax.errorbar(
         implied.value, both.value, xerr=Z95 * implied.u, yerr=Z95 * both.u, fmt="^",
-        color="black", markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
+        color=TRUTH, markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
     )  # fmt: skip
     ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
     return dressed(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
@@ -167,5 +167,5 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
                 linewidth=1.8 if disk == "fast" else 1, label=f"{disk} {ch}",
             )  # fmt: skip
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
-        ax.axvline(at, color="black", linewidth=0.7)
+        ax.axvline(at, color=TRUTH, linewidth=0.7)
     return dressed(ax, "time [s]", "temperature [°C]", ncols=2)

@@ -12,7 +12,7 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import LEVEL, intervals
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, dressed
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 TOP = 9.0
 LABELS = {
@@ -34,12 +34,12 @@ ORDER = (
 def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
     """One profile (rows of one fit and one parameter) against the parabola; its 95 % interval as a bar at 3.84."""
     fit, parameter = str(own["fit"].iloc[0]), str(own["parameter"].iloc[0])
-    colour = DISK_COLOUR.get(fit, "black")
+    colour = DISK_COLOUR.get(fit, TRUTH)
     estimate = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
     x = np.linspace(own["value"].min(), own["value"].max(), 200)
     ax.plot(x, ((x - estimate.value) / estimate.u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
     ax.plot(own["value"], own["deviance"], ".-", color=colour, markersize=4, linewidth=1.4)
-    ax.axhline(LEVEL, color="black", linestyle=":", linewidth=0.9)
+    ax.axhline(LEVEL, color=TRUTH, linestyle=":", linewidth=0.9)
     (found,) = intervals(own)
     ends = [found.low_seen if found.low95 is None else found.low95]
     ends += [found.high_seen if found.high95 is None else found.high95]
@@ -64,11 +64,11 @@ def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
         if k % 4 == 0:
             ax.set_ylabel("deviance [1]")
     corner = axes[3]
-    corner.plot([], [], ".-", color="black", label="profile: all else refitted")
+    corner.plot([], [], ".-", color=TRUTH, label="profile: all else refitted")
     corner.plot([], [], "--", color=GREY, label="standard uncertainty's parabola")
-    corner.plot([], [], ":", color="black", label="3.84: 95 %")
-    corner.plot([], [], color="black", linewidth=3, alpha=0.6, label="interval of the profile")
-    corner.plot([], [], ">", color="black", markersize=8, label="left open by the data")
+    corner.plot([], [], ":", color=TRUTH, label="3.84: 95 %")
+    corner.plot([], [], color=TRUTH, linewidth=3, alpha=0.6, label="interval of the profile")
+    corner.plot([], [], ">", color=TRUTH, markersize=8, label="left open by the data")
     corner.legend(frameon=False, fontsize=8, loc="center left")
     return axes
 
@@ -94,7 +94,7 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
                     label=f"{disk} disk" + (", window shorter than the lag" if early else ""),
                 )  # fmt: skip
     if truth is not None:
-        ax.axhline(truth, color="black", linestyle="--", linewidth=1, label="truth of the simulation")
+        ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
     ax.set_xscale("log")
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
@@ -114,7 +114,7 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     ax.axvspan(-2, 2, color=PALE, zorder=0)
     for at, (_, r) in zip(y, table.iterrows()):
         ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
-    ax.axvline(0, color="black", linewidth=0.8)
+    ax.axvline(0, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
     reach = max(3.0, 1.2 * float(table["z"].abs().max()))
     ax.set_xlim(-reach, reach)
@@ -136,5 +136,5 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
             label=f"{disk} disk, by this test alone, 95 %",
         )  # fmt: skip
     ax.set_xticks(range(len(test.deeper_m)), list(test.deeper_m))
-    ax.axhline(0, color="black", linewidth=0.8)
+    ax.axhline(0, color=TRUTH, linewidth=0.8)
     return dressed(ax, "junction", "deeper than stated [mm]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))

@@ -19,7 +19,7 @@ from tcdyn.partition.tables import (
     ways_table,
 )
 from tcdyn.plots import partition as draw
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import TRUTH, figure
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_window_study
 from tcdyn.report.page import Section, write_page
 
@@ -52,7 +52,7 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
     lines, (ax,) = figure(height_in=4.8)
     draw.draw_lines(p, ax)
     if truth is not None:
-        ax.axhline(truth, color="black", linestyle=":", linewidth=1.2, label="truth of the simulation")
+        ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation")
         ax.legend(frameon=False, fontsize=8, ncols=2)
     lag = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
     return [
