@@ -67,6 +67,11 @@ class Conditioning:
         )
         return sections + ((1.0, tau),) * (n % 2)
 
+    @property
+    def numerator(self) -> tuple[float, ...]:
+        """Of B, ascending in s."""
+        return (1.0,)
+
     @cached_property
     def lag_s(self) -> float:
         """First moment of B's impulse response [s]: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).

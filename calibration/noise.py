@@ -143,6 +143,12 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     return out
 
 
+def bridged(y: Array, good: Flags) -> Array:
+    """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
+    rows = np.arange(len(y))
+    return y if good.all() else np.interp(rows, rows[good], y[good])
+
+
 def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
     """The samples (N,) with what cannot be as NaN: beyond a million or, in a temperature, beyond type J, and spikes.
 

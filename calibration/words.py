@@ -443,6 +443,8 @@ COMPENSATE: dict[str, Words] = {
 TRACES: dict[str, Words] = {
     "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in {subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
+    "noise.coloured": "{subject} disk: noise of {before_K:.2g} K comes through the conditioning filter, "
+    "of {after_K:.2g} K from behind it; all that follows counts with both",
     "traces.coarse": lambda subject, step_K, channels, **_: (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
         f"{', '.join(channels)}: such rounding is no white noise, and lags and transient fits may be further off than "

@@ -14,10 +14,11 @@ from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
-from calibration.noise import SPIKES, find_spikes, rounding_sd, white_noise_sd
+from calibration.noise import SPIKES, bridged, find_spikes, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.noise import Noise, noise_of
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
@@ -49,11 +50,12 @@ class DiskChannels:
 class DiskTraces(DiskChannels):
     """One disk in one log: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
 
-    ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise_K`` (6,): white noise of each
-    channel; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,): standard
-    uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody measured,
-    rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b (see
-    :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of the
+    Noise that the conditioning filter coloured was made white, see :mod:`tcdyn.chain.noise`: readings and ``chains``
+    went through the same A/N. ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise``:
+    what it was; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,):
+    standard uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody
+    measured, rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b
+    (see :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of the
     channels' lags, with its standard uncertainty ``common_lag_u_s`` [s].
     """
 
@@ -61,7 +63,7 @@ class DiskTraces(DiskChannels):
     setup: DiskSetup
     readings_degC: Array
     missing: NDArray[np.bool_]
-    noise_K: Array
+    noise: Noise
     rounding_K: Array
     static_u_K: Array
     uncertainty: UncertaintyTable
@@ -74,6 +76,11 @@ class DiskTraces(DiskChannels):
         lag, u = np.mean([c.lag_s for c in self.chains]), np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
         object.__setattr__(self, "common_lag_s", float(lag))
         object.__setattr__(self, "common_lag_u_s", float(u))
+
+    @property
+    def noise_K(self) -> Array:
+        """Standard deviation (6,) of a sample's noise, which is white [K]."""
+        return self.noise.level_K
 
     @property
     def measured_degC(self) -> Array:
@@ -204,26 +211,28 @@ def disk_traces(
         marks.append(marked)
     if coarse := [ch for ch, error in zip(CHANNELS, rounding) if error > 0]:
         found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
-    y = np.column_stack(columns)
+    y, missing = np.column_stack(columns), np.column_stack(marks)
+    dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
+    noise = noise_of([np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_noise_sd(y, NOISE_ORDER))
+    if noise.coloured:
+        y = noise.whitened(y, dt_s)
+        bursts = np.column_stack([find_spikes(x, SPIKES["traces"], sd) for x, sd in zip(y.T, noise.level_K)])
+        missing |= bursts
+        y = np.column_stack([bridged(x, ~marked) for x, marked in zip(y.T, missing.T)])
+        found.append(noise.told(disk))
     return DiskTraces(
-        **vars(channels),
+        **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
         name=disk,
         setup=setup,
         readings_degC=y,
-        missing=np.column_stack(marks),
-        noise_K=white_noise_sd(y, NOISE_ORDER),
+        missing=missing,
+        noise=noise,
         rounding_K=np.array(rounding),
         static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), rounding),
         uncertainty=rig.tables(disk).uncertainty,
         inner_K=np.zeros((len(y), len(INNER_ROW))),
         findings=tuple(found),
     )
-
-
-def bridged(y: Array, good: NDArray[np.bool_]) -> Array:
-    """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
-    rows = np.arange(len(y))
-    return y if good.all() else np.interp(rows, rows[good], y[good])
 
 
 def gathered(findings: Sequence[Finding]) -> list[Finding]:

@@ -53,22 +53,26 @@ class Chain(Result):
             raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
         if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
             raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
-        lag = self.delay_s - self.zero_s + sum(f[1] for f in self.factors())
+        lag = self.delay_s - self.zero_s + sum(f[1] for f in self.own_factors()) + self.conditioning.lag_s
         object.__setattr__(self, "lag_s", float(lag))
 
-    def factors(self) -> tuple[tuple[float, ...], ...]:
-        """The factors below, ascending coefficients in s: lags from the largest on, pair, cement, the filter's own."""
+    def own_factors(self) -> tuple[tuple[float, ...], ...]:
+        """The factors below but the filter's, ascending coefficients in s: lags from the largest on, pair, cement."""
         found: list[tuple[float, ...]] = [(1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0]
         if self.pair is not None:
             found.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
         if self.cement_s:
             found += [(1.0, self.cement_s * share) for share in cement_lags()]
-        return (*found, *self.conditioning.factors)
+        return tuple(found)
+
+    def factors(self) -> tuple[tuple[float, ...], ...]:
+        """All factors below, the filter's last."""
+        return (*self.own_factors(), *self.conditioning.factors)
 
     @cached_property
     def rational(self) -> Rational:
         """The chain as a product of its factors; cement by its lags."""
-        num = np.array([1.0, self.zero_s] if self.zero_s else [1.0])
+        num = product([[1.0, self.zero_s] if self.zero_s else [1.0], self.conditioning.numerator])
         return Rational(num, tuple(Factor(f) for f in self.factors()), self.delay_s)
 
     @property
@@ -95,7 +99,8 @@ class Chain(Result):
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
         """G(2 pi i f), dead time and cement exact; same shape as ``frequency_Hz``."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
-        value = (1.0 + self.zero_s * s) * np.exp(-self.delay_s * s) / np.cosh(np.sqrt(self.cement_s * s))
+        value = (1.0 + self.zero_s * s) * polyval(s, self.conditioning.numerator)
+        value = value * np.exp(-self.delay_s * s) / np.cosh(np.sqrt(self.cement_s * s))
         for f in replace(self, cement_s=0.0).factors():
             value = value / polyval(s, f)
         return np.asarray(value)
@@ -164,8 +169,8 @@ def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> 
 def _quotient(upper: Chain, lower: Chain) -> Rational:
     """G_upper / G_lower without their filter, kept proper by lags of 1 ms; what it would delay less than nothing is
     left out."""
-    num: Array = product(replace(lower, conditioning=NO_CONDITIONING).factors())
-    below = list(replace(upper, conditioning=NO_CONDITIONING).factors())
+    num: Array = product(lower.own_factors())
+    below = list(upper.own_factors())
     if upper.zero_s != lower.zero_s:
         num = product([num, (1.0, upper.zero_s)])
         below.append((1.0, max(lower.zero_s, LEAST_LAG_S)))
@@ -222,6 +227,7 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         if source == 0:
             raise InputError(f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter")
         output = output + chain.zero_s * drift[source]
+    output = sum(a * output @ np.linalg.matrix_power(drift, k) for k, a in enumerate(chain.conditioning.numerator))
     lag_row = np.zeros(size)
     if max(chain.taus_s, default=0.0) > 0:
         lag_row[:] = drift[2]

@@ -16,6 +16,7 @@ from tcdyn.compensate.record import Burst, Intensity, Stretch
 from tcdyn.compensate.states import FINE, Smoothed, corner_rad_s, likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
+FEW = 10  # waves in a stretch: where fewer stand out of the noise, the exact likelihood is taken all the same
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
 DECAYS_S = (0.1, 0.6, 3.6)
 EXPONENTIAL = 50.0  # a power as good as an exponential
@@ -61,9 +62,14 @@ def _whittle(power: Array, shape: Array, noise_var: float) -> float:
     return float(np.exp(logs[4]))
 
 
-def exact_levels(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple[Array, Array]:
-    """Level q (M,) [K2/s3] and noise variance (M,) of a short stretch by the exact likelihood, noise profiled out."""
-    logs = np.tile(np.linspace(np.log(FLOOR), np.log(1e8), 14), (len(noise_var), 1))
+def exact_levels(
+    stretch: Stretch, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
+) -> tuple[Array, Array]:
+    """Level q (M,) [K2/s3] and noise variance (M,) of a short stretch by the exact likelihood, noise profiled out.
+
+    ``trials`` levels up to ``most``, in noise variances per second cubed, are tried first.
+    """
+    logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
     for _ in range(3):
         proposed = [[Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
         value, ratio = likelihood(stretch, noise_var, proposed)
@@ -98,8 +104,13 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
             if b - a - skip < 64:
                 continue
             if b - a - skip >= LONG:
-                for c, chain in enumerate(stretch.chains):
-                    levels[k, c] = spectral_level(stretch.y[a + skip : b, c], dt, chain, noise_var[c])
+                window = _window(stretch, a + skip, b, ())
+                found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
+                corner = [float(corner_rad_s(s, q / (v * dt))) for s, q, v in zip(stretch.chains, found, noise_var)]
+                levels[k] = found
+                if min(corner) < (slow := FEW * 2 * np.pi / (len(window.y) * dt)):  # so few waves no spectrum tells
+                    exact, _ = exact_levels(window, noise_var, True, 16 * slow**4 * dt, 8)
+                    levels[k] = np.where(np.array(corner) < slow, exact, levels[k])
             else:
                 levels[k], _ = exact_levels(_window(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)

@@ -14,10 +14,10 @@ from calibration import Array, Flags
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, sentences
-from calibration.noise import SPIKES, find_spikes, trace_noise_sd
+from calibration.noise import SPIKES, bridged, find_spikes, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.traces import bridged
+from tcdyn.chain.noise import noise_of
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
@@ -28,7 +28,8 @@ LEAST_GOOD = 8  # samples
 class Stretch:
     """Samples ``y (N, M)`` (finite; weight 0 where bad) every ``dt_s``, their chains and the times of events [s].
 
-    ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED; ``findings``: channels that suffer.
+    ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED; ``noise_known``: whether the level
+    of the noise was given, or is that of noise made white; ``findings``: channels that suffer.
     """
 
     y: Array
@@ -39,6 +40,7 @@ class Stretch:
     events_s: tuple[float, ...]
     noise_sd: Array
     flags: NDArray[np.uint8]
+    noise_known: bool
     findings: tuple[Finding, ...] = ()
 
 
@@ -54,7 +56,7 @@ def stretch_of(
 
     Raises InputError for shapes that do not agree, for a channel that mostly repeats one value, or hardly measures.
     """
-    data = np.asarray(y, dtype=float)
+    data = np.array(y, dtype=float)
     data = data[:, None] if data.ndim == 1 else data
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
@@ -87,11 +89,33 @@ def stretch_of(
     if (few := good.sum(axis=0) < LEAST_GOOD).any():
         name = called[int(np.argmax(few))]
         raise InputError(f"smooth: {name} has fewer than {LEAST_GOOD} good samples", remedy="leave this channel out")
+    white = noise_sd is None and _make_white(data, good, flags, dt_s, listed, noise)
     filled = np.stack([bridged(data[:, c], good[:, c]) for c in range(m)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(
-        filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags, tuple(found)
-    )
+        filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
+        noise_sd is not None or white, tuple(found),
+    )  # fmt: skip
+
+
+def _make_white(
+    y: Array, good: Flags, flags: NDArray[np.uint8], dt_s: float, chains: list[Chain], noise_sd: Array
+) -> bool:
+    """Make white, in place, what the chains' filters coloured in the traces ``y`` (N, M); whether there was any."""
+    white = False
+    for filter_ in {c.conditioning for c in chains if c.conditioning.poles}:
+        own = [i for i, c in enumerate(chains) if c.conditioning == filter_]
+        clean = np.where(good[:, own], y[:, own], np.nan)
+        noise = noise_of([clean], dt_s, filter_, noise_sd[own])
+        if not noise.coloured:
+            continue
+        white, y[:, own], noise_sd[own] = True, noise.whitened(clean, dt_s), noise.level_K
+        for i in own:
+            chains[i] = noise.behind(chains[i])
+            spiky = find_spikes(y[:, i], SPIKES["compensator"], noise_sd[i])
+            flags[spiky, i] |= SPIKE
+            good[spiky, i] = False
+    return white
 
 
 def _flags(y: Array, noise_sd: float) -> NDArray[np.uint8]:

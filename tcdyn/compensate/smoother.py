@@ -65,7 +65,7 @@ def smooth(
         InputError: shapes that do not agree, a channel without samples.
     """
     stretch = stretch_of(y, dt_s, chains, events_s, noise_sd, names)
-    start_var, known = stretch.noise_sd**2, noise_sd is not None
+    start_var, known = stretch.noise_sd**2, stretch.noise_known
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s)).tolist()
     if intensity is None:
         chosen, noise_var = choose(stretch, start_var, known)

@@ -9,17 +9,19 @@ import numpy as np
 import pandas as pd
 
 from calibration import Array
-from calibration.disk import DiskSetup
+from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look
+from calibration.noise import white_noise_sd
 from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
-from tcdyn.chain import STRUCTURES
+from tcdyn.chain import STRUCTURES, Chain
+from tcdyn.chain.noise import Noise, noise_of
 from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
 from tcdyn.plunge.result import PlungeFit
-from tcdyn.plunge.run import PlungeRun, RunNoise, make_blocks
+from tcdyn.plunge.run import PlungeRun, RunNoise, make_blocks, without_spikes
 from tcdyn.plunge.structures import compare_structures
 
 Models = Callable[[Array], tuple[RunModel, ...]]
@@ -54,21 +56,32 @@ def identify_plunges(
         raise InputError(f"unknown chain structure {structure!r}", expected=", ".join(STRUCTURES))
     priors = priors or PlungePriors()
     chosen = find_correlation(correlation)
-    blocks = [make_blocks(r) for r in runs]
+    noise, white = _made_white(runs, setup.conditioning)
+    behind = replace(setup, conditioning=noise.behind(Chain((), conditioning=setup.conditioning)).conditioning)
+    blocks = [make_blocks(r) for r in white]
     layout = PlungeParameters(len(runs), channels, structure)
     initial = [float(np.nanmean(b.readings_degC[b.time_s < 0])) for b in blocks]
     mean, sd = full_prior(layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup)
 
     def built(about: Array) -> tuple[RunModel, ...]:
         return tuple(
-            build_run_model(run, b, setup, layout, chosen, about, r) for r, (run, b) in enumerate(zip(runs, blocks))
+            build_run_model(run, b, behind, layout, chosen, about, r) for r, (run, b) in enumerate(zip(runs, blocks))
         )
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
     best, rival = _best_of_two(replace(problem, models=built(problem.start)), built)
     scan, best, _ = settled_scan(best)
     form = model_form(best, scan, chosen, [find_correlation(name) for name in alternatives], setup.conditioning.lag_s)
-    return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan)
+    return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan, noise)
+
+
+def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[Noise, list[PlungeRun]]:
+    """The noise of all runs together, and the runs with it made white; spikes go first, they would ring."""
+    clean = [without_spikes(run.readings_degC)[0] for run in runs]
+    noise = noise_of(clean, runs[0].dt_s, filter_, np.mean([white_noise_sd(y) for y in clean], axis=0))
+    if not noise.coloured:
+        return noise, list(runs)
+    return noise, [replace(r, readings_degC=noise.whitened(y, r.dt_s)) for r, y in zip(runs, clean)]
 
 
 def full_prior(

@@ -1,0 +1,181 @@
+"""Noise as loggers make it: white before the conditioning filter and white after it, told apart and made white.
+
+reading = B (C T + w) + v: slip rings and wires sit before the filter B, so most of their noise w is coloured by it; the
+converter's v is not. With B = 1/A the spectrum of both is |N|^2 |B|^2, |N|^2 = a + b |A|^2: A/N makes the noise white,
+and a chain C B followed by it is C/N. Nothing else of a fit or a smoother has to know.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.polynomial.polynomial import polymul, polyroots, polyval
+from numpy.typing import NDArray
+from scipy import signal
+from scipy.optimize import nnls
+
+from calibration import Array
+from calibration.disk import Conditioning
+from calibration.finding import Finding, note
+from calibration.noise import bridged
+from tcdyn.chain.chain import Chain
+from tcdyn.chain.rational import Factor, Rational, product, simulate
+
+SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
+LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
+SLOW_HZ, NYQUISTS = 0.3, 0.9  # the part of a spectrum that counts: above what a segment detrends, below aliases
+AVERAGED = 0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
+SURE = 40.0  # deviance by which noise from before the filter must explain the spectra better
+MATERIAL = 0.1  # least part of it in that after the filter, at low frequency, that matters
+QUICKEST = 5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
+TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
+
+
+@dataclass(frozen=True)
+class Whitened(Conditioning):
+    """What stands in place of the filter B once a trace went through A/N: 1/N, or A/N where B was not in the chain.
+
+    ``sections``: factors of the denominator; ``numerator``: ascending in s. Its lag stays that of B, as people know it.
+    """
+
+    sections: tuple[tuple[float, ...], ...] = ()
+    numerator: tuple[float, ...] = (1.0,)
+
+    @cached_property
+    def factors(self) -> tuple[tuple[float, ...], ...]:
+        """Factors of the denominator, ascending coefficients in s."""
+        return self.sections
+
+    @cached_property
+    def lag_s(self) -> float:
+        """First moment of the filter whose noise was made white [s]."""
+        return Conditioning(self.cutoff_Hz, self.poles, self.shape).lag_s
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of M channels of one logger.
+
+    ``before_K`` (M,): standard deviation, behind the filter, of the white noise before it; ``after_K`` (M,): of that
+    after it; ``level_K`` (M,): of the white noise that is as strong at low frequency; ``shaping``: the filter;
+    ``sections``: the factors of N, none where all of it is white.
+    """
+
+    before_K: Array
+    after_K: Array
+    level_K: Array
+    shaping: Conditioning
+    sections: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def coloured(self) -> bool:
+        """Whether traces have to be made white."""
+        return bool(self.sections)
+
+    def told(self, subject: str) -> Finding:
+        """How much of the noise comes from before the filter."""
+        before, after = (float(np.median(x)) for x in (self.before_K, self.after_K))
+        return note("noise.coloured", subject=subject, before_K=before, after_K=after)
+
+    def whitened(self, y: Array, dt_s: float) -> Array:
+        """The readings ``y`` (N, M) through A/N, NaN where they were; the first sample stood for ever before."""
+        if not self.coloured:
+            return y
+        absent = ~np.isfinite(y)
+        filter_ = Rational(product(self.shaping.factors), tuple(Factor(f) for f in self.sections))
+        out = np.stack([simulate(filter_, bridged(x, ~gone), dt_s) for x, gone in zip(y.T, absent.T)], axis=1)
+        return np.where(absent, np.nan, out)
+
+    def behind(self, chain: Chain) -> Chain:
+        """The chain of a trace that was made white."""
+        if not self.coloured:
+            return chain
+        known = {"cutoff_Hz": self.shaping.cutoff_Hz, "poles": self.shaping.poles, "shape": self.shaping.shape}
+        if chain.conditioning == self.shaping:
+            return replace(chain, conditioning=Whitened(**known, sections=self.sections))
+        left = tuple(product(self.shaping.factors))
+        stages = (*chain.conditioning.factors, *self.sections)
+        return replace(chain, conditioning=Whitened(**known, sections=stages, numerator=left))
+
+
+def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array) -> Noise:
+    """The noise of one logger's channels, from ``traces``, each (N, M) [K], every ``dt_s``, NaN where missing.
+
+    S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of segments by Whittle's
+    likelihood, each channel with its own levels; the last term is what temperatures do. Where the first is not sure,
+    or there is no filter, the noise is white, of ``white_K`` (M,) as differences tell it.
+    """
+    white = Noise(np.zeros(len(white_K)), white_K, white_K, filter_)
+    if not filter_.poles or not (found := _spectra(traces, dt_s)):
+        return white
+    f, power, count = found
+    w = 2 * np.pi * f
+    ladder = product(filter_.factors)
+    passed = 1.0 / np.abs(polyval(1j * w, ladder)) ** 2
+    shapes = np.stack([passed, np.ones(len(f)), passed / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))], axis=1)
+    with_it = [_levels(p, shapes) for p in power.T]
+    without = [_levels(p, shapes[:, 1:]) for p in power.T]
+    gained = 2 * AVERAGED * count * sum(b - a for (_, a), (_, b) in zip(with_it, without))
+    levels = np.array([v for v, _ in with_it])
+    before, after = levels[:, 0], levels[:, 1]
+    ratio = float(np.median(before / np.maximum(before + after, 1e-300)))
+    if gained < SURE or ratio < MATERIAL:
+        return white
+    grid = np.linspace(0.0, 0.5 / dt_s, 400)
+    share = float(np.mean(1.0 / np.abs(polyval(2j * np.pi * grid, ladder)) ** 2))
+    sections = _spectral_factor(ratio, 1 - ratio, ladder, QUICKEST / dt_s)
+    return Noise(np.sqrt(before * share), np.sqrt(after), np.sqrt(before + after), filter_, sections)
+
+
+def _spectra(traces: Sequence[Array], dt_s: float) -> tuple[Array, Array, int] | None:
+    """Frequencies (F,) [Hz], variance of a sample (F, M) that each stands for [K2], and segments that tell it."""
+    long = [y for y in traces if len(y) >= LEAST_SEGMENT * LEAST_SEGMENTS]
+    if not long:
+        return None
+    size = max(min(round(SEGMENT_S / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
+    pieces: list[NDArray[np.float64]] = []
+    f = np.fft.rfftfreq(size, dt_s)
+    for y in long:
+        filled = np.stack([bridged(x, np.isfinite(x)) for x in y.T])
+        _, _, each = signal.spectrogram(filled, 1 / dt_s, "hann", size, size // 2, detrend="linear")
+        pieces.append(each)
+    power = np.concatenate(pieces, axis=-1) * (0.5 / dt_s)
+    keep = (f >= SLOW_HZ) & (f <= NYQUISTS * 0.5 / dt_s)
+    bias = float(np.log(2))  # median over mean of a squared amplitude
+    if np.count_nonzero(keep) < 10:
+        return None
+    return f[keep], np.median(power, axis=-1).T[keep] / bias, power.shape[-1] // 2
+
+
+def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
+    """Levels (K,) of ``shapes`` (F, K) that make ``power`` (F,) likeliest, and sum(log s + power/s) at them.
+
+    Fisher's scoring of Whittle's likelihood: least squares without negative levels, weighted by the spectrum itself.
+    """
+    s = np.maximum(power, 1e-12 * float(np.max(power)))
+    scale = np.linalg.norm(shapes / s[:, None], axis=0)
+    for _ in range(30):
+        levels = nnls(shapes / scale / s[:, None], power / s)[0] / scale
+        s = np.maximum(shapes @ levels, 1e-12 * float(np.max(power)))
+        scale = np.linalg.norm(shapes / s[:, None], axis=0)
+    return levels, float(np.sum(np.log(s) + power / s))
+
+
+def _spectral_factor(before: float, after: float, ladder: Array, quickest: float) -> tuple[tuple[float, ...], ...]:
+    """Factors of N, |N(iw)|^2 = before + after |A(iw)|^2 with stable roots; N(0) = 1 for levels that sum to one.
+
+    A root quicker than ``quickest`` [1/s] is put there: the samples show nothing of it.
+    """
+    even = after * polymul(ladder, ladder * (-1.0) ** np.arange(len(ladder)))
+    even[0] += before
+    roots = polyroots(np.trim_zeros(even, "b")) if after > 0 else np.array([])
+    roots = roots[roots.real < 0]
+    missing = len(ladder) - 1 - len(roots)  # without noise after the filter there are none at all
+    roots = np.concatenate([roots, np.full(missing, -quickest)])
+    roots = roots * np.minimum(quickest / np.abs(roots), 1.0)
+    real = [(1.0, float(-1.0 / r.real)) for r in roots if abs(r.imag) < 1e-9 * abs(r)]
+    pairs = [(1.0, float(-2 * r.real / abs(r) ** 2), float(abs(r) ** -2)) for r in roots if r.imag >= 1e-9 * abs(r)]
+    return (*real, *pairs)
