@@ -16,7 +16,9 @@ from tcdyn.compensate.record import Burst, Intensity, Stretch
 from tcdyn.compensate.states import FINE, Smoothed, corner_rad_s, likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
-FEW = 10  # waves in a stretch: where fewer stand out of the noise, the exact likelihood is taken all the same
+LEFT_OUT = 3  # slowest waves of a spectrum: what a straight line is taken from says little of them
+CLEAR = 100.0  # floors: bends three times as quick
+FEW = 20  # waves in a stretch: no more stand out of the noise where its spectrum shows none
 LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
 DECAYS_S = (0.1, 0.6, 3.6)
 EXPONENTIAL = 50.0  # a power as good as an exponential
@@ -40,7 +42,7 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     taper /= np.sqrt(np.sum(taper**2))
     power = np.abs(np.fft.rfft((y - np.polyval(np.polyfit(t, y, 1), t)) * taper)) ** 2
     f = np.fft.rfftfreq(n, dt_s)
-    keep = slice(3, int(0.45 * n))
+    keep = slice(LEFT_OUT, int(0.45 * n))
     power, w = power[keep], 2 * np.pi * f[keep]
     shape = np.abs(chain.frequency_response(f[keep])) ** 2 / (w**4 * dt_s)
     level = _whittle(power, shape, noise_var)
@@ -106,11 +108,12 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
             if b - a - skip >= LONG:
                 window = _window(stretch, a + skip, b, ())
                 found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
-                corner = [float(corner_rad_s(s, q / (v * dt))) for s, q, v in zip(stretch.chains, found, noise_var)]
                 levels[k] = found
-                if min(corner) < (slow := FEW * 2 * np.pi / (len(window.y) * dt)):  # so few waves no spectrum tells
-                    exact, _ = exact_levels(window, noise_var, True, 16 * slow**4 * dt, 8)
-                    levels[k] = np.where(np.array(corner) < slow, exact, levels[k])
+                least, whole = levels[k] < 2 * FLOOR * noise_var, 2 * np.pi / (len(window.y) * dt)
+                if least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt:  # what it does may stand in waves left out
+                    most = 16 * (FEW * whole) ** 4 * dt
+                    exact, _ = exact_levels(window, noise_var, True, most, 8)
+                    levels[k] = np.where(least & (exact > CLEAR * FLOOR * noise_var), exact, levels[k])
             else:
                 levels[k], _ = exact_levels(_window(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)

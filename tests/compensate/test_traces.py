@@ -45,7 +45,7 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
     coarse = np.round((90 + 0.1 * t + 0.02 * rng.standard_normal(len(t))) / 0.21) * 0.21
     said = {}
     for name, columns in (("fine", fine), ("coarse", {**fine, "fast_e_degC": coarse})):
-        frame = pd.DataFrame(columns)
+        frame = pd.DataFrame({"time_s": t, **columns})
         traces = disk_traces(frame, "fast", load_rig(), record, rows=t > 30)
         said[name] = traces.findings
         assert (traces.noise_K > 0.05).all()  # rounding of 0.21 K steps is 0.06 K
