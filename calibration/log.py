@@ -184,6 +184,7 @@ def iter_log(
     *,
     rows: int = PIECE_ROWS,
     allow_compensated: bool = False,
+    parted: bool = True,
 ) -> LogPieces:
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
@@ -231,7 +232,7 @@ def iter_log(
         noise_K[name] = course_noise_K(name, values, course.index.to_numpy(), place)
         course[name] = clean(name, values, noise_K[name])
     whole = {name: np.array(union_categoricals(parts), dtype=np.float64) for name, parts in levels.items()}
-    switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk)
+    switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk, parted=parted)
     found += said
     wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
     found += [look("column.not_there", subject=name) for name in wanted if name not in names]
@@ -246,17 +247,19 @@ def read_log(
     disk: str | None = None,
     *,
     allow_compensated: bool = False,
+    parted: bool = True,
 ) -> Log:
     """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
 
     CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
-    ``disk`` where given). Row numbers in messages are lines of the file.
+    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: whether the disks must part in an
+    EHL log.
 
     Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
     """
     file = Path(path)
     if kind != "oven":
-        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated, parted=parted)
         whole: dict[str, Array] = {}
         told = pieces.findings
         for piece in pieces:

@@ -19,18 +19,25 @@ BOUNCE_S = 0.2
 
 
 def check_kind(
-    kind: str, course: pd.DataFrame, switches: Mapping[str, Array], place: Place, rig: Rig, disk: str | None
+    kind: str,
+    course: pd.DataFrame,
+    switches: Mapping[str, Array],
+    place: Place,
+    rig: Rig,
+    disk: str | None,
+    *,
+    parted: bool = True,
 ) -> tuple[dict[str, Flags], list[Finding]]:
     """The ``switches`` (N,) of a log as off and on, and what all columns show together over the whole test.
 
     ``course``: cleaned columns, at the rows of the file that its index names (all of them, or some picked from all the
-    test). Raises InputError where a log of this ``kind`` cannot be.
+    test); ``parted``: whether the disks must part. Raises InputError where a log of this ``kind`` cannot be.
     """
     found: list[Finding] = []
     states: dict[str, Flags] = {}
     for name, values in switches.items():
         levels, said = _two_level(values, name, place)
-        found += said + _edges(levels, name, place)
+        found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
     couples = [str(n) for n in course if str(n).endswith("_degC") and n not in ROOM_AND_BATH]
@@ -54,8 +61,8 @@ def check_kind(
     for own in DISKS:
         found += _group(course[[n for n in couples if n.startswith(f"{own}_")]], place, room)
     contact = states["contact"][course.index]
-    found += _loads(course, contact, place.where)
-    late = contact & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
+    found += _loads(course, contact, place.where) if contact.any() else []
+    late = contact & ~contact[0] & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
     for own in DISKS:
         found += _swapped(course, f"{own}_", rig.tables(own), late)
     return states, found
@@ -94,12 +101,13 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
     return (values == levels[1]).astype(float), found
 
 
-def _edges(values: Array, name: str, place: Place) -> list[Finding]:
+def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding]:
     """Whether a switch (N,) of 0 and 1 moves as it must: up at an entry, down where the disks part.
 
     Held or momentary both are fine for an entry; bounces and a missing loading or cooling are noted.
     """
     steps = np.diff(values)
+    falls = np.flatnonzero(steps < 0)
     if name == "switch" and not (steps > 0).any():
         held = "goes from 1 to 0 only" if steps.any() else f"is {values[0]:g} in every row"
         raise InputError(
@@ -108,7 +116,7 @@ def _edges(values: Array, name: str, place: Place) -> list[Finding]:
             expected="0 before the entry, 1 at the entry",
             remedy="give the log of the whole plunge",
         )
-    if name == "contact" and not (steps < 0).any():
+    if name == "contact" and parted and not len(falls):
         state = "rises but never falls" if steps.any() else f"is {values[0]:g} in every row"
         raise InputError(
             f"column contact {state}: no unloading",
@@ -123,8 +131,8 @@ def _edges(values: Array, name: str, place: Place) -> list[Finding]:
         found.append(look("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]]))))
     if name == "contact" and values[0] > 0.5:
         found.append(look("contact.from_start", subject="contact"))
-    cooling_s = float((len(values) - 1 - np.flatnonzero(steps < 0)[-1]) * place.dt_s) if name == "contact" else np.inf
-    if cooling_s < 5.0:
+    cooling_s = float(len(values) - 1 - falls[-1]) * place.dt_s if len(falls) else np.inf
+    if name == "contact" and cooling_s < 5.0:
         found.append(look("contact.short_cooling", subject="contact", cooling_s=cooling_s))
     return found
 

@@ -66,13 +66,14 @@ def smooth(
     """
     stretch = stretch_of(y, dt_s, chains, events_s, noise_sd, names)
     start_var, known = stretch.noise_sd**2, stretch.noise_known
-    u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(stretch.events_s)).tolist()
+    u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     if intensity is None:
         chosen, noise_var = choose(stretch, start_var, known)
     else:
         listed = intensity if isinstance(intensity, Sequence | np.ndarray) else [intensity] * len(start_var)
         chosen, noise_var = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed], start_var
-    events, fit = dict(zip(stretch.events_s, u_s)), smoothed(stretch, noise_var, chosen)
+    told, fit = dict(zip(map(float, events_s), u_s)), smoothed(stretch, noise_var, chosen)
+    events = {at: told[at] for at in stretch.events_s}
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
     rule, w = SPIKES["answer"], stretch.weight
     far = (np.abs(stretch.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)

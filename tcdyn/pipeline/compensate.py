@@ -178,7 +178,8 @@ def compensate_log(
 
     The log's own metadata is carried over.
     ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
-    a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
+    a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used. A
+    log without loading or unloading is compensated with a finding.
     ``way``: the compensator, the smoother unless told.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
@@ -189,14 +190,18 @@ def compensate_log(
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)
-    table = read_log(log, kind, rig, own)
+    table = read_log(log, kind, rig, own, parted=False)
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings = [*gathered(table.findings)]
     known: dict[float, float] = {}
     if kind == "ehl":
-        events = find_events(table.frame, table.path.name)
-        known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
+        try:
+            events = find_events(table.frame, table.path.name)
+            known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
+        except InputError as problem:  # slopes that jump are found by the smoother
+            refine = False
+            findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag else []
         other = next(iter(records))
         findings += [look("compensate.one_disk", subject=d, other=other) for d in DISKS if d not in records]
     traces: dict[str, DiskTraces] = {}
@@ -222,7 +227,7 @@ def compensate_log(
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
     begun = float(frame["time_s"].iloc[0])
-    events_s = sorted(t - begun for t in known) or [t for t, _ in next(iter(done.values())).events_s]
+    events_s = sorted(t - begun for t in known if t > begun) or [t for t, _ in next(iter(done.values())).events_s]
     return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way)
 
 

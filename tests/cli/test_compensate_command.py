@@ -50,6 +50,12 @@ def reference(campaign: Campaign, stretch: pd.DataFrame, tmp_path_factory: pytes
     return compensate_log(log, {"fast": campaign.records["fast"]}).frame
 
 
+@pytest.fixture(scope="module")
+def whole(campaign: Campaign) -> pd.DataFrame:
+    """Test B3, compensated from its first row to its last."""
+    return compensate_log(campaign.files.ehl["B3"], campaign.records, campaign.rig).frame
+
+
 def lvm_text(frame: pd.DataFrame) -> str:
     head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\n"
     n = len(frame.columns)
@@ -224,3 +230,23 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     write_log(stretch, log)
     assert tcdyn("follow", log, *fast(campaign), "--out", out, "--state", state, "--idle-s", "0.1", "-q") == 0
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("first_s", "last_s", "said"),
+    [(200.0, 350.0, set()), (0.0, 60.0, {"compensate.unrefined"}), (0.0, 29.0, {"compensate.unrefined"})],
+    ids=["begins in contact", "no unloading", "never loaded"],
+)
+def test_a_part_of_a_test_is_compensated_as_the_whole_is(
+    campaign: Campaign, whole: pd.DataFrame, tmp_path: Path, first_s: float, last_s: float, said: set[str]
+) -> None:
+    """What both answers have in common, away from the ends, differs by less than their standard deviations: the part
+    has the lag of the record where the whole has that of the unloading."""
+    table = pd.read_csv(campaign.files.ehl["B3"], comment="#")
+    part = table[(table["time_s"] >= first_s) & (table["time_s"] < last_s)]
+    ours = compensate_log(write_log(part, tmp_path / "part.csv"), campaign.records, campaign.rig)
+    inner = slice(300, -300)
+    away = (ours.frame["fast_e_degC"].to_numpy() - whole["fast_e_degC"].to_numpy()[part.index])[inner]
+    assert np.mean(np.abs(away) < 2 * ours.frame["fast_e_u_K"].to_numpy()[inner]) > 0.99
+    assert {f.code for f in ours.findings} >= said
+    assert "junctions.swapped" not in {f.code for f in ours.findings}

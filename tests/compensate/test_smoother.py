@@ -110,6 +110,16 @@ def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_i
     assert np.mean(untold) < 0.4
 
 
+def test_the_uncertainty_of_an_events_time_stays_with_its_event():
+    """Whatever order events are given in, and whichever lie outside the record: one at its start or beyond its end is
+    no event, and takes nobody's uncertainty with it."""
+    _, y = exponential_rise()
+    y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
+    times, u = (12.0, 5.0, 0.0, 99.0), (0.0, 0.3, 0.7, 0.9)
+    ours = smooth(y, DT, Chain((1.0,), conditioning=NO_CONDITIONING), intensity=5.0, events_s=times, event_u_s=u)
+    assert ours.events_s == ((5.0, 0.3), (12.0, 0.0))
+
+
 def test_missing_samples_stay_local_and_widen_the_band():
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
