@@ -14,8 +14,9 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from calibration.errors import InputError
+from tcdyn.partition.analyse import Partition
 from tcdyn.partition.crosscheck import DEPTH_ALARM, tensions
-from tests.partition.study_rigs import study_rig
+from tests.partition.study_rigs import StudyRig, study_rig
 
 WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
 
@@ -23,13 +24,17 @@ WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
 def one(seed: int, test: str = "B3") -> dict[str, float]:
     """Errors in standard uncertainties, and the alarms, of one drawn rig."""
     warnings.simplefilter("ignore")
-    made = study_rig(seed, test)
-    told = made.told
     try:
-        p = made.analyse()
+        made = study_rig(seed, test)
+        return told_of(made, made.analyse())
     except InputError as problem:
         print(seed, problem)
         return {"failed": 1.0}
+
+
+def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
+    """Errors in standard uncertainties, and the alarms, of one analysed test."""
+    told = made.told
     out: dict[str, float] = {"failed": 0.0}
     for way, value in p.ways.items():
         gap = value.value - told["beta"]

@@ -6,11 +6,13 @@ covariance that the record carries, so that a study needs no plunge fit.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Estimate
@@ -53,13 +55,17 @@ def study_rig(
     lag_error_s: float | None = None,
     truth: RigTruth | None = None,
     rig: Rig | None = None,
+    disturbed: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
 ) -> StudyRig:
-    """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags."""
+    """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags.
+
+    ``disturbed`` makes of the log what else happens to it.
+    """
     rig = rig or load_rig()
     true = truth or draw_truth(seed, rig, uncertain=uncertain)
     frame, told = simulate_ehl(name, seed, true, options)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
-    log = Log(frame, "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
+    log = Log(disturbed(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
     return StudyRig(rig, true, prepare(log, rig, records), told, records)
 
 
