@@ -18,12 +18,14 @@ from calibration.noise import SPIKES, bridged, find_spikes, rounding_sd, white_n
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.bursts import find_bursts
 from tcdyn.chain.noise import Noise, noise_of
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3  # of the differences that tell the noise of a trace
+LEAST_LAG_S = 0.05  # of a chain, where bursts are told from bends
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
@@ -216,12 +218,17 @@ def disk_traces(
     noise = noise_of([np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_noise_sd(y, NOISE_ORDER))
     if noise.coloured:
         y = noise.whitened(y, dt_s)
-        bursts = np.column_stack([find_spikes(x, SPIKES["traces"], sd) for x, sd in zip(y.T, noise.level_K)])
-        missing |= bursts
-        y = np.column_stack([bridged(x, ~marked) for x, marked in zip(y.T, missing.T)])
+        missing |= np.column_stack([find_spikes(x, SPIKES["traces"], sd) for x, sd in zip(y.T, noise.level_K)])
         found.append(noise.told(disk))
+    behind = tuple(noise.behind(c) for c in channels.chains)
+    shape = noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
+    for i, chain in enumerate(behind):
+        y[:, i] = bridged(y[:, i], ~missing[:, i])
+        burst = find_bursts(y[:, i], dt_s, float(noise.level_K[i]), shape, max(chain.lag_s, LEAST_LAG_S))
+        missing[:, i] |= burst
+        y[:, i] = bridged(y[:, i], ~missing[:, i])
     return DiskTraces(
-        **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
+        **vars(channels) | {"chains": behind},
         name=disk,
         setup=setup,
         readings_degC=y,

@@ -17,11 +17,13 @@ from calibration.finding import Finding, look, sentences
 from calibration.noise import SPIKES, bridged, find_spikes, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
+from tcdyn.chain.bursts import find_bursts
 from tcdyn.chain.noise import noise_of
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 LEAST_GOOD = 8  # samples
+SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,12 @@ def stretch_of(
         name = called[int(np.argmax(few))]
         raise InputError(f"smooth: {name} has fewer than {LEAST_GOOD} good samples", remedy="leave this channel out")
     white = noise_sd is None and _make_white(data, good, flags, dt_s, listed, noise)
+    for c, chain in enumerate(listed if noise_sd is None else ()):
+        if chain.lag_s - chain.conditioning.lag_s > SLOW * dt_s:  # a quicker chain lets pulses of temperature through
+            x = bridged(data[:, c], good[:, c])
+            burst = find_bursts(x, dt_s, float(noise[c]), chain.conditioning, chain.lag_s)
+            flags[burst & good[:, c], c] |= SPIKE
+            good[burst, c] = False
     filled = np.stack([bridged(data[:, c], good[:, c]) for c in range(m)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(

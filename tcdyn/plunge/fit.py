@@ -12,11 +12,12 @@ from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look
-from calibration.noise import white_noise_sd
+from calibration.noise import bridged, white_noise_sd
 from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.chain.noise import Noise, noise_of
+from tcdyn.chain.bursts import find_bursts
+from tcdyn.chain.noise import TYPICAL_LAG_S, Noise, noise_of
 from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
@@ -76,12 +77,16 @@ def identify_plunges(
 
 
 def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[Noise, list[PlungeRun]]:
-    """The noise of all runs together, and the runs with it made white; spikes go first, they would ring."""
+    """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
     noise = noise_of(clean, runs[0].dt_s, filter_, np.mean([white_noise_sd(y) for y in clean], axis=0))
-    if not noise.coloured:
-        return noise, list(runs)
-    return noise, [replace(r, readings_degC=noise.whitened(y, r.dt_s)) for r, y in zip(runs, clean)]
+    white, shape = [], noise.behind(Chain((), conditioning=filter_)).conditioning
+    for run, y in zip(runs, clean):
+        z = noise.whitened(y, run.dt_s)
+        for x, sd in zip(z.T, noise.level_K):
+            x[find_bursts(bridged(x, np.isfinite(x)), run.dt_s, float(sd), shape, TYPICAL_LAG_S)] = np.nan
+        white.append(replace(run, readings_degC=z))
+    return noise, white
 
 
 def full_prior(
