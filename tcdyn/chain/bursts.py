@@ -56,7 +56,7 @@ def find_bursts(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, l
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
     """Pulses of every length through the filter, until they have died away; of height one before it."""
-    behind = Rational(np.ones(1), tuple(Factor(f) for f in filter_.factors))
+    behind = Rational(np.array(filter_.numerator), tuple(Factor(f) for f in filter_.factors))
     tail = int(np.ceil(8 * max((f[1] for f in filter_.factors), default=0.0) / dt_s))
     for length in LENGTHS:
         if length == LENGTHS[0] or length * dt_s <= LONGEST_S:

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.polynomial.polynomial import polymul, polyroots, polyval
 from numpy.typing import NDArray
 from scipy import signal
+from scipy.ndimage import label, median_filter
 from scipy.optimize import nnls
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.finding import Finding, note
 from calibration.noise import bridged
-from tcdyn.chain.chain import Chain
+from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate
 
 SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
@@ -29,8 +30,11 @@ LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
 SLOW_HZ, NYQUISTS = 0.3, 0.9  # the part of a spectrum that counts: above what a segment detrends, below aliases
 AVERAGED = 0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
 SURE = 40.0  # deviance by which noise from before the filter must explain the spectra better
+KNOWN = 10.0  # deviance by which another lag must beat the filter that is there
 MATERIAL = 0.1  # least part of it in that after the filter, at low frequency, that matters
 QUICKEST = 5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
+LAGS = 10  # tried, from a corner of 1 Hz to three tenths of the rate
+BESIDE, OUTSTANDING, LEAST_WAVES = 21, 8.0, 10  # waves about one; standard deviations that make it a line; waves
 TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
 
 
@@ -61,7 +65,8 @@ class Noise:
 
     ``before_K`` (M,): standard deviation, behind the filter, of the white noise before it; ``after_K`` (M,): of that
     after it; ``level_K`` (M,): of the white noise that is as strong at low frequency; ``shaping``: the filter;
-    ``sections``: the factors of N, none where all of it is white.
+    ``sections``: the factors of N, none where all of it is white; ``lines``: frequency [Hz] and amplitudes (M,) [K] of
+    hum.
     """
 
     before_K: Array
@@ -69,6 +74,7 @@ class Noise:
     level_K: Array
     shaping: Conditioning
     sections: tuple[tuple[float, ...], ...] = ()
+    lines: tuple[tuple[float, Array], ...] = ()
 
     @property
     def coloured(self) -> bool:
@@ -93,7 +99,8 @@ class Noise:
         """The chain of a trace that was made white."""
         if not self.coloured:
             return chain
-        known = {"cutoff_Hz": self.shaping.cutoff_Hz, "poles": self.shaping.poles, "shape": self.shaping.shape}
+        b = chain.conditioning
+        known = {"cutoff_Hz": b.cutoff_Hz, "poles": b.poles, "shape": b.shape}
         if chain.conditioning == self.shaping:
             return replace(chain, conditioning=Whitened(**known, sections=self.sections))
         left = tuple(product(self.shaping.factors))
@@ -105,29 +112,66 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     """The noise of one logger's channels, from ``traces``, each (N, M) [K], every ``dt_s``, NaN where missing.
 
     S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of segments by Whittle's
-    likelihood, each channel with its own levels; the last term is what temperatures do. Where the first is not sure,
-    or there is no filter, the noise is white, of ``white_K`` (M,) as differences tell it.
+    likelihood, each channel with its own levels; the last term is what temperatures do. In place of the filter a lag
+    of any length is tried, an autoregression in effect, and taken where it is clearly better. Where neither beats
+    white noise for sure, the noise is white, of ``white_K`` (M,) as differences tell it. Waves that stand out are
+    lines (hum), and left out of all that.
     """
     white = Noise(np.zeros(len(white_K)), white_K, white_K, filter_)
-    if not filter_.poles or not (found := _spectra(traces, dt_s)):
+    if not (found := _spectra(traces, dt_s)):
         return white
     f, power, count = found
     w = 2 * np.pi * f
-    ladder = product(filter_.factors)
-    passed = 1.0 / np.abs(polyval(1j * w, ladder)) ** 2
-    shapes = np.stack([passed, np.ones(len(f)), passed / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))], axis=1)
-    with_it = [_levels(p, shapes) for p in power.T]
-    without = [_levels(p, shapes[:, 1:]) for p in power.T]
-    gained = 2 * AVERAGED * count * sum(b - a for (_, a), (_, b) in zip(with_it, without))
-    levels = np.array([v for v, _ in with_it])
+    signal_, flat = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2)), np.ones(len(f))
+    calm = [_calm(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
+    quiet = np.all(calm, axis=0)
+    lines = _lines(f, power, ~quiet)
+    if np.count_nonzero(quiet) < LEAST_WAVES:
+        return replace(white, lines=lines)
+    own = [filter_] if filter_.poles else []
+    lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, LAGS)]
+    shapes = {c: np.stack([_passed(f, c), flat, signal_], axis=1)[quiet] for c in (*own, *lags)}
+    fits = {c: [_levels(p, shape) for p in power[quiet].T] for c, shape in shapes.items()}
+    fits[NO_CONDITIONING] = [_levels(p, np.stack([flat, signal_], axis=1)[quiet]) for p in power[quiet].T]
+    cost = {c: 2 * AVERAGED * count * sum(value for _, value in found) for c, found in fits.items()}
+    best = min(lags, key=cost.__getitem__)
+    if own and cost[filter_] < cost[best] + KNOWN:
+        best = filter_
+    levels = np.array([v for v, _ in fits[best]])
     before, after = levels[:, 0], levels[:, 1]
     ratio = float(np.median(before / np.maximum(before + after, 1e-300)))
-    if gained < SURE or ratio < MATERIAL:
-        return white
-    grid = np.linspace(0.0, 0.5 / dt_s, 400)
-    share = float(np.mean(1.0 / np.abs(polyval(2j * np.pi * grid, ladder)) ** 2))
-    sections = _spectral_factor(ratio, 1 - ratio, ladder, QUICKEST / dt_s)
-    return Noise(np.sqrt(before * share), np.sqrt(after), np.sqrt(before + after), filter_, sections)
+    if cost[NO_CONDITIONING] - cost[best] < SURE or ratio < MATERIAL:
+        if not lines:
+            return white
+        level = np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]])  # differences would count the lines in
+        return Noise(np.zeros(len(level)), level, level, filter_, lines=lines)
+    share = float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), best)))
+    sections = _spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
+    return Noise(np.sqrt(before * share), np.sqrt(after), np.sqrt(before + after), best, sections, lines)
+
+
+def _passed(f: Array, filter_: Conditioning) -> Array:
+    """|B|^2 at frequencies ``f`` [Hz]."""
+    return np.asarray(1.0 / np.abs(polyval(2j * np.pi * f, product(filter_.factors))) ** 2)
+
+
+def _calm(power: Array, shapes: Array, count: int) -> Flags:
+    """Waves (F,) that do not stand out of their neighbours."""
+    expected = shapes @ _levels(power, shapes)[0]
+    expected *= median_filter(power / expected, BESIDE, mode="nearest")
+    return np.asarray(power < expected * (1 + OUTSTANDING / np.sqrt(AVERAGED * count)))
+
+
+def _lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array], ...]:
+    """Frequency [Hz] and amplitude (M,) [K] of each group of neighbouring waves that stand out."""
+    groups, number = label(standing)
+    out = []
+    for k in range(1, number + 1):
+        rows = np.flatnonzero(groups == k)
+        total = power[rows].sum(axis=0)
+        centre = float((f[rows] * power[rows].mean(axis=1)).sum() / power[rows].mean(axis=1).sum())
+        out.append((centre, np.sqrt(2 * 2 * total / (1.5 * 2 * len(f)))))
+    return tuple(out)
 
 
 def _spectra(traces: Sequence[Array], dt_s: float) -> tuple[Array, Array, int] | None:
@@ -145,7 +189,7 @@ def _spectra(traces: Sequence[Array], dt_s: float) -> tuple[Array, Array, int] |
     power = np.concatenate(pieces, axis=-1) * (0.5 / dt_s)
     keep = (f >= SLOW_HZ) & (f <= NYQUISTS * 0.5 / dt_s)
     bias = float(np.log(2))  # median over mean of a squared amplitude
-    if np.count_nonzero(keep) < 10:
+    if np.count_nonzero(keep) < LEAST_WAVES:
         return None
     return f[keep], np.median(power, axis=-1).T[keep] / bias, power.shape[-1] // 2
 

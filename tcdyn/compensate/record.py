@@ -115,7 +115,7 @@ def _make_white(
         own = [i for i, c in enumerate(chains) if c.conditioning == filter_]
         clean = np.where(good[:, own], y[:, own], np.nan)
         noise = noise_of([clean], dt_s, filter_, noise_sd[own])
-        if not noise.coloured:
+        if not (noise.coloured or noise.lines):
             continue
         white, y[:, own], noise_sd[own] = True, noise.whitened(clean, dt_s), noise.level_K
         for i in own:

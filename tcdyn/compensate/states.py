@@ -191,7 +191,8 @@ def likelihood(
     cells = cells_for(stretch, noise_var, proposals, fine)
     log_det, quad = np.zeros(cells.mean0.shape[:2]), np.zeros(cells.mean0.shape[:2])
     for (mean, step, _, gain, _, surprise), score in zip(filtered(cells), cells.score):
-        log_det += np.log(np.maximum(np.linalg.det(gain), 1e-300))
+        sign, size = np.linalg.slogdet(gain)
+        log_det += np.where(sign > 0, size, np.inf)  # lost to rounding: an intensity that no data ask for
         quad -= ((score[..., None] + surprise) * mean + surprise * step).sum(axis=(-2, -1))
     used = (stretch.weight > 0).sum(axis=0)
     total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]

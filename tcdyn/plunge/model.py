@@ -252,13 +252,17 @@ def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.floa
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
     """The conditioning filter B applied to deviations ``u`` (n, M) on the grid: real poles one after the other, of a
-    complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2))."""
+    complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2)). A zero it may have is
+    taken with the last pole, which then is real."""
     for factor in filter_.factors:
+        before = u
         for p in np.roots(factor[::-1]).astype(complex):
             if abs(p.imag) < ONE * abs(p):
                 u = np.asarray(lag_on_grid(u, dt_s, -p.real))
             elif p.imag > 0:
                 u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+    if len(filter_.numerator) > 1:
+        u = u + filter_.numerator[1] / filter_.factors[-1][1] * (before - u)
     return u
 
 
