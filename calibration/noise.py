@@ -18,6 +18,7 @@ from calibration.finding import Place
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
 MOST_MISSING = 0.05  # fraction of a channel
+COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 LEAST_TOLD = 15  # samples that tell the noise
 MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
 
@@ -147,6 +148,25 @@ def bridged(y: Array, good: Flags) -> Array:
     """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
     rows = np.arange(len(y))
     return y if good.all() else np.interp(rows, rows[good], y[good])
+
+
+def long_runs(trace: Array) -> Flags:
+    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere.
+
+    Where most neighbours are equal anyway, the logger's step is coarser than the noise, and a long rest on one step
+    says nothing: no run is called long.
+    """
+    n = len(trace)
+    change = np.flatnonzero(np.diff(trace)) + 1
+    if len(change) == 0:
+        return np.ones(n, dtype=bool)
+    lengths = np.diff(np.concatenate([[0], change, [n]]))
+    usual = lengths <= np.quantile(lengths, 0.99)
+    repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
+    if repeats > COARSE:
+        return np.zeros(n, dtype=bool)
+    longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
+    return np.repeat(lengths > longest, lengths)
 
 
 def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:

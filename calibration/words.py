@@ -443,6 +443,17 @@ COMPENSATE: dict[str, Words] = {
 TRACES: dict[str, Words] = {
     "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in {subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
+    "noise.hum": lambda subject, f_Hz, amplitude_K, folded_K, **_: (
+        f"{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz"
+        + (
+            f"; the sampling may lay its harmonics upon the temperature itself, where nothing tells: {folded_K:.2g} "
+            "K were added to the uncertainty; a rate that does not divide the mains frequency's multiples avoids it"
+            if folded_K
+            else ""
+        )
+    ),
+    "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what white noise before "
+    "and behind the conditioning filter explains; its level was taken from where temperatures move",
     "noise.coloured": "{subject} disk: noise of {before_K:.2g} K comes through the conditioning filter, "
     "of {after_K:.2g} K from behind it; all that follows counts with both",
     "traces.coarse": lambda subject, step_K, channels, **_: (

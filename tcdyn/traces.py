@@ -14,18 +14,17 @@ from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
-from calibration.noise import SPIKES, bridged, find_spikes, rounding_sd, white_noise_sd
+from calibration.noise import SPIKES, bridged, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.bursts import find_bursts
-from tcdyn.chain.noise import Noise, noise_of
+from tcdyn.chain.bursts import made_white
+from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise, noise_of
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3  # of the differences that tell the noise of a trace
-LEAST_LAG_S = 0.05  # of a chain, where bursts are told from bends
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
@@ -65,7 +64,7 @@ class DiskTraces(DiskChannels):
     setup: DiskSetup
     readings_degC: Array
     missing: NDArray[np.bool_]
-    noise: Noise
+    noise: LoggerNoise
     rounding_K: Array
     static_u_K: Array
     uncertainty: UncertaintyTable
@@ -105,6 +104,10 @@ class DiskTraces(DiskChannels):
             zero_s=float(np.mean([c.zero_s for c in self.chains])),
             delay_s=float(np.mean([c.delay_s for c in self.chains])),
         )
+
+    def static_u(self, temperature_degC: Array) -> Array:
+        """As of the lines alone, with the logger's rounding and what its sampling folds upon the temperature."""
+        return np.hypot(super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.folded_u_K))
 
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
         """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
@@ -205,37 +208,32 @@ def disk_traces(
         rounding.append(step if hidden else 0.0)
         values = apply_static(raw, line)
         marked = ~np.isfinite(values)
-        values = bridged(values, ~marked)
-        marked |= find_spikes(values, SPIKES["traces"], max(float(white_noise_sd(values, NOISE_ORDER)), 1e-6))
-        if (share := float(np.mean(marked))) > MANY_MISSING:
-            found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * share))
         columns.append(bridged(values, ~marked))
         marks.append(marked)
     if coarse := [ch for ch, error in zip(CHANNELS, rounding) if error > 0]:
         found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
     y, missing = np.column_stack(columns), np.column_stack(marks)
     dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
-    noise = noise_of([np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_noise_sd(y, NOISE_ORDER))
-    if noise.coloured:
-        y = noise.whitened(y, dt_s)
-        missing |= np.column_stack([find_spikes(x, SPIKES["traces"], sd) for x, sd in zip(y.T, noise.level_K)])
-        found.append(noise.told(disk))
-    behind = tuple(noise.behind(c) for c in channels.chains)
-    shape = noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
-    for i, chain in enumerate(behind):
-        y[:, i] = bridged(y[:, i], ~missing[:, i])
-        burst = find_bursts(y[:, i], dt_s, float(noise.level_K[i]), shape, max(chain.lag_s, LEAST_LAG_S))
-        missing[:, i] |= burst
-        y[:, i] = bridged(y[:, i], ~missing[:, i])
+    white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
+    noise = noise_of([np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_K)
+    chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(CHANNELS)
+    y, moved = made_white(noise, y, ~missing, dt_s, chains, SPIKES["traces"])
+    missing |= moved
+    if not (noise.coloured or noise.lines):
+        noise = noise.white(white_noise_sd(y, NOISE_ORDER))
+    for name, share in zip(channels.columns, missing.mean(axis=0)):
+        if share > MANY_MISSING:
+            found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * float(share)))
+    found += noise.findings(disk)
     return DiskTraces(
-        **vars(channels) | {"chains": behind},
+        **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
         name=disk,
         setup=setup,
         readings_degC=y,
         missing=missing,
         noise=noise,
         rounding_K=np.array(rounding),
-        static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), rounding),
+        static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K)),
         uncertainty=rig.tables(disk).uncertainty,
         inner_K=np.zeros((len(y), len(INNER_ROW))),
         findings=tuple(found),

@@ -6,7 +6,7 @@ is a cubic, a bend or a step that the chain has rounded; what none of these expl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -14,16 +14,47 @@ from scipy.signal import find_peaks, oaconvolve
 
 from calibration import Array, Flags
 from calibration.disk import Conditioning
-from calibration.noise import bridged
+from calibration.noise import SpikeRule, bridged, find_spikes
+from tcdyn.chain.chain import Chain
+from tcdyn.chain.noise import LoggerNoise
 from tcdyn.chain.rational import Factor, Rational, simulate
 
 LENGTHS = (2, 3, 5, 8, 12, 17, 23, 30)  # samples of a pulse; one between two of them is found by either
 LONGEST_S = 0.45  # of a pulse
 BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
+SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 SURE = 7.0  # standard deviations of a pulse's height
 BETTER = 25.0  # deviance by which it must beat a bend or a step
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 ROUNDS = 6  # pulses that hide each other come out one after the other
+
+
+def made_white(
+    noise: LoggerNoise,
+    y: Array,
+    good: Flags,
+    dt_s: float,
+    chains: Sequence[Chain],
+    rule: SpikeRule,
+    pulses: bool = True,
+) -> tuple[Array, Flags]:
+    """Traces ``y`` (N, M) with their noise made white, and which ``good`` samples a spike or a burst has moved (N, M).
+
+    Samples that are not good, or were moved, are bridged by straight lines. Spikes go by ``rule``; bursts are sought
+    where ``pulses`` and where the chain is slow enough to round whatever a temperature does.
+    """
+    white = noise.whitened(np.where(good, y, np.nan), dt_s)
+    moved = np.zeros(y.shape, dtype=bool)
+    for i, chain in enumerate(chains):
+        x, sd = bridged(white[:, i], good[:, i]), float(noise.level_K[i])
+        moved[:, i] = find_spikes(np.where(good[:, i], x, np.nan), rule, sd)
+        x = bridged(x, ~moved[:, i])
+        lag_s = chain.lag_s - chain.conditioning.lag_s
+        if pulses and lag_s > SLOW * dt_s:
+            filter_ = chain.conditioning if chain.conditioning.poles else noise.shaping
+            moved[:, i] |= find_bursts(x, dt_s, sd, noise.behind(Chain((), conditioning=filter_)).conditioning, lag_s)
+        white[:, i] = bridged(x, ~moved[:, i])
+    return white, moved & good
 
 
 def find_bursts(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float) -> Flags:

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 
 from calibration import Array, Flags
 from calibration.disk import Conditioning
-from calibration.finding import Finding, note
+from calibration.finding import Finding, look, note
 from calibration.noise import bridged
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate
@@ -35,6 +35,8 @@ MATERIAL = 0.1  # least part of it in that after the filter, at low frequency, t
 QUICKEST = 5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
 LAGS = 10  # tried, from a corner of 1 Hz to three tenths of the rate
 BESIDE, OUTSTANDING, LEAST_WAVES = 21, 8.0, 10  # waves about one; standard deviations that make it a line; waves
+HARMONIC, RESTING_HZ = 0.5, 0.5  # largest part of hum in a harmonic; width of a line
+BANDS, UNEXPLAINED = 8, 1.6  # of the spectrum; mean over one, of what was seen over what is expected
 TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
 
 
@@ -60,13 +62,13 @@ class Whitened(Conditioning):
 
 
 @dataclass(frozen=True)
-class Noise:
+class LoggerNoise:
     """Noise of M channels of one logger.
 
     ``before_K`` (M,): standard deviation, behind the filter, of the white noise before it; ``after_K`` (M,): of that
     after it; ``level_K`` (M,): of the white noise that is as strong at low frequency; ``shaping``: the filter;
     ``sections``: the factors of N, none where all of it is white; ``lines``: frequency [Hz] and amplitudes (M,) [K] of
-    hum.
+    hum; ``rate_Hz`` of sampling; ``unexplained``: the largest mean over a band of what was seen over what is expected.
     """
 
     before_K: Array
@@ -75,16 +77,49 @@ class Noise:
     shaping: Conditioning
     sections: tuple[tuple[float, ...], ...] = ()
     lines: tuple[tuple[float, Array], ...] = ()
+    rate_Hz: float = np.nan
+    unexplained: float = 1.0
 
     @property
     def coloured(self) -> bool:
         """Whether traces have to be made white."""
         return bool(self.sections)
 
-    def told(self, subject: str) -> Finding:
-        """How much of the noise comes from before the filter."""
+    def to_dict(self) -> dict[str, float]:
+        """Standard deviations of a usual channel [K], each as it stands in the log."""
         before, after = (float(np.median(x)) for x in (self.before_K, self.after_K))
-        return note("noise.coloured", subject=subject, before_K=before, after_K=after)
+        return {"before_filter_K": before, "after_filter_K": after}
+
+    def findings(self, subject: str) -> list[Finding]:
+        """Noise from before the filter, hum, and what no part of the model explains."""
+        out, (before, after) = [], self.to_dict().values()
+        if self.coloured:
+            out.append(note("noise.coloured", subject=subject, before_K=before, after_K=after))
+        for f, amplitude in self.lines:
+            folded = float(np.max(self.folded_u_K)) if _mains(f, self.rate_Hz) else 0.0
+            said, most = look if folded else note, float(np.max(amplitude))
+            out.append(said("noise.hum", subject=subject, f_Hz=f, amplitude_K=most, folded_K=folded))
+        if self.unexplained > UNEXPLAINED:
+            out.append(look("noise.unexplained", subject=subject, ratio=self.unexplained))
+        return out
+
+    @property
+    def folded_u_K(self) -> Array:
+        """Standard uncertainty (M,) [K] for harmonics of mains hum that the sampling lays upon the temperature itself.
+
+        Of a line at the mains' own frequency, as sampled, those harmonics up to the fifth that come to rest within
+        half a hertz are held to be at most half as strong; no data can tell them from a temperature.
+        """
+        u: Array = np.zeros(len(self.level_K))
+        for f, amplitude in self.lines:
+            for mains in _mains(f, self.rate_Hz):
+                if any(_folded(k * mains, self.rate_Hz) < RESTING_HZ for k in range(2, 6)):
+                    u = np.hypot(u, HARMONIC * amplitude / np.sqrt(2))
+        return u
+
+    def white(self, sd_K: Array) -> LoggerNoise:
+        """White noise of ``sd_K`` (M,) on the same channels."""
+        return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
     def whitened(self, y: Array, dt_s: float) -> Array:
         """The readings ``y`` (N, M) through A/N, NaN where they were; the first sample stood for ever before."""
@@ -99,16 +134,14 @@ class Noise:
         """The chain of a trace that was made white."""
         if not self.coloured:
             return chain
-        b = chain.conditioning
-        known = {"cutoff_Hz": b.cutoff_Hz, "poles": b.poles, "shape": b.shape}
-        if chain.conditioning == self.shaping:
-            return replace(chain, conditioning=Whitened(**known, sections=self.sections))
-        left = tuple(product(self.shaping.factors))
-        stages = (*chain.conditioning.factors, *self.sections)
-        return replace(chain, conditioning=Whitened(**known, sections=stages, numerator=left))
+        b, stages = chain.conditioning, self.sections
+        left: tuple[float, ...] = (1.0,)  # the filter cancels
+        if b != self.shaping:
+            stages, left = (*b.factors, *stages), tuple(map(float, product(self.shaping.factors)))
+        return replace(chain, conditioning=Whitened(b.cutoff_Hz, b.poles, b.shape, stages, left))
 
 
-def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array) -> Noise:
+def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array) -> LoggerNoise:
     """The noise of one logger's channels, from ``traces``, each (N, M) [K], every ``dt_s``, NaN where missing.
 
     S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of segments by Whittle's
@@ -117,14 +150,14 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     white noise for sure, the noise is white, of ``white_K`` (M,) as differences tell it. Waves that stand out are
     lines (hum), and left out of all that.
     """
-    white = Noise(np.zeros(len(white_K)), white_K, white_K, filter_)
+    white = LoggerNoise(np.zeros(len(white_K)), white_K, white_K, filter_, rate_Hz=1 / dt_s)
     if not (found := _spectra(traces, dt_s)):
         return white
     f, power, count = found
     w = 2 * np.pi * f
     signal_, flat = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2)), np.ones(len(f))
     calm = [_calm(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
-    quiet = np.all(calm, axis=0)
+    quiet = np.mean(calm, axis=0) >= 0.5  # hum is in all channels; one that is odd speaks for none but itself
     lines = _lines(f, power, ~quiet)
     if np.count_nonzero(quiet) < LEAST_WAVES:
         return replace(white, lines=lines)
@@ -133,7 +166,9 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     shapes = {c: np.stack([_passed(f, c), flat, signal_], axis=1)[quiet] for c in (*own, *lags)}
     fits = {c: [_levels(p, shape) for p in power[quiet].T] for c, shape in shapes.items()}
     fits[NO_CONDITIONING] = [_levels(p, np.stack([flat, signal_], axis=1)[quiet]) for p in power[quiet].T]
-    cost = {c: 2 * AVERAGED * count * sum(value for _, value in found) for c, found in fits.items()}
+    alone = np.array([value for _, value in fits[NO_CONDITIONING]])
+    gain = {c: np.median(alone - [value for _, value in fit]) for c, fit in fits.items()}
+    cost = {c: -2 * AVERAGED * count * len(alone) * float(value) for c, value in gain.items()}
     best = min(lags, key=cost.__getitem__)
     if own and cost[filter_] < cost[best] + KNOWN:
         best = filter_
@@ -144,10 +179,24 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
         if not lines:
             return white
         level = np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]])  # differences would count the lines in
-        return Noise(np.zeros(len(level)), level, level, filter_, lines=lines)
+        return replace(white.white(level), lines=lines)
+    seen = power[quiet] / np.stack([shapes[best] @ v for v in levels], axis=1)
+    bands = [float(band.mean()) for band in np.array_split(seen, BANDS) if len(band)]
+    worst = max(bands)
+    level = np.sqrt((before + after) * max(bands[0], 1.0) if worst > UNEXPLAINED else before + after)
     share = float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), best)))
     sections = _spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
-    return Noise(np.sqrt(before * share), np.sqrt(after), np.sqrt(before + after), best, sections, lines)
+    return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)
+
+
+def _folded(f: float, rate_Hz: float) -> float:
+    """Where a wave of ``f`` [Hz] is seen by samples of ``rate_Hz``."""
+    return abs(f - rate_Hz * round(f / rate_Hz))
+
+
+def _mains(f: float, rate_Hz: float) -> list[float]:
+    """The mains frequencies [Hz] that are seen at ``f``."""
+    return [mains for mains in (50.0, 60.0) if abs(_folded(mains, rate_Hz) - f) < RESTING_HZ]
 
 
 def _passed(f: Array, filter_: Conditioning) -> Array:
@@ -191,7 +240,8 @@ def _spectra(traces: Sequence[Array], dt_s: float) -> tuple[Array, Array, int] |
     bias = float(np.log(2))  # median over mean of a squared amplitude
     if np.count_nonzero(keep) < LEAST_WAVES:
         return None
-    return f[keep], np.median(power, axis=-1).T[keep] / bias, power.shape[-1] // 2
+    usual: Array = np.median(power, axis=-1).T[keep] / bias
+    return np.asarray(f[keep]), usual, power.shape[-1] // 2
 
 
 def _levels(power: Array, shapes: Array) -> tuple[Array, float]:

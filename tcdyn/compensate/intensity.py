@@ -109,11 +109,11 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
                 window = _window(stretch, a + skip, b, ())
                 found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
                 levels[k] = found
-                least, whole = levels[k] < 2 * FLOOR * noise_var, 2 * np.pi / (len(window.y) * dt)
+                whole = 2 * np.pi / (len(window.y) * dt)
+                least = levels[k] < dt * (2 * LEFT_OUT * whole) ** 4 * noise_var
                 if least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt:  # what it does may stand in waves left out
-                    most = 16 * (FEW * whole) ** 4 * dt
-                    exact, _ = exact_levels(window, noise_var, True, most, 8)
-                    levels[k] = np.where(least & (exact > CLEAR * FLOOR * noise_var), exact, levels[k])
+                    exactly, _ = exact_levels(window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8)
+                    levels[k] = np.where(least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k])
             else:
                 levels[k], _ = exact_levels(_window(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)

@@ -10,20 +10,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from calibration import Array, Flags
+from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, sentences
-from calibration.noise import SPIKES, bridged, find_spikes, trace_noise_sd
+from calibration.noise import SPIKES, bridged, long_runs, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.chain.bursts import find_bursts
-from tcdyn.chain.noise import noise_of
+from tcdyn.chain.bursts import made_white
+from tcdyn.chain.noise import LoggerNoise, noise_of
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
-COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 LEAST_GOOD = 8  # samples
-SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,8 @@ class Stretch:
     """Samples ``y (N, M)`` (finite; weight 0 where bad) every ``dt_s``, their chains and the times of events [s].
 
     ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED; ``noise_known``: whether the level
-    of the noise was given, or is that of noise made white; ``findings``: channels that suffer.
+    of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``;
+    ``findings``: channels that suffer.
     """
 
     y: Array
@@ -43,6 +42,7 @@ class Stretch:
     noise_sd: Array
     flags: NDArray[np.uint8]
     noise_known: bool
+    folded_u_K: Array
     findings: tuple[Finding, ...] = ()
 
 
@@ -59,7 +59,7 @@ def stretch_of(
     Raises InputError for shapes that do not agree, for a channel that mostly repeats one value, or hardly measures.
     """
     data = np.array(y, dtype=float)
-    data = data[:, None] if data.ndim == 1 else data
+    data = data.reshape(len(data), -1)
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
@@ -72,62 +72,49 @@ def stretch_of(
     if len(called) != m:
         raise InputError(f"smooth: {m} channels but {len(called)} names", expected="one name per channel")
     noise: Array = np.full(m, [trace_noise_sd(x) for x in data.T] if noise_sd is None else noise_sd, dtype=float)
-    flags, found = np.zeros(data.shape, dtype=np.uint8), []
-    for c, (x, name) in enumerate(zip(data.T, called)):
-        flags[:, c] = _flags(x, noise[c])
-        still, bad = flags[:, c] & (STUCK | SATURATED) != 0, flags[:, c] != 0
-        if np.mean(still) > 0.5:
+    flags, folded_u, coloured = np.stack([_flags(x) for x in data.T], axis=1), np.zeros(m), False
+    found: list[Finding] = []
+    for flag, name in zip(flags.T, called):
+        if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
             raise InputError(
-                f"{name}: {100 * np.mean(still):.0f} % of the samples repeat one value",
+                f"{name}: more than half of the samples repeat one value",
                 expected="a trace with noise on it",
                 remedy="check the wiring and the range of this channel, or leave it out",
             )
-        if still.any():
+        if np.count_nonzero(flag == GOOD) < LEAST_GOOD:
+            raise InputError(
+                f"smooth: {name} has fewer than {LEAST_GOOD} good samples", remedy="leave this channel out"
+            )
+    for filter_ in dict.fromkeys(c.conditioning for c in listed):
+        own = [c for c in range(m) if listed[c].conditioning == filter_]
+        x, good = data[:, own], flags[:, own] == GOOD
+        told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
+        if noise_sd is None:
+            told = noise_of([np.where(good, x, np.nan)], dt_s, filter_, noise[own])
+        group = [listed[c] for c in own]
+        data[:, own], moved = made_white(told, x, good, dt_s, group, SPIKES["compensator"], noise_sd is None)
+        flags[:, own] |= np.where(moved, SPIKE, 0).astype(np.uint8)
+        noise[own], folded_u[own], coloured = told.level_K, told.folded_u_K, coloured or told.coloured
+        found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")
+        for c in own:
+            listed[c] = told.behind(listed[c])
+    for flag, name in zip(flags.T, called):
+        if (still := flag & (STUCK | SATURATED) != 0).any():
             percent, first = 100 * float(np.mean(still)), int(np.argmax(still))
             found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
-        elif np.mean(bad) > 0.01:
-            found.append(look("trace.bad", subject=name, percent=100 * float(np.mean(bad))))
+        elif np.mean(flag != GOOD) > 0.01:
+            found.append(look("trace.bad", subject=name, percent=100 * float(np.mean(flag != GOOD))))
     good = flags == GOOD
-    if (few := good.sum(axis=0) < LEAST_GOOD).any():
-        name = called[int(np.argmax(few))]
-        raise InputError(f"smooth: {name} has fewer than {LEAST_GOOD} good samples", remedy="leave this channel out")
-    white = noise_sd is None and _make_white(data, good, flags, dt_s, listed, noise)
-    for c, chain in enumerate(listed if noise_sd is None else ()):
-        if chain.lag_s - chain.conditioning.lag_s > SLOW * dt_s:  # a quicker chain lets pulses of temperature through
-            x = bridged(data[:, c], good[:, c])
-            burst = find_bursts(x, dt_s, float(noise[c]), chain.conditioning, chain.lag_s)
-            flags[burst & good[:, c], c] |= SPIKE
-            good[burst, c] = False
     filled = np.stack([bridged(data[:, c], good[:, c]) for c in range(m)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(
         filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
-        noise_sd is not None or white, tuple(found),
+        noise_sd is not None or coloured, folded_u, tuple(found),
     )  # fmt: skip
 
 
-def _make_white(
-    y: Array, good: Flags, flags: NDArray[np.uint8], dt_s: float, chains: list[Chain], noise_sd: Array
-) -> bool:
-    """Make white, in place, what the chains' filters coloured in the traces ``y`` (N, M); whether there was any."""
-    white = False
-    for filter_ in {c.conditioning for c in chains if c.conditioning.poles}:
-        own = [i for i, c in enumerate(chains) if c.conditioning == filter_]
-        clean = np.where(good[:, own], y[:, own], np.nan)
-        noise = noise_of([clean], dt_s, filter_, noise_sd[own])
-        if not (noise.coloured or noise.lines):
-            continue
-        white, y[:, own], noise_sd[own] = True, noise.whitened(clean, dt_s), noise.level_K
-        for i in own:
-            chains[i] = noise.behind(chains[i])
-            spiky = find_spikes(y[:, i], SPIKES["compensator"], noise_sd[i])
-            flags[spiky, i] |= SPIKE
-            good[spiky, i] = False
-    return white
-
-
-def _flags(y: Array, noise_sd: float) -> NDArray[np.uint8]:
-    """Bits MISSING, SPIKE, STUCK, SATURATED for each sample of ``y (N,)``.
+def _flags(y: Array) -> NDArray[np.uint8]:
+    """Bits MISSING, STUCK, SATURATED for each sample of ``y (N,)``.
 
     Stuck and saturated are runs of one value longer than chance repeats of this record's resolution.
     """
@@ -135,29 +122,9 @@ def _flags(y: Array, noise_sd: float) -> NDArray[np.uint8]:
     index = np.flatnonzero(flags == GOOD)
     if len(index) >= SPIKES["compensator"].width:
         trace = y[index]
-        runs, stop = _long_runs(trace), (trace == trace.max()) | (trace == trace.min())
+        runs, stop = long_runs(trace), (trace == trace.max()) | (trace == trace.min())
         flags[index] = np.where(runs, np.where(stop, SATURATED, STUCK), GOOD)
-        flags[index[find_spikes(trace, SPIKES["compensator"], noise_sd)]] |= SPIKE
     return flags
-
-
-def _long_runs(trace: Array) -> Flags:
-    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere.
-
-    Where most neighbours are equal anyway, the logger's step is coarser than the noise, and a long rest on one step
-    says nothing: no run is called long.
-    """
-    n = len(trace)
-    change = np.flatnonzero(np.diff(trace)) + 1
-    if len(change) == 0:
-        return np.ones(n, dtype=bool)
-    lengths = np.diff(np.concatenate([[0], change, [n]]))
-    usual = lengths <= np.quantile(lengths, 0.99)
-    repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
-    if repeats > COARSE:
-        return np.zeros(n, dtype=bool)
-    longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
-    return np.repeat(lengths > longest, lengths)
 
 
 @dataclass(frozen=True)
@@ -288,11 +255,10 @@ class Compensated(Result):
         """The summary without its warnings."""
         lines = [f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"]
         for c in range(self.temperature.shape[1]):
-            flagged = int(np.count_nonzero(self.flags[:, c]))
             lines.append(
                 f"  channel {names[c] if names else c + 1}: noise {self.noise_sd[c]:.3g} K, "
                 f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
-                f"{flagged} samples flagged"
+                f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
         common = float(np.max(self.common_sd()))
         if common > 0:

@@ -91,7 +91,7 @@ def smooth(
         student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
         weight = np.where(fit.stretch.weight > 0, student, 0.0)
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
-    sd = fit.sd
+    sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
     for event, u in events.items():
         if u > 0:
             sd = np.hypot(sd, _event_sd(fit, event, u))

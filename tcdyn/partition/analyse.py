@@ -219,6 +219,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "slow_max_degC": a["surface slow"],
             "delta_T_us": a["delta_T_us"],
         },
+        "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
         "junctions": {
             d: {

@@ -118,9 +118,8 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     shift = common.lag_s - like.lag_s
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, like.with_lag_shift(shift))
-    noise = disk.noise_K
-    if not disk.noise.coloured:  # of a trace made white, differences see only what no fit sees
-        noise = np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * noise)
+    seen = 0.0 if disk.noise.coloured else white_noise_sd(readings, NOISE_ORDER)  # differences see what no fit sees
+    noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
     known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
     rim, blocks, weight = window.rim, window.blocks, window.weight

@@ -103,12 +103,7 @@ class CompensatedLog(Result):
     def as_log(self) -> Log:
         """The compensated log as :func:`calibration.log.read_log` would give it, standard deviations left out."""
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
-        return replace(
-            self.raw,
-            frame=frame,
-            metadata=dict(self.metadata),
-            findings=self.findings,
-        )
+        return replace(self.raw, frame=frame, metadata=dict(self.metadata), findings=self.findings)
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""
@@ -219,6 +214,8 @@ def compensate_log(
         )
         if way.removes_lag:
             one, notes[f"{disk}_common_lag_s"] = _with_lag(one, record, fits.get(disk))
+        for name, sd in one.noise.to_dict().items():
+            notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
         traces[disk], done[disk] = one, _one_disk(one, table, known, way)
         for i, column in enumerate(one.columns):
             frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
@@ -291,7 +288,7 @@ def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way
     given: dict[str, Any] = {
         "noise_sd": traces.noise_K if traces.noise.coloured else white_noise_sd(y, NOISE_ORDER),
         "lag_covariance": traces.lag_covariance_s2,
-        "static_u": np.hypot(traces.static_u(traces.readings_degC), traces.rounding_K),
+        "static_u": traces.static_u(traces.readings_degC),
         "names": [c.removesuffix("_degC") for c in traces.columns],
     }
     if way.method == "deconvolve":

@@ -12,12 +12,12 @@ from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look
-from calibration.noise import bridged, white_noise_sd
+from calibration.noise import SPIKES, white_noise_sd
 from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.chain.bursts import find_bursts
-from tcdyn.chain.noise import TYPICAL_LAG_S, Noise, noise_of
+from tcdyn.chain.bursts import made_white
+from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise, noise_of
 from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
@@ -76,16 +76,14 @@ def identify_plunges(
     return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan, noise)
 
 
-def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[Noise, list[PlungeRun]]:
+def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[LoggerNoise, list[PlungeRun]]:
     """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
     noise = noise_of(clean, runs[0].dt_s, filter_, np.mean([white_noise_sd(y) for y in clean], axis=0))
-    white, shape = [], noise.behind(Chain((), conditioning=filter_)).conditioning
+    white, usual = [], [Chain((TYPICAL_LAG_S,), conditioning=filter_)] * clean[0].shape[1]
     for run, y in zip(runs, clean):
-        z = noise.whitened(y, run.dt_s)
-        for x, sd in zip(z.T, noise.level_K):
-            x[find_bursts(bridged(x, np.isfinite(x)), run.dt_s, float(sd), shape, TYPICAL_LAG_S)] = np.nan
-        white.append(replace(run, readings_degC=z))
+        z, moved = made_white(noise, y, np.isfinite(y), run.dt_s, usual, SPIKES["plunge"])
+        white.append(replace(run, readings_degC=np.where(np.isfinite(y) & ~moved, z, np.nan)))
     return noise, white
 
 

@@ -14,7 +14,7 @@ from calibration.estimate import Estimate, rounded, with_u
 from calibration.finding import Finding, look, note, once, sentences
 from immersion.correlations import check_validity
 from tcdyn.chain import Chain
-from tcdyn.chain.noise import Noise
+from tcdyn.chain.noise import LoggerNoise
 from tcdyn.fitting import inverse
 from tcdyn.plunge import RUN_KINDS, PlungeParameters, PlungePriors, apart, lag_u_s, stages
 from tcdyn.plunge.model import junction_degC
@@ -64,7 +64,7 @@ class PlungeFit:
     runs: tuple[PlungeRun, ...] = field(repr=False)
     optimum: PlungeOptimum = field(repr=False)
     scan: LagScan = field(repr=False)
-    noise: Noise = field(repr=False)
+    noise: LoggerNoise = field(repr=False)
     structures: StructureComparison | None = field(default=None, repr=False)
 
     @property
@@ -192,8 +192,7 @@ class PlungeFit:
         problem, theta = self.optimum.problem, self.optimum.theta
         names = [run.name for run in self.runs]
         out = [*(self.structures.findings if self.structures is not None else ()), *self.rival]
-        if self.noise.coloured:
-            out.append(self.noise.told(self.disk))
+        out += self.noise.findings(self.disk)
         if not self.converged:
             out.append(look("plunge.unconverged"))
         pulls = np.where(np.isfinite(problem.sd), (theta - problem.mean) / problem.sd, 0.0)
