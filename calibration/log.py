@@ -12,8 +12,9 @@ import pandas as pd
 from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
+from calibration.checks.clock import Sampling, check_time, moved, weighed
 from calibration.checks.kind import check_kind
-from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck, Sampling, check_time
+from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck
 from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import Table, open_table, read_whole, sha256
@@ -151,22 +152,24 @@ class LogPieces:
             new = {name: raw.data[self._names[name]] for name in checks}
             kept = {name: np.concatenate([kept[name], new[name]]) for name in new} if kept else new
             end = at + len(next(iter(kept.values())))
-            stop = end - margin if end < total else end
+            stop = int(np.searchsorted(grid, grid[max(end - margin, 0)])) if end < total else end
             if end > total:
                 break
             if stop == done or (stop - done < margin and end < total):
                 continue
             inside = slice(done - at, stop - at)
-            columns = {name: clean(name, kept[name], self._noise_K[name])[inside] for name in checks}
+            cleaned = {name: clean(name, kept[name], self._noise_K[name]) for name in checks}
+            for name, check in checks.items():
+                check.see(kept[name][inside], cleaned[name][inside])
+            columns = {name: moved(name, x, self.sampling, slice(at, end))[inside] for name, x in cleaned.items()}
             # on the even grid, up to the next row: samples put in are NaN, a switch keeps its state in them
             columns |= {name: on[done:stop].astype(np.float64) for name, on in self.switches.items()}
             rows = grid[done : stop + 1]
             even = np.arange(rows[0], grid[stop] if stop < total else end_row)
-            frame = pd.DataFrame(columns, rows[: stop - done], [n for n in self._names if n != "time_s"]).reindex(even)
+            frame = pd.DataFrame(columns, rows[: stop - done], [n for n in self._names if n != "time_s"])
+            frame = frame[~frame.index.duplicated()].reindex(even)
             frame = frame.assign(**frame[[*self.switches]].ffill()).reset_index(drop=True)
             frame.insert(0, "time_s", np.interp(even, rows, self.sampling.time_s[done : stop + 1]))
-            for name, check in checks.items():
-                check.see(kept[name][inside], columns[name])
             found = [finding for check in checks.values() for finding in check.judge()] if stop == total else []
             yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in found))
             done = stop
@@ -204,8 +207,7 @@ def iter_log(
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
     others = [name for name in names if name != "time_s" and name not in levels]
-    found: list[Finding] = []
-    sample: list[pd.DataFrame] = []
+    found, sample = list[Finding](), list[pd.DataFrame]()
     every, seen, place = 1, 0, Place(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
         place, time = raw.place, raw.data[names["time_s"]]
@@ -223,7 +225,6 @@ def iter_log(
         raise InputError("no rows", where=table.where)
     sampling = check_time(np.frombuffer(clock), place)
     del clock
-    found += sampling.findings
     place = replace(place, time_s=sampling.time_s, dt_s=sampling.dt_s)
     course = pd.concat(sample)
     noise_K: dict[str, float] = {}
@@ -232,11 +233,12 @@ def iter_log(
         noise_K[name] = course_noise_K(name, values, course.index.to_numpy(), place)
         course[name] = clean(name, values, noise_K[name])
     whole = {name: np.array(union_categoricals(parts), dtype=np.float64) for name, parts in levels.items()}
+    sampling = weighed(sampling, course)
     switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk, parted=parted)
     found += said
     wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
     found += [look("column.not_there", subject=name) for name in wanted if name not in names]
-    told = tuple(f.at(table.where) for f in found)
+    told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
     return LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
 
 
@@ -252,8 +254,7 @@ def read_log(
     """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
 
     CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
-    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: whether the disks must part in an
-    EHL log.
+    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: EHL disks must part.
 
     Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
     """
@@ -267,8 +268,7 @@ def read_log(
             for name in map(str, piece.frame):
                 whole.setdefault(name, np.empty(pieces.rows))[piece.first : stop] = piece.frame[name]
             told += piece.findings
-        frame = pd.DataFrame(whole, copy=False)
-        return Log(frame, kind, file, sha256(file), pieces.dt_s, pieces.metadata, told)
+        return Log(pd.DataFrame(whole, copy=False), kind, file, sha256(file), pieces.dt_s, pieces.metadata, told)
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
     frame, found = oven_frame({canonical: raw.data[name] for canonical, name in names.items()}, raw.place)

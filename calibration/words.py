@@ -85,6 +85,8 @@ READER: dict[str, Words] = {
     "time.filled": "{place}: {count} missing time(s) filled from the neighbours",
     "time.few_decimals": "column {subject}: the stamps have few decimals; they are taken as even, {rate_Hz:.5g} Hz",
     "time.jitter": "{place}: {count} time stamps jitter by up to half a sample",
+    "time.strays": "column {subject}: the stamps stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s "
+    "(1 sd); {percent:.0f} % of it is when samples were taken, as far as the readings tell, and is put right",
     "time.lost": "{place}: {count} samples are missing in {places} place(s), first at {first_s:.6g} s; put in as NaN",
     "time.slow": "column {subject}: sampled at {rate_Hz:.3g} Hz; 75 Hz is the rig's rate, lags below {lost_s:.2g} s "
     "are lost",

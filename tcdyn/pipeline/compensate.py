@@ -173,8 +173,7 @@ def compensate_log(
 
     The log's own metadata is carried over.
     ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
-    a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used. A
-    log without loading or unloading is compensated with a finding.
+    a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
     ``way``: the compensator, the smoother unless told.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
@@ -188,8 +187,7 @@ def compensate_log(
     table = read_log(log, kind, rig, own, parted=False)
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
-    findings = [*gathered(table.findings)]
-    known: dict[float, float] = {}
+    findings, known = [*gathered(table.findings)], dict[float, float]()
     if kind == "ehl":
         try:
             events = find_events(table.frame, table.path.name)
