@@ -42,9 +42,7 @@ class SpikeRule:
         return self.width // 2
 
 
-SpikeUse = Literal[
-    "reading", "traces", "plunge", "force", "compensator", "answer", "prediction", "live ehl", "live immersion"
-]
+SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answer"]
 
 # every limit there is for spikes, by its use, at the usual 75 Hz
 SPIKES: Mapping[SpikeUse, SpikeRule] = {
@@ -54,9 +52,6 @@ SPIKES: Mapping[SpikeUse, SpikeRule] = {
     "force": SpikeRule(6.0, 151),  # load and friction: 2 s about the sample (at other rates, too), of their scatter
     "compensator": SpikeRule(6.0, 9, local=73),  # traces of any origin, given to a compensator
     "answer": SpikeRule(6.0, 7),  # those samples again, against what the smoother's answer would have been read as
-    "prediction": SpikeRule(6.0, 5),  # live: against what is expected from the past
-    "live ehl": SpikeRule(10.0, 5, floor=1.5),  # live: against the samples before it; no junction moves so far in them
-    "live immersion": SpikeRule(10.0, 5, floor=30.0),
 }
 
 

@@ -640,8 +640,9 @@ PIPELINE: dict[str, Words] = {
     "to the {other} disk is the record's, which an unloading would tell better; add records={subject}.disk.json",
     "compensate.unrefined": "the common lags are the records': the unloading could not be used ({problem})",
     "follow.dead": "column {subject} shows nothing: it is left empty",
-    "follow.spikes": "{count} spikes were taken as missing",
+    "follow.spikes": "{count} samples stand in spikes or bursts",
     "follow.backward": "{count} rows whose time does not rise were left out",
+    "follow.gaps": "{count} gaps in time_s, the longest of {longest_s:.3g} s: beside them the bands are wide",
     "follow.torn": "{count} lines without the right number of fields were left out",
 }
 

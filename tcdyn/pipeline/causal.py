@@ -13,7 +13,6 @@ from scipy import signal
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, static_u
-from calibration.noise import SPIKES, trace_noise_sd
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
@@ -24,8 +23,8 @@ from tcdyn.traces import DiskChannels, disk_channels
 
 Array = NDArray[np.float64]
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
-LEAST_SAMPLES, LEAST_NOISE_K = 16, 1e-3
-LONGEST_GAP_S = 600.0
+TOLD_GAP_S, LONGEST_GAP_S = 1.0, 60.0  # told; beyond which nothing is known any more
+COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,8 @@ class CausalState:
     last_time_s: float = -np.inf
     spikes: int = 0
     backward: int = 0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and numbers, exact to the last bit in JSON."""
@@ -84,7 +85,9 @@ class CausalState:
     def findings(self) -> tuple[Finding, ...]:
         """What was noticed on the way."""
         spikes = [note("follow.spikes", count=self.spikes)] if self.spikes else []
-        return (*spikes, *([look("follow.backward", count=self.backward)] if self.backward else []))
+        backward = [look("follow.backward", count=self.backward)] if self.backward else []
+        gaps = [look("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)] if self.gaps else []
+        return (*spikes, *backward, *gaps)
 
 
 @dataclass(frozen=True)
@@ -92,8 +95,8 @@ class Causal:
     """What is done to each row: which columns are junctions, how they are measured, and the smoother for them.
 
     ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``, ``chains``,
-    uncertainty of the lag and noise; ``dead``: those that show nothing and are left empty. A row is written once the
-    answer for its own time is there, so all columns of a row belong to its ``time_s``.
+    uncertainty of the lag, white noise and noise from before the filter; ``dead``: those that show nothing and are left
+    empty. A row is written once the answer for its own time is there, so all columns of a row belong to its ``time_s``.
     """
 
     names: tuple[str, ...]
@@ -103,6 +106,7 @@ class Causal:
     chains: tuple[Chain, ...]
     lag_u_s: Array
     noise_K: Array
+    before_K: Array
     dt_s: float
     engine: LiveSmoother
     settings: Settings
@@ -117,27 +121,30 @@ class Causal:
         settings: Settings,
         learnt: Mapping[str, Any],
     ) -> Causal:
-        """The plan for columns ``names``; ``learnt``: dt_s, noise_K and dead (columns that show nothing)."""
+        """The plan for columns ``names``; ``learnt``: dt_s, dead (columns that show nothing), noise_K and before_K.
+
+        The last two by channel: noise that is white, and as it comes out of the filter before which it was white.
+        """
         alive = [
             one
-            for disk in _channels(kind, records, rig)
+            for disk in channels_of(kind, records, rig)
             for one in zip(disk.columns, disk.lines, disk.chains, np.diag(disk.lag_covariance_s2))
             if one[0] not in learnt["dead"]
         ]
         junctions, lines, chains, variances = zip(*alive)
-        dt, noise = float(learnt["dt_s"]), np.array([learnt["noise_K"][n] for n in junctions], dtype=float)
-        level = settings.intensity_K2_s3 or INTENSITY_K2_S3[kind]
-        coarse = SPIKES["live immersion" if kind == "immersion" else "live ehl"]
-        engine = LiveSmoother.of(chains, dt, noise, level, round(settings.behind_s / dt), coarse)
+        dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or INTENSITY_K2_S3[kind]
+        after, before = (np.array([learnt[k][n] for n in junctions], dtype=float) for k in ("noise_K", "before_K"))
+        engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
         return cls(
-            tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)), noise,
-            dt, engine, settings,
+            tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)), after,
+            before, dt, engine, settings,
         )  # fmt: skip
 
     def learnt(self) -> dict[str, Any]:
         """What ``of`` needs besides the files."""
-        noise = dict(zip(self.junctions, self.noise_K.tolist()))
-        return {"dt_s": self.dt_s, "noise_K": noise, "dead": list(self.dead)}
+        levels = {"noise_K": self.noise_K, "before_K": self.before_K}
+        named = {k: dict(zip(self.junctions, v.tolist())) for k, v in levels.items()}
+        return {"dt_s": self.dt_s, "dead": list(self.dead), **named}
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -169,13 +176,51 @@ class Causal:
         )  # fmt: skip
 
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
-        """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now."""
-        state, rows = self._even(state, np.asarray(rows, dtype=float))
+        """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
+
+        Beyond a gap of a minute nothing is known any more: what still waits is handed out, the smoother starts anew.
+        """
+        rows = np.asarray(rows, dtype=float)
+        time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
+        before = np.fmax.accumulate(np.concatenate([[state.last_time_s], time]))
+        rising = time > before[:-1]
+        step = np.where(rising & np.isfinite(before[:-1]), time - before[:-1], 0.0)
+        gap = step > TOLD_GAP_S
+        if far := np.flatnonzero(step > LONGEST_GAP_S).tolist():
+            state, first = self.advance(state, rows[: far[0]])
+            fresh = replace(self.start(self._first(rows[far[0] :], state)), **{k: getattr(state, k) for k in COUNTS})
+            fresh = replace(fresh, gaps=fresh.gaps + 1, longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])))
+            fresh, rest = self.advance(fresh, rows[far[0] :])
+            return fresh, np.concatenate([first, self.rest(state), rest])
+        place = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
+        even = np.full((int(place[-1]) if len(place) else 0, rows.shape[1]), np.nan)
+        even[place - 1] = rows[rising]
+        state = replace(
+            state, last_time_s=float(before[-1]), backward=state.backward + int(np.count_nonzero(~rising)),
+            gaps=state.gaps + int(np.count_nonzero(gap)), longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
+        )  # fmt: skip
+        return self._taken(state, even)
+
+    def rest(self, state: CausalState) -> Array:
+        """The rows (k, output columns) that still wait when no more come, by what is known of them."""
+        return self._taken(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
+
+    def _first(self, rows: Array, state: CausalState) -> Array:
+        """What each channel shows first in ``rows``; as it was known last where it shows nothing."""
+        y = self._corrected(rows)
+        seen = np.isfinite(y)
+        return np.where(seen.any(axis=0), y[np.argmax(seen, axis=0), np.arange(y.shape[1])], state.kernel.recent[-1])
+
+    def _corrected(self, rows: Array) -> Array:
+        """Temperatures of the junctions (n, M) [degC] after the static lines."""
+        logged = rows[:, [self.names.index(n) for n in self.junctions]]
+        return np.column_stack([apply_static(logged[:, i], line) for i, line in enumerate(self.lines)])
+
+    def _taken(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+        """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
-        logged = rows[:, [self.names.index(n) for n in self.junctions]]
-        y = np.column_stack([apply_static(logged[:, i], line) for i, line in enumerate(self.lines)])
-        kernel, x, sd, flags = self.engine.run(state.kernel, y)
+        kernel, x, sd, flags = self.engine.run(state.kernel, self._corrected(rows))
         rate, memory = np.empty_like(x), np.empty(x.shape[1])
         for i in range(x.shape[1]):
             per_lag = lag_rate(self.chains[i], self.dt_s)
@@ -187,26 +232,6 @@ class Causal:
             waiting=_joined(state.waiting, rows), found=_joined(state.found, x), found_u=_joined(state.found_u, u),
         )  # fmt: skip
         return self._ready(state)
-
-    def _even(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
-        """Rows with empty ones where samples are lacking; those whose time does not rise are left out."""
-        time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
-        before = np.fmax.accumulate(np.concatenate([[state.last_time_s], time]))
-        rising = time > before[:-1]
-        step = (time - before[:-1])[rising]
-        missed = np.where(np.isfinite(step), np.round(step / self.dt_s) - 1, 0).clip(0)
-        if (gap := missed * self.dt_s > LONGEST_GAP_S).any():
-            k = np.flatnonzero(rising)[int(np.argmax(gap))]
-            raise InputError(
-                f"column time_s jumps from {before[k]:.6g} s to {time[k]:.6g} s",
-                expected=f"gaps of at most {LONGEST_GAP_S:g} s",
-                remedy="follow what comes after it as a log of its own",
-            )
-        place = np.cumsum(missed + 1).astype(int)
-        out = np.full((int(place[-1]) if len(place) else 0, rows.shape[1]), np.nan)
-        out[place - 1] = rows[rising]
-        backward = state.backward + int(np.count_nonzero(~rising))
-        return replace(state, last_time_s=float(before[-1]), backward=backward), out
 
     def _ready(self, state: CausalState) -> tuple[CausalState, Array]:
         """The rows whose answers are all there, those between samples by straight lines; the rest goes on waiting."""
@@ -237,42 +262,12 @@ class Causal:
             "behind_s": f"{self.settings.behind_s:g}",
             "dt_s": f"{self.dt_s:.9g}",
             "noise_K": f"{self.noise_K.min():.4g} to {self.noise_K.max():.4g}",
+            "noise_before_filter_K": f"{self.before_K.min():.4g} to {self.before_K.max():.4g}",
             "intensity_K2_s3": f"{self.engine.intensity[0]:g}",
         }
 
 
-def begin(
-    names: Sequence[str], rows: Array, kind: str, records: Mapping[str, DiskRecord], rig: Rig, settings: Settings
-) -> tuple[Causal, CausalState]:
-    """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise, starting level."""
-    time = rows[:, list(names).index("time_s")]
-    steps = np.diff(time[np.isfinite(time)])
-    steps = steps[steps > 0]
-    if len(steps) < LEAST_SAMPLES:
-        raise InputError(
-            f"{len(steps) + 1} samples in the first {settings.learn_s:g} s",
-            expected=f"at least {LEAST_SAMPLES + 1}",
-            remedy="raise learn_s",
-            parameters=("learn_s",),
-        )
-    noise, first, dead = {}, [], []
-    for disk in _channels(kind, records, rig):
-        for name, line in zip(disk.columns, disk.lines):
-            y = apply_static(rows[:, list(names).index(name)], line)
-            good = y[np.isfinite(y)]
-            if len(good) < LEAST_SAMPLES:
-                dead.append(name)
-                continue
-            noise[name] = settings.noise_K or max(trace_noise_sd(y), LEAST_NOISE_K)
-            first.append(float(np.median(good[: SPIKES["live ehl"].width])))
-    if not noise:
-        raise InputError("no channel shows a temperature", remedy="check the log's columns")
-    learnt = {"dt_s": float(np.median(steps)), "noise_K": noise, "dead": dead}
-    plan = Causal.of(names, kind, records, rig, settings, learnt)
-    return plan, plan.start(np.array(first))
-
-
-def _channels(kind: str, records: Mapping[str, DiskRecord], rig: Rig) -> list[DiskChannels]:
+def channels_of(kind: str, records: Mapping[str, DiskRecord], rig: Rig) -> list[DiskChannels]:
     return [
         disk_channels(record, rig.disk_setup(disk), f"{disk}_" if kind == "ehl" else "")
         for disk, record in records.items()

@@ -22,11 +22,12 @@ from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
 from calibration.record import DiskRecord
 from calibration.rig import Rig
-from tcdyn.pipeline.causal import Causal, CausalState, Settings, begin
+from tcdyn.pipeline.causal import Causal, CausalState, Settings
 from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
+from tcdyn.pipeline.learn import begin
 from tcdyn.traces import rig_of
 
-STATE = "tcdyn.follow/2"
+STATE = "tcdyn.follow/3"
 STOPPED = "stopped"
 SAVE_EVERY_S = 10.0
 
@@ -120,6 +121,9 @@ def follow(
             if ended:
                 break
             rows = source.rows(patience)
+        rest = plan.rest(now)  # a run that goes on from the state file writes these rows again, then better known
+        _append(stream, _lines(rest), out)
+        written += len(rest)
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
     return FollowRun(table.rows, written, table.bad, ended, plan, (*plan.findings, *torn, *now.findings))
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from calibration.noise import SpikeRule
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
@@ -61,7 +60,7 @@ def test_any_chunking_gives_the_batch_answer_through_a_saved_state():
     y = 80 + np.cumsum(rng.standard_normal((900, 3)), axis=0) * 0.1
     y[400, 1] = np.nan
     y[600, 2] += 50
-    live = LiveSmoother.of([CHAIN] * 3, DT, 0.1, 0.1, lag_samples=10, coarse=SpikeRule(0.0, 5, floor=10.0))
+    live = LiveSmoother.of([CHAIN] * 3, DT, 0.1, 0.1, lag_samples=10)
     _, whole, sd, flags = live.run(live.start(y[0]), y)
     state, parts = live.start(y[0]), []
     cuts = np.r_[0, np.sort(rng.choice(np.arange(1, 900), 25, replace=False)), 900]
@@ -81,7 +80,7 @@ def test_a_lone_spike_moves_the_live_smoother_less_than_its_noise_and_is_no_even
     y = np.tile(80.0 + 0.1 * rng.standard_normal((600, 1)), (1, 40))
     spiked = y.copy()
     spiked[rng.integers(200, 400, 40), np.arange(40)] += np.geomspace(1.5, 60, 40)
-    live = LiveSmoother.of([CHAIN] * 40, DT, 0.1, 30.0, coarse=SpikeRule(0.0, 5, floor=1.0))
+    live = LiveSmoother.of([CHAIN] * 40, DT, 0.1, 30.0)
     (_, clean, sd, _), (_, hit, _, _) = (live.run(live.start(v[0]), v) for v in (y, spiked))
     assert np.max(np.abs(hit - clean) / sd) < 1.0
     assert np.max(np.abs(hit - clean)[:200]) == 0

@@ -1,0 +1,71 @@
+"""What the first seconds of a growing log tell: its sampling, its noise, where its channels begin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration import Array
+from calibration.disk import Conditioning
+from calibration.errors import InputError
+from calibration.lines.static import apply_static
+from calibration.noise import SPIKES, find_spikes, trace_noise_sd
+from calibration.record import DiskRecord
+from calibration.rig import Rig
+from tcdyn.chain.noise import noise_of
+from tcdyn.pipeline.causal import Causal, CausalState, Settings, channels_of
+
+LEAST_SAMPLES, LEAST_NOISE_K, FIRST = 16, 1e-3, 5
+LEAST_AFTER = 0.03  # of the noise from before the filter: less of it after the filter no samples show
+
+
+def begin(
+    names: Sequence[str], rows: Array, kind: str, records: Mapping[str, DiskRecord], rig: Rig, settings: Settings
+) -> tuple[Causal, CausalState]:
+    """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise, starting level."""
+    time = rows[:, list(names).index("time_s")]
+    steps = np.diff(time[np.isfinite(time)])
+    steps = steps[steps > 0]
+    if len(steps) < LEAST_SAMPLES:
+        raise InputError(
+            f"{len(steps) + 1} samples in the first {settings.learn_s:g} s",
+            expected=f"at least {LEAST_SAMPLES + 1}",
+            remedy="raise learn_s",
+            parameters=("learn_s",),
+        )
+    dt = float(np.median(steps))
+    place = np.round((time - np.nanmin(time)) / dt)
+    even = np.full((int(np.nanmax(place)) + 1, rows.shape[1]), np.nan)
+    even[place[np.isfinite(place)].astype(int)] = rows[np.isfinite(place)]
+    alive, dead = {}, []
+    for disk in channels_of(kind, records, rig):
+        for name, line, chain in zip(disk.columns, disk.lines, disk.chains):
+            y = apply_static(even[:, list(names).index(name)], line)
+            if np.count_nonzero(np.isfinite(y)) < LEAST_SAMPLES:
+                dead.append(name)
+            else:
+                alive[name] = y, chain.conditioning
+    if not alive:
+        raise InputError("no channel shows a temperature", remedy="check the log's columns")
+    learnt = {"dt_s": dt, "dead": dead} | _noise(alive, dt, settings.noise_K)
+    plan = Causal.of(names, kind, records, rig, settings, learnt)
+    return plan, plan.start(np.array([np.median(y[np.isfinite(y)][:FIRST]) for y, _ in alive.values()]))
+
+
+def _noise(traces: Mapping[str, tuple[Array, Conditioning]], dt_s: float, given_K: float | None) -> dict[str, Any]:
+    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before it."""
+    after = {name: given_K or max(trace_noise_sd(y), LEAST_NOISE_K) for name, (y, _) in traces.items()}
+    before = dict.fromkeys(traces, 0.0)
+    for filter_ in {f for _, f in traces.values()} if given_K is None else set():
+        own = [name for name, (_, f) in traces.items() if f == filter_]
+        white = np.array([after[n] for n in own])
+        spiky = [find_spikes(traces[n][0], SPIKES["compensator"], after[n]) for n in own]
+        clean = np.stack([np.where(bad, np.nan, traces[n][0]) for n, bad in zip(own, spiky)], axis=1)
+        found = noise_of([clean], dt_s, filter_, white)
+        if found.coloured:
+            before |= dict(zip(own, found.before_K.tolist()))
+            least = np.maximum(LEAST_NOISE_K, LEAST_AFTER * found.before_K)
+            after |= dict(zip(own, np.maximum(found.after_K, least).tolist()))
+    return {"noise_K": after, "before_K": before}

@@ -1,0 +1,91 @@
+"""Logs as slip rings and wires make them, by oversampled lags: code that the smoothers share nothing with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from calibration.estimate import Estimate
+from calibration.lines.static import StaticLine
+from calibration.record import ChainRecord, ChannelChain, DiskRecord
+
+Array = NDArray[np.float64]
+NAMES = [f"fast_{c}_degC" for c in "abcdef"]
+TAUS_S, FILTER_S, FILTER_POLES = (0.6, 0.07), 1 / (2 * np.pi * 4.0), 2
+NOISE_K, OVER = 0.12, 8
+
+
+@dataclass(frozen=True)
+class World:
+    """Samples at ``time_s`` (N,): ``true`` (N,) [degC] of all six junctions, and their ``readings`` (N, 6)."""
+
+    time_s: Array
+    true: Array
+    readings: Array
+
+    def log(self) -> pd.DataFrame:
+        """As an EHL log in contact all the time."""
+        rest = {"load_N": 100.0, "friction_N": 5.0, "contact": 1, "speed_fast_rpm": 4000.0, "speed_slow_rpm": 950.0}
+        frame = pd.DataFrame({"time_s": self.time_s, **rest})
+        frame[NAMES] = self.readings
+        return frame.assign(**{n.replace("fast", "slow"): 60.0 for n in NAMES}, ambient_degC=25.0, oil_degC=60.0).round(
+            4
+        )
+
+
+def lagged(u: Array, tau_s: float, dt_s: float) -> Array:
+    """A first-order lag of an input held over each fine step, from rest at its first value."""
+    e = np.exp(-dt_s / tau_s)
+    return np.asarray(lfilter([0.0, 1 - e], [1.0, -e], u - u[0], axis=0) + u[0])
+
+
+def world(total_s: float, before: float, seed: int, *, rate_Hz: float = 75.0, bursts_s: float = 60.0) -> World:
+    """``before``: share of the noise's amplitude that enters before the filter; a burst every ``bursts_s`` a channel.
+
+    Three unloadings by 12 K, each with a reloading, on slow waves; lone outliers of 1.5 K every 20 s a channel; bursts
+    of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
+    """
+    rng = np.random.default_rng(seed)
+    n, fine = int(total_s * rate_Hz), 1 / rate_Hz / OVER
+    t = np.arange(n * OVER) * fine
+    x = 80 + 3 * np.sin(2 * np.pi * t / 200) + 0.5 * np.sin(2 * np.pi * t / 23)
+    for k in range(3):
+        off, on = (total_s * (k + share) / 3 + 0.0041 for share in (0.5, 0.8))
+        x -= 12 * (1 - np.exp(-np.maximum(t - off, 0.0))) - 12 * (1 - np.exp(-np.maximum(t - on, 0.0) / 3))
+    y = np.tile(x[:, None], (1, 6))
+    for tau in TAUS_S:
+        y = lagged(y, tau, fine)
+    pulse, noise = np.zeros(4000), rng.standard_normal(y.shape)
+    pulse[1] = 1.0
+    for _ in range(FILTER_POLES):
+        pulse = lagged(pulse, FILTER_S, fine)
+    y += before * NOISE_K / np.sqrt(np.sum(pulse**2)) * noise
+    for c in range(6):
+        for start in rng.uniform(0, total_s, rng.poisson(total_s / bursts_s)):
+            first, last = (int(s / fine) for s in (start, start + rng.uniform(0.02, 0.3)))
+            y[first:last, c] += rng.choice([-1, 1]) * rng.uniform(0.5, 3.0)
+    for _ in range(FILTER_POLES):
+        y = lagged(y, FILTER_S, fine)
+    out = y[::OVER] + np.sqrt(1 - before**2) * NOISE_K * rng.standard_normal((n, 6))
+    for c in range(6):
+        at = rng.integers(0, n, rng.poisson(total_s / 20))
+        out[at, c] += 1.5 * rng.choice([-1, 1], len(at))
+    return World(t[::OVER], x[::OVER], out)
+
+
+def record() -> DiskRecord:
+    """The fast disk that made it, known exactly."""
+    lag = Estimate.normal(sum(TAUS_S) + FILTER_POLES * FILTER_S, 0.0)
+    line = StaticLine(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(20.0, 160.0))
+    chain = ChainRecord(
+        structure="two lags",
+        channels={c: ChannelChain(taus_s=TAUS_S, lag_s=lag) for c in "abcdef"},
+        covariance=np.zeros((6, 6)).tolist(),
+        common_lag_s=lag,
+        differential_lag_s={c: Estimate.normal(0.0, 0.0) for c in "abcdef"},
+    )
+    return DiskRecord(disk="fast", created="2026-01-01", static=dict.fromkeys("abcdef", line), chain=chain)

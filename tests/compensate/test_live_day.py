@@ -1,0 +1,123 @@
+"""A day of a log with spikes, bursts and unloadings followed live: bounded, true to its band, written to its end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tcdyn.chain import Chain
+from tcdyn.compensate import LiveSmoother, smooth
+from tcdyn.pipeline.causal import Settings
+from tcdyn.pipeline.follow import FollowRun, follow
+from tests.compensate.live_world import NAMES, NOISE_K, TAUS_S, World, record, world
+
+SETTLED_S = 5.0
+
+
+def followed(made: World | pd.DataFrame, folder: Path, settings: Settings) -> tuple[FollowRun, pd.DataFrame]:
+    log, out = folder / "log.csv", folder / "out.csv"
+    (made.log() if isinstance(made, World) else made).to_csv(log, index=False)
+    run = follow(log, {"fast": record()}, out, None, settings, idle_s=0.01, poll_s=0.02)
+    return run, pd.read_csv(out, comment="#")
+
+
+def errors(made: World, done: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Errors [K] and the stated sd [K], (N, 6), after the first seconds."""
+    error = done[NAMES].to_numpy() - made.true[:, None]
+    sd = done[[n.replace("_degC", "_u_K") for n in NAMES]].to_numpy()
+    settled = made.time_s > SETTLED_S
+    return error[settled], sd[settled]
+
+
+def hold(made: World, run: FollowRun, done: pd.DataFrame, behind_s: float) -> None:
+    """No row is lost; no error is above 6 sd and above 5 K (live, an unloading is seen 0.25 s after it only)."""
+    assert run.rows_written == len(done) == len(made.time_s)
+    error, sd = errors(made, done)
+    assert np.all((np.abs(error) < 6 * sd) | (np.abs(error) < 5.0))
+    assert np.mean(np.abs(error) < 1.96 * sd) > 0.95
+    if behind_s:
+        assert np.max(np.abs(error)) < 5.0
+        assert np.mean(np.abs(error) < 6 * sd) > 0.9995
+        assert np.sqrt(np.mean(error**2)) < 2 * NOISE_K
+
+
+@pytest.mark.parametrize(
+    ("before", "behind_s"), [(0.0, 0.5), (0.97, 0.5), (0.97, 0.0)], ids=["white", "coloured", "live"]
+)
+def test_a_day_in_short_is_followed_within_its_band_to_its_end(before: float, behind_s: float, tmp_path: Path) -> None:
+    """Four minutes at 75 Hz with the three unloadings of a day, 36 bursts and 72 lone outliers."""
+    made = world(240.0, before, 7, bursts_s=40.0)
+    hold(made, *followed(made, tmp_path, Settings(behind_s=behind_s)), behind_s)
+
+
+@pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
+def test_behind_it_is_the_batch_smoother_within_the_stated_band(before: float, tmp_path: Path) -> None:
+    """A minute without bursts: the two differ by what the batch alone has seen, of which half a second is little."""
+    made = world(60.0, before, 3, bursts_s=1e9)
+    made = World(made.time_s[:2200], made.true[:2200], made.readings[:2200])  # two kinks in it
+    run, done = followed(made, tmp_path, Settings(behind_s=0.5, noise_K=None if before else NOISE_K))
+    batch = smooth(made.readings, 1 / 75, Chain(TAUS_S), noise_sd=None if before else NOISE_K, intensity=30.0)
+    live, sd = (done[[n.replace("_degC", end) for n in NAMES]].to_numpy() for end in ("_degC", "_u_K"))
+    z = ((live - batch.temperature) / sd)[375:]
+    assert np.max(np.abs(z)) < 6.0
+    assert np.mean(np.abs(z) < 1.0) > 0.95
+    assert run.ended.startswith("no growth")
+
+
+def test_gaps_and_clocks_that_jump_are_told_and_the_rest_is_as_good(tmp_path: Path) -> None:
+    """Two seconds and then an hour are missing, the clock goes back for a while: nothing raises, no row that counts is
+    lost, and ten lags later the answers are those of a log without it."""
+    made = world(60.0, 0.97, 4, bursts_s=1e9)
+    log = made.log()
+    hour = log["time_s"] >= 40.0
+    log.loc[hour, "time_s"] += 3600.0
+    log.loc[3500:3520, "time_s"] -= 30.0
+    log = log.drop(index=range(1500, 1650))
+    run, done = followed(log, tmp_path, Settings())
+    assert [f.code for f in run.findings if f.code != "follow.spikes"] == ["follow.backward", "follow.gaps"]
+    told = {f.code: f.numbers for f in run.findings}
+    assert told["follow.gaps"] == {"count": 2, "longest_s": pytest.approx(3600, abs=0.1)}
+    assert told["follow.backward"] == {"count": 21}
+    assert len(done) == len(log) - 21
+    _, whole = followed(made, tmp_path, Settings())
+    after = done["time_s"] > 3650.0
+    same = whole.set_index("time_s").loc[(done["time_s"][after] - 3600.0).round(4)]
+    assert np.max(np.abs(done.loc[after, NAMES].to_numpy() - same[NAMES].to_numpy())) < 1e-3
+
+
+def test_the_noise_model_goes_on_exactly_from_a_state_file(tmp_path: Path) -> None:
+    """Stopped in the middle of a log whose noise is coloured: the same rows as in one go, to the last digit written."""
+    text = world(30.0, 0.97, 5, bursts_s=5.0).log().to_csv(index=False)
+    log, whole, parts, state = (tmp_path / n for n in ("log.csv", "whole.csv", "parts.csv", "state.json"))
+    for share in (0.5, 1.0):
+        log.write_text(text[: int(share * len(text))], encoding="utf-8")
+        follow(log, {"fast": record()}, parts, None, Settings(0.3), state=state, idle_s=0.01, poll_s=0.02)
+    follow(log, {"fast": record()}, whole, None, Settings(0.3), idle_s=0.01, poll_s=0.02)
+    assert parts.read_text(encoding="utf-8") == whole.read_text(encoding="utf-8")
+    assert "noise_before_filter_K: 0.1" in whole.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("size", [3.0, 30.0, 1000.0])
+def test_whatever_a_reading_does_the_answer_stays_in_the_range_that_the_chain_allows(size: float) -> None:
+    """Readings that leap at random for a second: no answer leaves the readings by more than five times their range."""
+    rng = np.random.default_rng(0)
+    y = 80 + NOISE_K * rng.standard_normal((1500, 20))
+    y[600:675] += size * rng.standard_normal((75, 20)) * (rng.random((75, 20)) < 0.5)
+    live = LiveSmoother.of([Chain(TAUS_S)] * 20, 1 / 75, NOISE_K, 30.0)
+    _, x, sd, _ = live.run(live.start(y[0]), y)
+    assert np.all(np.isfinite(x) & np.isfinite(sd))
+    assert np.max(np.abs(x - 80)) < 6 * np.max(np.abs(y - 80))
+    assert np.max(np.abs(x - 80)[:600]) < 5.0
+    assert np.max((np.abs(x - 80) / sd)[900:]) < 6.0  # four lags later it is over
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
+@pytest.mark.parametrize("behind_s", [0.0, 0.5], ids=["live", "behind"])
+def test_an_hour_is_followed_within_its_band_to_its_end(before: float, behind_s: float, tmp_path: Path) -> None:
+    """At 75 Hz, a burst a minute; about two minutes each. A day takes forty."""
+    made = world(3600.0, before, 11)
+    hold(made, *followed(made, tmp_path, Settings(behind_s=behind_s)), behind_s)
