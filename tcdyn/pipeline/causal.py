@@ -268,6 +268,7 @@ class Causal:
 
 
 def channels_of(kind: str, records: Mapping[str, DiskRecord], rig: Rig) -> list[DiskChannels]:
+    """How each disk with a record is read in a log of this kind."""
     return [
         disk_channels(record, rig.disk_setup(disk), f"{disk}_" if kind == "ehl" else "")
         for disk, record in records.items()
