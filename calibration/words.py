@@ -445,15 +445,10 @@ COMPENSATE: dict[str, Words] = {
 TRACES: dict[str, Words] = {
     "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in {subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
-    "noise.hum": lambda subject, f_Hz, amplitude_K, folded_K, **_: (
-        f"{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz"
-        + (
-            f"; the sampling may lay its harmonics upon the temperature itself, where nothing tells: {folded_K:.2g} "
-            "K were added to the uncertainty; a rate that does not divide the mains frequency's multiples avoids it"
-            if folded_K
-            else ""
-        )
-    ),
+    "noise.hum": "{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz",
+    "noise.folded": "{subject}: the sampling may lay harmonics of mains hum upon the temperature itself, where nothing "
+    "tells them: {folded_K:.2g} K were added to its u; a rate that divides no multiple of the mains frequency "
+    "avoids it",
     "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what white noise before "
     "and behind the conditioning filter explains; its level was taken from where temperatures move",
     "noise.coloured": "{subject} disk: noise of {before_K:.2g} K comes through the conditioning filter, "

@@ -96,9 +96,9 @@ class LoggerNoise:
         if self.coloured:
             out.append(note("noise.coloured", subject=subject, before_K=before, after_K=after))
         for f, amplitude in self.lines:
-            folded = float(np.max(self.folded_u_K)) if _mains(f, self.rate_Hz) else 0.0
-            said, most = look if folded else note, float(np.max(amplitude))
-            out.append(said("noise.hum", subject=subject, f_Hz=f, amplitude_K=most, folded_K=folded))
+            out.append(note("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude))))
+        if (folded := float(np.max(self.folded_u_K))) > 0:
+            out.append(look("noise.folded", subject=subject, folded_K=folded))
         if self.unexplained > UNEXPLAINED:
             out.append(look("noise.unexplained", subject=subject, ratio=self.unexplained))
         return out

@@ -112,12 +112,3 @@ def test_whatever_a_reading_does_the_answer_stays_in_the_range_that_the_chain_al
     assert np.max(np.abs(x - 80)) < 6 * np.max(np.abs(y - 80))
     assert np.max(np.abs(x - 80)[:600]) < 5.0
     assert np.max((np.abs(x - 80) / sd)[900:]) < 6.0  # four lags later it is over
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
-@pytest.mark.parametrize("behind_s", [0.0, 0.5], ids=["live", "behind"])
-def test_an_hour_is_followed_within_its_band_to_its_end(before: float, behind_s: float, tmp_path: Path) -> None:
-    """At 75 Hz, a burst a minute; about two minutes each. A day takes forty."""
-    made = world(3600.0, before, 11)
-    hold(made, *followed(made, tmp_path, Settings(behind_s=behind_s)), behind_s)
