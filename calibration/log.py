@@ -195,8 +195,8 @@ def iter_log(
     switches, and of the other columns a sample of at most 131072 rows, every k-th run of 64: sampling, two-level
     columns, entry or unloading, units, loads, swapped and dead channels are judged there, before any piece is given.
 
-    CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 40 bytes for each row of
-    the file, 250 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
+    CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 45 bytes for each row of
+    the file, 280 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
 
     Raises InputError as ``read_log`` does; for an oven log, which is always short.
     """

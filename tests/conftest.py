@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,17 @@ if TYPE_CHECKING:
     from tcdyn.pipeline.beta import BetaRun
 
 SEED = 3
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--full``: Monte Carlo studies with all of their draws, as README's figures have them; a quarter without."""
+    parser.addoption("--full", action="store_true", help="studies with all of their draws, a quarter without")
+
+
+@pytest.fixture(scope="session")
+def draws(request: pytest.FixtureRequest) -> Callable[[int], int]:
+    """How many of a study's draws are made in this run."""
+    return lambda full: full if request.config.getoption("--full") else full // 4
 
 
 @dataclass(frozen=True)

@@ -278,14 +278,14 @@ def test_inverse_has_the_interface_of_the_smoother_and_a_band_that_holds_its_shi
 
 
 @pytest.mark.slow
-def test_case_b_coverage_over_draws_of_noise_and_lag():
+def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
     """Case B with nothing announced; chain used is 1.0 +- 0.05 s drawn. 60 records: +- 3 % in the transient."""
     x, y = exponential_rise()
     rng = np.random.default_rng(0)
     t = np.arange(len(x)) * DT
     transient, edges = (t >= 4.75) & (t <= 10), np.r_[0:60, 740:800]
     inside, errors = [], []
-    for _ in range(60):
+    for _ in range(n := draws(60)):
         record = y + 0.2 * rng.standard_normal(len(y))
         exact = smooth(record, DT, Chain((1.0,), conditioning=NO_CONDITIONING))
         errors.append(exact.temperature[60:740, 0] - x[60:740])
@@ -295,5 +295,6 @@ def test_case_b_coverage_over_draws_of_noise_and_lag():
     covered = np.array(inside)
     assert np.sqrt(np.mean(np.array(errors) ** 2)) < 0.25
     assert 0.93 < covered.mean() < 0.98
-    assert covered[:, transient].mean() > 0.90
-    assert covered[:, edges].mean() > 0.90
+    least = 0.95 - 0.4 / np.sqrt(n)
+    assert covered[:, transient].mean() > least
+    assert covered[:, edges].mean() > least

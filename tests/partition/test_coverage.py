@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from scipy import stats
 
@@ -15,20 +17,21 @@ RIGS = 40
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
+def test_intervals_hold_the_truth_as_often_as_they_say(draws: Callable[[int], int]) -> None:
     """95 % intervals over 40 rigs: at least as many hold as the 0.1 % point of the binomial law for 93 %."""
-    done = study(RIGS)
+    done = study(rigs := draws(RIGS))
     assert done["failed"].sum() == 0
-    least = stats.binom.ppf(0.001, RIGS, 0.93) / RIGS
+    least = stats.binom.ppf(0.001, rigs, 0.93) / rigs
     table = report(done).set_index("what")
     assert (table["covered by 95 %"] >= least).all(), table.to_string()
-    # and not by being wide: a spread of z below 0.6 would be an interval nearly twice too long
+    # and not by being wide: a spread of z below 0.6 over 40 rigs would be an interval nearly twice too long
+    loosest = (stats.chi2.ppf(1e-4, rigs) / rigs) ** 0.5
     depths = table.index.str.startswith("depth")
-    assert (table["rms z"][~depths] > 0.6).all(), table.to_string()
+    assert (table["rms z"][~depths] > loosest).all(), table.to_string()
     # junctions are placed with a tolerance for what the rim model misses, wider than what this simulated rig shows
-    assert (table["rms z"][depths] > 0.35).all(), table.to_string()
+    assert (table["rms z"][depths] > 0.55 * loosest).all(), table.to_string()
     # at 7 % false alarms, more than 7 in 40 happen once in 1000 studies
-    assert done["alarm"].sum() <= stats.binom.ppf(0.999, RIGS, 0.07), done["sentence"].to_string()
+    assert done["alarm"].sum() <= stats.binom.ppf(0.999, rigs, 0.07), done["sentence"].to_string()
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -197,9 +198,9 @@ def test_lag_that_the_data_do_not_tell_is_called_unbounded(rig: StudyRig) -> Non
 
 
 @pytest.mark.slow
-def test_profiles_hold_the_truth_as_often_as_they_say() -> None:
+def test_profiles_hold_the_truth_as_often_as_they_say(draws: Callable[[int], int]) -> None:
     """Ten numbers on each of 24 drawn rigs: each is held at least as often as the 0.1 % point of the law for 93 %."""
-    count = 24
+    count = draws(24)
     least = stats.binom.ppf(0.001, count, 0.93)
     held: dict[tuple[str, str], int] = {}
     for seed in range(2000, 2000 + count):
