@@ -47,7 +47,8 @@ Positive = Annotated[float, Field(gt=0, lt=600)]
 class ChannelChain(_Part):
     """What stands in the file of one channel's ``tcdyn.Chain``: its parameters [s] by their names there, B left out.
 
-    ``lag_s`` is the chain's first moment, the filter B included.
+    ``lag_s`` is the chain's first moment, the filter B included; ``split_u_s``: standard uncertainty of how much of
+    it is the largest lag's.
     """
 
     taus_s: tuple[Lag, ...]
@@ -56,6 +57,7 @@ class ChannelChain(_Part):
     pair: tuple[Positive, Positive] | None = None
     cement_s: Lag = 0.0
     lag_s: Estimate
+    split_u_s: Lag = 0.0
 
 
 class ChainRecord(_Part):

@@ -33,13 +33,15 @@ FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is l
 class DiskChannels:
     """How the thermocouples a..f of a disk are read, as its record knows it.
 
-    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (6, 6), of the lags.
+    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (6, 6), of the lags; ``split_u_s`` (6,):
+    standard uncertainty of how much of each is its largest lag's.
     """
 
     columns: tuple[str, ...]
     lines: tuple[StaticLine, ...]
     chains: tuple[Chain, ...]
     lag_covariance_s2: Array
+    split_u_s: Array
 
     def static_u(self, temperature_degC: Array) -> Array:
         """Standard uncertainty [K] of each line at temperatures (N, 6) or (6,) [degC], same shape."""
@@ -156,6 +158,7 @@ def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "", lag: b
         tuple(record.static[ch] for ch in CHANNELS),
         record_chains(record, setup) if lag else (NO_CHAIN,) * len(CHANNELS),
         np.array(covariance, dtype=float),
+        np.array([record.chain.channels[c].split_u_s if lag and record.chain else 0.0 for c in CHANNELS]),
     )
 
 
@@ -175,7 +178,7 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             parameters=("rig=rig.toml",),
         )
     kept = record.chain.channels
-    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s"}), conditioning=own) for c in CHANNELS)
+    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own) for c in CHANNELS)
 
 
 def disk_traces(

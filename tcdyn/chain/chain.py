@@ -132,6 +132,18 @@ class Chain(Result):
         taus = sorted(self.taus_s, reverse=True) or [0.0]
         return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
 
+    def with_split_shift(self, shift_s: float) -> Chain:
+        """The same lag in all, ``shift_s`` of the largest moved to the next, or to the dead time where there is none.
+
+        >>> Chain((0.6, 0.1)).with_split_shift(0.05).taus_s
+        (0.55, 0.15)
+        """
+        taus = sorted(self.taus_s, reverse=True) or [0.0]
+        moved = min(shift_s, taus[0])
+        if len(taus) == 1:
+            return replace(self, taus_s=(taus[0] - moved,), delay_s=self.delay_s + moved)
+        return replace(self, taus_s=(taus[0] - moved, taus[1] + moved, *taus[2:]))
+
 
 def cement_lags() -> tuple[float, ...]:
     """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the rest in three equal lags.

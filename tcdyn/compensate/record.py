@@ -190,7 +190,8 @@ class Compensated(Result):
     """A compensated record; all arrays (N, M), one column a channel.
 
     ``temperature`` [degC] at the junction at ``time_s``; ``sd`` [K] its standard deviation, from ``sd_noise`` (noise
-    and regularisation), ``lag_sensitivity`` [K/s] times the uncertainty of each lag, and ``static_u`` [K].
+    and regularisation), ``lag_sensitivity`` [K/s] times the uncertainty of each lag, ``split_K`` (what one standard
+    uncertainty of how a lag divides into its parts moves) and ``static_u`` [K].
     ``slope`` [K/s]; ``noise_sd (M,)`` [K]; ``intensity (M,)`` [K2/s3], the median over the record; ``flags``: bits
     MISSING, SPIKE, STUCK, SATURATED; ``method`` in words; ``events_s``: pairs of time and its standard uncertainty [s];
     ``intensities``: as functions of time, one a channel (smoother only).
@@ -203,6 +204,7 @@ class Compensated(Result):
     lag_sensitivity: Array
     static_u: Array
     lag_covariance: Array
+    split_K: Array
     noise_sd: Array
     intensity: Array
     flags: NDArray[np.uint8]
@@ -222,19 +224,22 @@ class Compensated(Result):
         lag_covariance: ArrayLike | None,
         static_u: ArrayLike | None,
         dt_s: float,
+        split_K: ArrayLike = 0.0,
         **rest: Any,
     ) -> Compensated:
-        """With the whole standard deviation, sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + static_u^2.
+        """With the whole standard deviation, sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 + static_u^2.
 
-        ``lag_covariance`` (M, M) and ``static_u`` (a number, (M,) or (N, M)) are zero when left out; ``rest``: the
-        fields that are left.
+        ``lag_covariance`` (M, M), ``static_u`` and ``split_K`` (a number, (M,) or (N, M)) are zero when left out;
+        ``rest``: the fields that are left.
         """
         n, m = temperature.shape
         lags: Array = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=np.float64)
         line = np.broadcast_to(np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m))
-        total = np.asarray(np.sqrt(sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + line**2), dtype=np.float64)
+        split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
+        variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
+        total = np.asarray(np.sqrt(variance), dtype=np.float64)
         time = np.asarray(np.arange(n) * dt_s, dtype=np.float64)
-        return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, time_s=time, **rest)
+        return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, split, time_s=time, **rest)
 
     @property
     def warnings(self) -> tuple[str, ...]:

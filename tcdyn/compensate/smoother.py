@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import SPIKES
-from tcdyn.chain import Chain
+from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.intensity import MOST, Criterion, Tradeoff, by_criterion, choose, sharp_event
 from tcdyn.compensate.record import SPIKE, Compensated, Intensity, stretch_of
 from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
@@ -35,6 +35,7 @@ def smooth(
     find_events: bool | None = None,
     heavy_tails: bool = False,
     lag_covariance: ArrayLike | None = None,
+    split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Compensated:
@@ -55,6 +56,7 @@ def smooth(
         heavy_tails: noise of Student's t with four degrees of freedom instead of a normal one, for slip rings that
             spit without spiking; by reweighting.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
+        split_u_s: standard uncertainty of how much of each lag is its largest lag's [s], one or (M,).
         static_u: standard uncertainty of the static line [K], scalar, (M,) or (N, M).
         names: what errors and warnings call the channels (M,); "channel 1" and so on when left out.
 
@@ -95,9 +97,14 @@ def smooth(
     for event, u in events.items():
         if u > 0:
             sd = np.hypot(sd, _event_sd(fit, event, u))
+    split_K: ArrayLike = 0.0
+    if np.any(split := np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var))):
+        divided = tuple(c.with_split_shift(float(u)) for c, u in zip(fit.stretch.chains, split))
+        other = smoothed(replace(fit.stretch, chains=divided, sensors=tuple(sensors(divided))), noise_var, chosen)
+        split_K = other.temperature - fit.temperature
     time = np.arange(len(sd)) * dt_s
     return Compensated.of(
-        fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s,
+        fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,
         noise_sd=np.sqrt(noise_var),
         intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]),
         flags=fit.stretch.flags,
@@ -126,6 +133,7 @@ def deconvolve(
     criterion: Criterion = "gcv",
     noise_sd: ArrayLike | None = None,
     lag_covariance: ArrayLike | None = None,
+    split_u_s: ArrayLike = 0.0,
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     trials: int = 25,
@@ -141,7 +149,7 @@ def deconvolve(
         dt_s: sampling interval [s].
         chains: one for all channels or one per channel.
         noise_sd: per channel [K]; estimated when left out.
-        lag_covariance, static_u, names: as in ``smooth``.
+        lag_covariance, split_u_s, static_u, names: as in ``smooth``.
         trials: number of weights tried, evenly in their logarithm.
     """
     stretch = stretch_of(y, dt_s, chains, (), noise_sd, names)
@@ -153,6 +161,7 @@ def deconvolve(
         noise_sd=stretch.noise_sd,
         intensity=list(tradeoff.chosen),
         lag_covariance=lag_covariance,
+        split_u_s=split_u_s,
         static_u=static_u,
         names=names,
     )
@@ -165,8 +174,9 @@ def window_covariance(
     """Covariance (n, n) [K2] of the temperatures at samples ``first`` .. ``last`` - 1 of one channel.
 
     Noise and regularisation by C(j, k) = J_j C(j+1, k), J_j = P_j F' (P-_{j+1})^-1 of the same smoother on the window
-    and a margin, so that no N x N matrix is needed; the lag adds lag_sensitivity_i lag_sensitivity_k u(lag)^2. The
-    static line's part, the same error at all times, is left to the user, who knows whether it cancels.
+    and a margin, so that no N x N matrix is needed; the lag adds lag_sensitivity_i lag_sensitivity_k u(lag)^2, how it
+    divides likewise. The static line's part, the same error at all times, is left to the user, who knows whether it
+    cancels.
 
     Args:
         y: (N,) the logged trace that ``result`` was made from [degC].
@@ -206,5 +216,5 @@ def window_covariance(
     row[:, 0], row[:, 1] = 1.0, t - cells.knots_s[cell]
     pairs = between[(cell - low)[:, None], (cell - low)[None, :]]
     out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
-    s = result.lag_sensitivity[first:last, channel]
-    return np.asarray(out + np.outer(s, s) * result.lag_covariance[channel, channel])
+    s, d = result.lag_sensitivity[first:last, channel], result.split_K[first:last, channel]
+    return np.asarray(out + np.outer(s, s) * result.lag_covariance[channel, channel] + np.outer(d, d))

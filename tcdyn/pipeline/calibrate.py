@@ -169,7 +169,9 @@ def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
 
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
     """The identified chains as the record keeps them."""
-    channels = {c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c]) for c in CHANNELS}
+    channels = {
+        c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c], split_u_s=fit.split_u_s[c]) for c in CHANNELS
+    }
     return ChainRecord(
         structure=structure,
         channels=channels,

@@ -289,6 +289,8 @@ def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way
         "static_u": traces.static_u(traces.readings_degC),
         "names": [c.removesuffix("_degC") for c in traces.columns],
     }
+    if way.method != "inverse":
+        given["split_u_s"] = traces.split_u_s
     if way.method == "deconvolve":
         return deconvolve(y, dt, traces.chains, criterion=way.criterion, **given)[0]
     if way.method == "inverse":

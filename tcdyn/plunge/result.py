@@ -103,6 +103,19 @@ class PlungeFit:
             out[c] = Chain(tuple(map(float, taus)), zero_s=zero, delay_s=delay, conditioning=self.setup.conditioning)
         return out
 
+    @cached_property
+    def split_u_s(self) -> dict[str, float]:
+        """Standard uncertainty of each channel's largest lag where all of its lags together are known [s]."""
+        lay, theta, cov = self.layout, self.optimum.theta, self.optimum.covariance
+        common, own = lay.at("common_split"), lay.at("split")
+        logits = theta[common] + theta[own]
+        u = np.sqrt(cov[common, common] + np.diag(cov[own, own]) + 2 * cov[common, own])[0]
+        ends = [
+            [stages(lay.structure, float(lag), float(at))[0][0] for at in (logit - sd, logit + sd)]
+            for lag, logit, sd in zip(self.optimum.lag_s, logits, u)
+        ]
+        return {c: 0.5 * abs(high - low) for c, (low, high) in zip(lay.channels, ends)}
+
     @property
     def extra_covariance(self) -> Array:
         """What the choice of a correlation and of a structure adds to the lags' covariance (C, C) [s2]."""
