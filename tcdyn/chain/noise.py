@@ -184,7 +184,7 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     bands = [float(band.mean()) for band in np.array_split(seen, BANDS) if len(band)]
     worst = max(bands)
     level = np.sqrt((before + after) * max(bands[0], 1.0) if worst > UNEXPLAINED else before + after)
-    share = float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), best)))
+    share = passed_share(best, dt_s)
     sections = _spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
     return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)
 
@@ -197,6 +197,16 @@ def _folded(f: float, rate_Hz: float) -> float:
 def _mains(f: float, rate_Hz: float) -> list[float]:
     """The mains frequencies [Hz] that are seen at ``f``."""
     return [mains for mains in (50.0, 60.0) if abs(_folded(mains, rate_Hz) - f) < RESTING_HZ]
+
+
+def passed_share(filter_: Conditioning, dt_s: float) -> float:
+    """Variance that the filter leaves of white noise sampled every ``dt_s``; one divided by it: how much stronger noise
+    from before it is at low frequency than white noise of the same variance.
+
+    >>> round(passed_share(Conditioning(4.0, 2), 1 / 75), 3)
+    0.085
+    """
+    return float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), filter_)))
 
 
 def _passed(f: Array, filter_: Conditioning) -> Array:

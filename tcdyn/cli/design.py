@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,6 +29,10 @@ def design(
     initial_degC: Annotated[float, bounded("--initial-degC", "disk before the plunge", -60, 400)] = 25.0,
     duration_s: Annotated[float, bounded("--duration-s", "length of each plunge", 10, 3600)] = 140.0,
     noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 0, 100, ends=False)] = 0.12,
+    noise_before_K: Annotated[
+        float,
+        bounded("--noise-before-K", "more noise of one sample, from before the conditioning filter", 0, 100),
+    ] = 0.0,
     rate_Hz: Annotated[float, bounded("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
     entry_u_s: Annotated[
         float,
@@ -49,6 +54,7 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
+    from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plunge_plan import PlungePlan
     from tcdyn.design.step_plan import StepPlan
@@ -58,10 +64,12 @@ def design(
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
         raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
-    plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, noise_K, entry_u_s) for b in baths]
     rig_table = load_rig(rig)
     setup, uncertainty = rig_table.disk_setup(disk), rig_table.tables(disk).uncertainty
-    step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=noise_K)
+    # fits make the noise white: what counts is its strength at low frequency
+    level_K = math.hypot(noise_K, noise_before_K / passed_share(setup.conditioning, 1 / rate_Hz) ** 0.5)
+    plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s) for b in baths]
+    step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=level_K)
     result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
     if out is not None:
         k = setup.conductivity_W_mK
@@ -72,7 +80,8 @@ def design(
                 f"disk {disk}: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
                 f"{uncertainty.depth_mm:g} mm, lag {lag_s:g} s with the conditioning, as given",
                 f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
-                f"noise of {noise_K:g} K a sample, entry known to +- {entry_u_s:g} s",
+                f"noise of {noise_K:g} K a sample and {noise_before_K:g} K from before the filter, "
+                f"entry known to +- {entry_u_s:g} s",
                 f"before the unloading {power_W:g} W enter this disk",
             ],
         )

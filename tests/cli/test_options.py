@@ -247,6 +247,7 @@ def test_files_of_another_kind_are_named_as_what_they_are(
         ("design", "--rate-Hz", "0.5 inf nan"),
         ("design", "--duration-s", "5 inf"),
         ("design", "--noise-K", "0 nan"),
+        ("design", "--noise-before-K", "-1 nan"),
         ("design", "--entry-u-s", "0 -1 inf"),
         ("design", "--power-W", "0 nan"),
         ("design", "--bath-degC", "nan 5000"),

@@ -8,7 +8,7 @@ from calibration import Array
 from calibration.disk import Conditioning
 from tcdyn.chain import Chain
 from tcdyn.chain.bursts import find_bursts
-from tcdyn.chain.noise import noise_of
+from tcdyn.chain.noise import noise_of, passed_share
 from tcdyn.compensate.smoother import smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
 
@@ -141,3 +141,10 @@ def test_a_burst_beside_the_unloading_leaves_the_answer_alone(length: int) -> No
     off = done.temperature[near, 0] - truth[near]
     assert np.abs(off).max() < max(5 * done.sd[near, 0].max(), 0.3)
     assert np.mean(np.abs(off) < 1.96 * done.sd[near, 0]) > 0.8
+
+
+def test_noise_from_before_the_filter_is_planned_with_as_strong_as_it_is_at_low_frequency() -> None:
+    rng = np.random.default_rng(5)
+    slow = [np.var(filtered(rng.standard_normal(8 * 40_000)).reshape(-1, 400).mean(axis=1)) for _ in range(8)]
+    all_of_it = np.var(filtered(rng.standard_normal(8 * 40_000)))
+    assert all_of_it / (400 * np.mean(slow)) == pytest.approx(passed_share(B, DT_S), rel=0.1)
