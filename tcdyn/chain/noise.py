@@ -37,6 +37,7 @@ LAGS = 10  # tried, from a corner of 1 Hz to three tenths of the rate
 BESIDE, OUTSTANDING, LEAST_WAVES = 21, 8.0, 10  # waves about one; standard deviations that make it a line; waves
 HARMONIC, RESTING_HZ = 0.5, 0.5  # largest part of hum in a harmonic; width of a line
 BANDS, UNEXPLAINED = 8, 1.6  # of the spectrum; mean over one, of what was seen over what is expected
+CHANCE = 5.0  # standard deviations by which such a mean must stand out
 TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
 
 
@@ -164,8 +165,8 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     own = [filter_] if filter_.poles else []
     lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, LAGS)]
     shapes = {c: np.stack([_passed(f, c), flat, signal_], axis=1)[quiet] for c in (*own, *lags)}
+    shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[quiet]
     fits = {c: [_levels(p, shape) for p in power[quiet].T] for c, shape in shapes.items()}
-    fits[NO_CONDITIONING] = [_levels(p, np.stack([flat, signal_], axis=1)[quiet]) for p in power[quiet].T]
     alone = np.array([value for _, value in fits[NO_CONDITIONING]])
     gain = {c: np.median(alone - [value for _, value in fit]) for c, fit in fits.items()}
     cost = {c: -2 * AVERAGED * count * len(alone) * float(value) for c, value in gain.items()}
@@ -175,15 +176,18 @@ def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_
     levels = np.array([v for v, _ in fits[best]])
     before, after = levels[:, 0], levels[:, 1]
     ratio = float(np.median(before / np.maximum(before + after, 1e-300)))
-    if cost[NO_CONDITIONING] - cost[best] < SURE or ratio < MATERIAL:
-        if not lines:
-            return white
-        level = np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]])  # differences would count the lines in
-        return replace(white.white(level), lines=lines)
-    seen = power[quiet] / np.stack([shapes[best] @ v for v in levels], axis=1)
+    coloured = cost[NO_CONDITIONING] - cost[best] >= SURE and ratio >= MATERIAL
+    taken = best if coloured else NO_CONDITIONING
+    seen = power[quiet] / np.stack([shapes[taken] @ v for v, _ in fits[taken]], axis=1)
     bands = [float(band.mean()) for band in np.array_split(seen, BANDS) if len(band)]
-    worst = max(bands)
-    level = np.sqrt((before + after) * max(bands[0], 1.0) if worst > UNEXPLAINED else before + after)
+    chance = 1 + CHANCE / float(np.sqrt(AVERAGED * count * seen.size / BANDS))
+    worst = max(bands) if max(bands) > chance else 1.0
+    wider = max(bands[0], 1.0) ** 0.5 if worst > UNEXPLAINED else 1.0
+    if not coloured:
+        # differences would count the lines in
+        level = wider * (np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]]) if lines else white_K)
+        return replace(white.white(level), lines=lines, unexplained=worst)
+    level = wider * np.sqrt(before + after)
     share = passed_share(best, dt_s)
     sections = _spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
     return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)

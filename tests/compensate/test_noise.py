@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter, welch
+from scipy.signal import butter, lfilter, sosfilt, welch
 
 from calibration import Array
 from calibration.disk import Conditioning
+from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.chain.bursts import find_bursts
 from tcdyn.chain.noise import noise_of, passed_share
@@ -148,3 +149,22 @@ def test_noise_from_before_the_filter_is_planned_with_as_strong_as_it_is_at_low_
     slow = [np.var(filtered(rng.standard_normal(8 * 40_000)).reshape(-1, 400).mean(axis=1)) for _ in range(8)]
     all_of_it = np.var(filtered(rng.standard_normal(8 * 40_000)))
     assert all_of_it / (400 * np.mean(slow)) == pytest.approx(passed_share(B, DT_S), rel=0.1)
+
+
+def band_limited(rng: np.random.Generator, n: int) -> Array:
+    """A wind that blows between 4 and 6 Hz, 0.15 K of it upon white noise of 0.05 K (n,)."""
+    wind = sosfilt(butter(4, (4.0, 6.0), "bandpass", fs=75.0, output="sos"), rng.standard_normal(n + 500))[500:]
+    return 0.15 * wind / np.std(wind) + 0.05 * rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("world", ["white", "wind", "blue"])
+def test_noise_that_no_part_of_the_model_explains_is_said(world: str) -> None:
+    rng = np.random.default_rng(11)
+    y = 60 + np.stack([band_limited(rng, 15_000) for _ in range(3)], axis=1)
+    if world == "white":
+        y = 60 + 0.12 * rng.standard_normal((15_000, 3))
+    elif world == "blue":  # each sample takes back most of what the one before it brought
+        white = rng.standard_normal((15_001, 3))
+        y = 60 + 0.1 * (white[1:] - 0.8 * white[:-1])
+    told = noise_of([y], DT_S, B, white_noise_sd(y))
+    assert [f.code for f in told.findings("fast")].count("noise.unexplained") == (world != "white")
