@@ -110,7 +110,7 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
                 found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
                 levels[k] = found
                 whole = 2 * np.pi / (len(window.y) * dt)
-                least = levels[k] < dt * (2 * LEFT_OUT * whole) ** 4 * noise_var
+                least = levels[k] < dt * (FEW * whole) ** 4 * noise_var
                 if least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt:  # what it does may stand in waves left out
                     exactly, _ = exact_levels(window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8)
                     levels[k] = np.where(least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k])
