@@ -1,4 +1,7 @@
-"""Compensation against named baselines, ratios in brackets: ``-m tests.benchmarks.compensate [case|unload|log]``."""
+"""Compensation against named baselines, ratios in brackets.
+
+Run: ``python -m tests.benchmarks.compensate [case|unload|noise|log]``.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from scipy import signal
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import LiveSmoother, deconvolve, proper_inverse, smooth
+from tests.compensate.test_noise import CHAIN, DT_S, EVENT_S, disturbance, logged
 
 Array = NDArray[np.float64]
 
@@ -145,6 +149,24 @@ def best_intensity(x: Array, dt: float, off: float):
     return Intensity((0.0, off), (1e-9, 1e-6), (Burst(off, float(np.exp(h)), float(np.exp(d))),))
 
 
+def case_c(records: int = 12) -> None:
+    """A kink of 12 K at 1 s and a slow swing under five kinds of noise, within +-1 s and +5 s of the kink."""
+    print("\nCase C: rms [K], 95 % interval holds")
+    for kink, duration_s in ((True, 40.0), (False, 60.0), (False, 200.0)):
+        t, truth, clean = logged(kink, duration_s)
+        near = (t > EVENT_S - 1) & (t < EVENT_S + 5) if kink else (t > 1) & (t < duration_s - 1)
+        for world in ("ar0.0", "ar0.2", "ar0.4", "ar0.6", "ar0.8", "before", *(["hum"] if kink else [])):
+            squares, held = [], []
+            for seed in range(500, 500 + records):
+                y = clean + disturbance(world, np.random.default_rng(seed), len(t))
+                done = smooth(y, DT_S, CHAIN, events_s=(EVENT_S,) if kink else ())
+                off = (done.temperature[:, 0] - truth)[near]
+                squares.append(np.mean(off**2))
+                held.append(np.mean(np.abs(off) < 1.96 * done.sd[near, 0]))
+            print(f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {world}: {np.mean(squares) ** 0.5:.3f} K, "
+                  f"{100 * np.mean(held):.0f} %")  # fmt: skip
+
+
 def whole_log() -> None:
     """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per second."""
     dt, n, off = 1 / 75, 150_000, 1500.0067
@@ -172,6 +194,6 @@ def whole_log() -> None:
 
 
 if __name__ == "__main__":
-    for name, run in (("case", case_b), ("unload", unloading), ("log", whole_log)):
+    for name, run in (("case", case_b), ("unload", unloading), ("noise", case_c), ("log", whole_log)):
         if len(sys.argv) < 2 or name in sys.argv[1:]:
             run()
