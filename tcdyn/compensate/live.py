@@ -19,11 +19,13 @@ from tcdyn.compensate.states import flow, prior
 
 Array = NDArray[np.float64]
 QUIET, RESTLESS, BURST = 0, 1, 2  # what may be going on at a sample
-RARE_S = 60.0  # between two jumps of slope, and between two bursts, on the average
-BURST_FOR_S, LONGEST_BURST_S, RESTLESS_LAGS = 0.12, 0.4, 1.0  # how long they last, on the average
-BURST_NOISES, BURST_LEAK_S, BURST_WALK = 25.0, 0.3, 0.04  # sd of an offset in noises; it fades, and walks by its share
-SLOPE_NOISES, SLOPE_QUIETS = 100.0, 2.0  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
-LEVEL_JUMP = 0.3  # sd of a jump of the temperature: share of what that slope makes in a lag
+KINKS_S, BURSTS_S = 60.0, 20.0  # between two jumps of slope, and between two bursts, on the average
+BURST_FOR_S, LONGEST_BURST_S, RESTLESS_LAGS = 0.12, 0.4, 8.0  # how long they last, on the average
+BURST_NOISES, BURST_LEAK_S, BURST_WALK = 12.0, 0.3, 0.2  # sd of an offset in noises; it fades, and walks by its share
+SLOPE_NOISES, SLOPE_QUIETS = 200.0, 2.0  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
+LEVEL_JUMP = 0.1  # sd of a jump of the temperature: share of what that slope makes in a lag
+SETTLING = 0.2  # how far slope and temperature wander in a lag after a jump: share of it
+PARTED_LAGS = 0.08  # for which hypotheses are followed apart: the filter hides for as long what has begun
 IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading at all
 MOST_OPENED = 5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
@@ -64,13 +66,14 @@ class LiveState:
 class LiveSmoother:
     """Three Kalman filters a channel, averaged by what the readings say of them, and the last temperatures kept up.
 
-    Quiet: the slope wanders with the intensity given. Restless: it may jump. Burst: a slip ring adds an offset before
-    the conditioning filter, or a lone sample is out; once it is over, only what the filter still holds of it is left.
-    They follow one another as a Markov chain; where they part, their states are merged by weight (interacting multiple
-    models, Blom and Bar-Shalom 1988), so the band holds while nobody can know yet what has happened. Noise from before
-    the filter has states of its own. A missing sample is skipped, and so is one that no hypothesis explains. The answer
-    at sample k is for time k dt - delay - lag_samples dt. It stays in the range of the last readings, widened by what
-    the chain may not have shown yet; where that binds, the sd covers what was cut off.
+    Quiet: the slope wanders with the intensity given. Restless: it has jumped, and settles. Burst: a slip ring adds an
+    offset before the conditioning filter, or a lone sample is out; once it is over, only what the filter still holds of
+    it is left. They follow one another as a Markov chain; every few samples their states are merged by weight
+    (interacting multiple models, Blom and Bar-Shalom 1988; merged at each, a small burst would be forgotten before the
+    filter has shown it), so the band holds while nobody can know yet what has happened. Noise from before the filter
+    has states of its own. A missing sample is skipped, and so is one that no hypothesis explains. The answer at sample
+    k is for time k dt - delay - lag_samples dt. It stays in the range of the last readings, widened by what the chain
+    may not have shown yet; where that binds, the sd covers what was cut off.
     """
 
     sensors: tuple[Sensor, ...]
@@ -82,8 +85,10 @@ class LiveSmoother:
     steps: Array  # how the states move in one sample (M, 1, n, n)
     rows: Array  # how they are read (M, 1, n)
     scatter: Array  # what one sample adds to their covariance under each hypothesis (M, 3, n, n)
+    begun: Array  # what is added where a hypothesis begins: jump of slope and temperature, offset (M, 3, n)
     before: Array  # stationary covariance of what the filter holds of the noise (M, n, n)
-    switch: Array  # probability of going from one hypothesis to another in one sample (3, 3)
+    switch: Array  # probability of going from one hypothesis to another in ``every`` samples (3, 3)
+    every: int
     shown: Array  # of a step of the junction, in ``window`` samples (M,)
     window: int
 
@@ -115,20 +120,23 @@ class LiveSmoother:
         held *= before[:, None, None] ** 2
         scatter = np.repeat((held - steps @ held @ steps.transpose(0, 2, 1))[:, None], 3, axis=1)
         scatter[:, :, 1, 1] += (level * dt_s)[:, None]
-        scatter[:, RESTLESS, 1, 1] += jump**2 * dt_s / lags
-        scatter[:, RESTLESS, 0, 0] += (LEVEL_JUMP * jump) ** 2 * dt_s * lags
         first = len(each[0].output)
-        scatter[:, BURST, first, first] += (BURST_WALK * BURST_NOISES * noise) ** 2
-        rare = dt_s / RARE_S
+        begun = np.zeros(scatter.shape[:3])
+        begun[:, RESTLESS, 0], begun[:, RESTLESS, 1] = (LEVEL_JUMP * jump * lags) ** 2, jump**2
+        begun[:, BURST, first] = (BURST_NOISES * noise) ** 2
+        scatter[:, RESTLESS, [0, 1], [0, 1]] += SETTLING**2 * begun[:, RESTLESS, :2] * (dt_s / lags)[:, None]
+        scatter[:, BURST, first, first] += BURST_WALK**2 * begun[:, BURST, first]
+        kink, burst = dt_s / KINKS_S, dt_s / BURSTS_S
         calm, over = (min(dt_s / t, 0.7) for t in (RESTLESS_LAGS * lags.mean(), BURST_FOR_S))
-        switch = np.array([[0.0, rare, rare], [calm, 0.0, rare], [over, over * rare, 0.0]])
+        switch = np.array([[0.0, kink, burst], [calm, 0.0, burst], [over, over * kink, 0.0]])
         switch[range(3), range(3)] = 1 - switch.sum(axis=1)
+        every = max(round(PARTED_LAGS * lags.mean() / dt_s), 1)
         unit = np.append(0.0, np.ones(int(2 * lags.max() / dt_s) + 8))
         step = np.stack([c.response(unit, dt_s, "zoh") for c in chains])
         window = int(np.max(np.argmax(step >= SHOWN, axis=1)))
         return cls(
-            each, dt_s, noise, level, lag_samples, after**2, steps[:, None], rows[:, None], scatter, held, switch,
-            step[:, window], window,
+            each, dt_s, noise, level, lag_samples, after**2, steps[:, None], rows[:, None], scatter, begun, held,
+            np.linalg.matrix_power(switch, every), every, step[:, window], window,
         )  # fmt: skip
 
     def start(self, first: ArrayLike) -> LiveState:
@@ -197,7 +205,9 @@ class LiveSmoother:
         return mean, cov, var, weight
 
     def _merged(self, now: LiveState) -> tuple[Array, Array, Array, Array]:
-        """Mean, covariances and weights before the next sample, once each hypothesis may have given way to another."""
+        """Mean, covariances and weights before the next sample, where each hypothesis may give way to another."""
+        if now.done % self.every:
+            return now.mean, now.cov, now.var, now.weight
         m, n, first = len(now.weight), self.rows.shape[-1], len(self.sensors[0].output)
         joint = now.weight[:, :, None] * self.switch
         weight = joint.sum(axis=1)
@@ -210,7 +220,8 @@ class LiveSmoother:
         mean = now.mean[:, :1] + apart
         mean[:, :BURST, first] = 0.0  # the offset is there in a burst only
         cov[:, :BURST, first], cov[:, :BURST, :, first] = 0.0, 0.0
-        cov[:, BURST, first, first] += (1 - share[:, BURST, BURST]) * (BURST_NOISES * self.noise_sd) ** 2
+        states = np.arange(n)
+        cov[:, :, states, states] += (1 - share.diagonal(axis1=1, axis2=2))[..., None] * self.begun
         return mean, cov, var - apart[..., n:] ** 2, weight
 
     def _scatter(self, held: Array) -> Array:

@@ -21,17 +21,22 @@ NOISE_K, OVER = 0.12, 8
 
 @dataclass(frozen=True)
 class World:
-    """Samples at ``time_s`` (N,): ``true`` (N,) [degC] of all six junctions, and their ``readings`` (N, 6)."""
+    """Samples at ``time_s`` (N,): ``true`` (N,) [degC] of all six junctions, and their ``readings`` (N, 6).
+
+    ``kinks_s``: unloadings and reloadings; ``burst`` (N, 6): a burst is on, or was less than half a second ago.
+    """
 
     time_s: Array
     true: Array
     readings: Array
+    kinks_s: Array
+    burst: NDArray[np.bool_]
 
     def log(self) -> pd.DataFrame:
         """As an EHL log in contact all the time."""
         rest = {"load_N": 100.0, "friction_N": 5.0, "contact": 1, "speed_fast_rpm": 4000.0, "speed_slow_rpm": 950.0}
         frame = pd.DataFrame({"time_s": self.time_s, **rest})
-        frame[NAMES] = self.readings
+        frame[NAMES[: self.readings.shape[1]]] = self.readings
         return frame.assign(**{n.replace("fast", "slow"): 60.0 for n in NAMES}, ambient_degC=25.0, oil_degC=60.0).round(
             4
         )
@@ -43,20 +48,29 @@ def lagged(u: Array, tau_s: float, dt_s: float) -> Array:
     return np.asarray(lfilter([0.0, 1 - e], [1.0, -e], u - u[0], axis=0) + u[0])
 
 
-def world(total_s: float, before: float, seed: int, *, rate_Hz: float = 75.0, bursts_s: float = 60.0) -> World:
+def world(
+    total_s: float,
+    before: float,
+    seed: int,
+    *,
+    rate_Hz: float = 75.0,
+    bursts_s: float = 60.0,
+    drops_K: tuple[float, ...] = (12.0, 12.0, 12.0),
+    channels: int = 6,
+) -> World:
     """``before``: share of the noise's amplitude that enters before the filter; a burst every ``bursts_s`` a channel.
 
-    Three unloadings by 12 K, each with a reloading, on slow waves; lone outliers of 1.5 K every 20 s a channel; bursts
+    Unloadings by ``drops_K``, each with a reloading, on slow waves; lone outliers of 1.5 K every 20 s a channel; bursts
     of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
     """
     rng = np.random.default_rng(seed)
     n, fine = int(total_s * rate_Hz), 1 / rate_Hz / OVER
     t = np.arange(n * OVER) * fine
     x = 80 + 3 * np.sin(2 * np.pi * t / 200) + 0.5 * np.sin(2 * np.pi * t / 23)
-    for k in range(3):
-        off, on = (total_s * (k + share) / 3 + 0.0041 for share in (0.5, 0.8))
-        x -= 12 * (1 - np.exp(-np.maximum(t - off, 0.0))) - 12 * (1 - np.exp(-np.maximum(t - on, 0.0) / 3))
-    y = np.tile(x[:, None], (1, 6))
+    kinks = [total_s * (k + share) / len(drops_K) + 0.0041 for k in range(len(drops_K)) for share in (0.5, 0.8)]
+    for drop, off, on in zip(drops_K, kinks[::2], kinks[1::2]):
+        x -= drop * (np.exp(-np.maximum(t - on, 0.0) / 3) - np.exp(-np.maximum(t - off, 0.0)))
+    y = np.tile(x[:, None], (1, channels))
     for tau in TAUS_S:
         y = lagged(y, tau, fine)
     pulse, noise = np.zeros(4000), rng.standard_normal(y.shape)
@@ -64,17 +78,19 @@ def world(total_s: float, before: float, seed: int, *, rate_Hz: float = 75.0, bu
     for _ in range(FILTER_POLES):
         pulse = lagged(pulse, FILTER_S, fine)
     y += before * NOISE_K / np.sqrt(np.sum(pulse**2)) * noise
-    for c in range(6):
+    burst = np.zeros((n, channels), dtype=bool)
+    for c in range(channels):
         for start in rng.uniform(0, total_s, rng.poisson(total_s / bursts_s)):
             first, last = (int(s / fine) for s in (start, start + rng.uniform(0.02, 0.3)))
             y[first:last, c] += rng.choice([-1, 1]) * rng.uniform(0.5, 3.0)
+            burst[first // OVER : last // OVER + int(0.5 * rate_Hz), c] = True
     for _ in range(FILTER_POLES):
         y = lagged(y, FILTER_S, fine)
-    out = y[::OVER] + np.sqrt(1 - before**2) * NOISE_K * rng.standard_normal((n, 6))
-    for c in range(6):
+    out = y[::OVER] + np.sqrt(1 - before**2) * NOISE_K * rng.standard_normal((n, channels))
+    for c in range(channels):
         at = rng.integers(0, n, rng.poisson(total_s / 20))
         out[at, c] += 1.5 * rng.choice([-1, 1], len(at))
-    return World(t[::OVER], x[::OVER], out)
+    return World(t[::OVER], x[::OVER], out, np.array(kinks), burst)
 
 
 def record() -> DiskRecord:

@@ -87,7 +87,8 @@ def test_a_lone_spike_moves_the_live_smoother_less_than_its_noise_and_is_no_even
 
 
 def test_live_smoother_follows_an_unannounced_event_within_one_degree():
-    """Case B of the anchors, nothing known of the event: causal, at most 1.0 degC rms; 95 % bands hold 90 % or more."""
+    """Case B of the anchors, nothing known of the event: causal, at most 0.85 degC rms (0.64 to 0.77 measured); 95 %
+    bands hold 90 % or more, in the five seconds round the event, too, of which nobody can see the first 0.2 s."""
     dt, n = 0.05, 800
     t = np.arange(n * 20) * dt / 20
     fine = 25 + 155 * (1 - np.exp(-np.maximum(t - 5, 0) / 3))
@@ -98,8 +99,9 @@ def test_live_smoother_follows_an_unannounced_event_within_one_degree():
         live = LiveSmoother.of([chain] * 30, dt, 0.2, quiet)
         _, ours, sd, _ = live.run(live.start(y[0]), y)
         error = ours - x[:, None]
-        assert np.sqrt(np.mean(error[60:740] ** 2)) < 1.0
-        assert np.mean(np.abs(error[60:]) < 1.96 * sd[60:]) > 0.9
+        assert np.sqrt(np.mean(error[60:740] ** 2)) < 0.85
+        assert np.mean(np.abs(error[60:]) < 1.96 * sd[60:]) > 0.95
+        assert np.mean(np.abs(error[95:200]) < 1.96 * sd[95:200]) > 0.9
 
 
 def test_report_warns_when_the_bandwidth_cannot_be_had_and_says_which_can():

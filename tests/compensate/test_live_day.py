@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,18 @@ from tcdyn.chain import Chain
 from tcdyn.compensate import LiveSmoother, smooth
 from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import FollowRun, follow
-from tests.compensate.live_world import NAMES, NOISE_K, TAUS_S, World, record, world
+from tests.compensate.live_world import (
+    FILTER_POLES,
+    FILTER_S,
+    NAMES,
+    NOISE_K,
+    OVER,
+    TAUS_S,
+    World,
+    lagged,
+    record,
+    world,
+)
 
 SETTLED_S = 5.0
 
@@ -33,14 +45,13 @@ def errors(made: World, done: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
 
 
 def hold(made: World, run: FollowRun, done: pd.DataFrame, behind_s: float) -> None:
-    """No row is lost; no error is above 6 sd and above 5 K (live, an unloading is seen 0.25 s after it only)."""
+    """No row is lost; no error is above 6 sd, nor, behind, above 5 K."""
     assert run.rows_written == len(done) == len(made.time_s)
     error, sd = errors(made, done)
-    assert np.all((np.abs(error) < 6 * sd) | (np.abs(error) < 5.0))
+    assert np.all(np.abs(error) < 6 * sd)
     assert np.mean(np.abs(error) < 1.96 * sd) > 0.95
     if behind_s:
         assert np.max(np.abs(error)) < 5.0
-        assert np.mean(np.abs(error) < 6 * sd) > 0.9995
         assert np.sqrt(np.mean(error**2)) < 2 * NOISE_K
 
 
@@ -57,7 +68,7 @@ def test_a_day_in_short_is_followed_within_its_band_to_its_end(before: float, be
 def test_behind_it_is_the_batch_smoother_within_the_stated_band(before: float, tmp_path: Path) -> None:
     """A minute without bursts: the two differ by what the batch alone has seen, of which half a second is little."""
     made = world(60.0, before, 3, bursts_s=1e9)
-    made = World(made.time_s[:2200], made.true[:2200], made.readings[:2200])  # two kinks in it
+    made = replace(made, time_s=made.time_s[:2200], true=made.true[:2200], readings=made.readings[:2200])  # two kinks
     run, done = followed(made, tmp_path, Settings(behind_s=0.5, noise_K=None if before else NOISE_K))
     batch = smooth(made.readings, 1 / 75, Chain(TAUS_S), noise_sd=None if before else NOISE_K, intensity=30.0)
     live, sd = (done[[n.replace("_degC", end) for n in NAMES]].to_numpy() for end in ("_degC", "_u_K"))
@@ -65,6 +76,25 @@ def test_behind_it_is_the_batch_smoother_within_the_stated_band(before: float, t
     assert np.max(np.abs(z)) < 6.0
     assert np.mean(np.abs(z) < 1.0) > 0.95
     assert run.ended.startswith("no growth")
+
+
+@pytest.mark.parametrize("behind", [0, 37])
+def test_small_bursts_and_one_upon_another_are_within_the_band(behind: int) -> None:
+    """200 channels at rest, each with a burst of 0.5 to 1 K or one of 1.5 to 3 K that steps up or down on its way."""
+    rng, fine, m = np.random.default_rng(0), 1 / 75 / OVER, 200
+    y = np.zeros((450 * OVER, m))
+    for c in range(m):
+        first, last = (int(s / fine) for s in (3.0, 3.0 + rng.uniform(0.05, 0.35)))
+        y[first:last, c] = rng.uniform(0.5, 1.0) if c % 2 else rng.uniform(1.5, 3.0)
+        if not c % 2:
+            y[(first + last) // 2 : last, c] += rng.choice([-1.0, 1.0]) * rng.uniform(1.0, 2.0)
+    for _ in range(FILTER_POLES):
+        y = lagged(y, FILTER_S, fine)
+    y = 80 + y[::OVER] + NOISE_K * rng.standard_normal((450, m))
+    live = LiveSmoother.of([Chain(TAUS_S)] * m, 1 / 75, NOISE_K, 30.0, behind)
+    _, x, sd, _ = live.run(live.start(y[0]), y)
+    assert np.max(np.abs(x - 80) / sd) < 6.0
+    assert np.mean(np.abs(x - 80)[behind:] < 1.96 * sd[behind:]) > 0.95
 
 
 def test_gaps_and_clocks_that_jump_are_told_and_the_rest_is_as_good(tmp_path: Path) -> None:
