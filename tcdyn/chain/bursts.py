@@ -7,6 +7,7 @@ is a cubic, a bend or a step that the chain has rounded; what none of these expl
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
@@ -19,12 +20,29 @@ from tcdyn.chain.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.chain.rational import Factor, Rational, simulate
 
-LENGTHS = (2, 3, 5, 8, 12, 17, 23, 30)  # samples of a pulse; one between two of them is found by either
+LENGTHS = (
+    2,
+    3,
+    4,
+    5,
+    7,
+    9,
+    11,
+    13,
+    15,
+    17,
+    19,
+    22,
+    25,
+    28,
+    31,
+)  # samples of a pulse; one between two is found by either
 LONGEST_S = 0.45  # of a pulse
 BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 SURE = 7.0  # standard deviations of a pulse's height
-BETTER = 25.0  # deviance by which it must beat a bend or a step
+BETTER = 25.0  # deviance by which it must beat bends and steps
+NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
@@ -67,18 +85,18 @@ def find_bursts(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, l
     widest = max(len(p) for p in pulses) + 2 * beside
     if len(y) < 2 * widest or not noise_sd > 0:
         return np.zeros(len(y), dtype=bool)
+    parts = _parts(pulses, widest, beside, dt_s, lag_s)
     padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
     moved = np.zeros(len(padded), dtype=bool)
     for _ in range(ROUNDS):
-        z = np.stack([_heights(padded, p, beside) for p in pulses])
-        score, which = np.abs(z).max(axis=0), np.abs(z).argmax(axis=0)
+        score = np.max([np.abs(_heights(padded, p, beside, widest)) for p in pulses], axis=0)
         before = np.count_nonzero(moved)
-        for at in find_peaks(score, height=SURE, distance=widest)[0]:
-            pulse = pulses[which[at]]
-            window = padded[at : at + len(pulse) + 2 * beside]
-            height = z[which[at], at] / np.linalg.norm(_rest(pulse, beside))
-            if _is_pulse(window, pulse, beside, dt_s, lag_s):
-                moved[at + beside + np.flatnonzero(np.abs(height * pulse) > LEFT)] = True
+        for centre in find_peaks(score, height=SURE, distance=widest)[0]:
+            for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
+                first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
+                if (inside := parts.pulses_in(padded[first : first + widest])).any():
+                    moved[first : first + widest] |= inside
+                    break
         if np.count_nonzero(moved) == before:
             break
         padded = bridged(padded, ~moved)
@@ -105,22 +123,63 @@ def _rest(shape: Array, beside: int) -> Array:
     return np.asarray(whole - cubic @ (cubic.T @ whole))
 
 
-def _heights(y: Array, pulse: Array, beside: int) -> Array:
-    """Height of the pulse over its standard deviation, for every window's first sample; zeros at the end (N,)."""
+def _heights(y: Array, pulse: Array, beside: int, widest: int) -> Array:
+    """Height of the pulse over its standard deviation, by the middle of its window; zeros at the ends (N,)."""
     rest = _rest(pulse, beside)
     z = oaconvolve(y, rest[::-1] / np.linalg.norm(rest), mode="valid")
-    return np.concatenate([z, np.zeros(len(y) - len(z))])
+    before = len(rest) // 2
+    return np.pad(z, (before, len(y) - len(z) - before))
 
 
-def _is_pulse(window: Array, pulse: Array, beside: int, dt_s: float, lag_s: float) -> bool:
-    """Whether a pulse explains the window (n,), in units of its noise, better than a rounded bend or step anywhere."""
-    cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, len(window)), 3))
-    rest = window - cubic @ (cubic.T @ window)
-    age = np.maximum(np.arange(len(window))[:, None] - np.arange(0, len(window), 2), 0) * dt_s
+@dataclass(frozen=True)
+class _Parts:
+    """What a window (n,) may be made of but for a cubic: pulses and rounded steps and bends, anywhere in it.
+
+    ``shapes`` (n, K): pulses as they are, zeros for the others; ``units`` (n, K): all of them without their cubic, of
+    norm one; ``alike`` (K, K): how alike two of them are; ``norms`` (K,); ``cubic`` (n, 4).
+    """
+
+    shapes: Array
+    units: Array
+    alike: Array
+    norms: Array
+    cubic: Array
+    pulses: int
+
+    def pulses_in(self, window: Array) -> Flags:
+        """Samples (n,) that pulses have moved: those of the two parts that explain it best, if no two others do."""
+        told = self.units.T @ window
+        square = told**2
+        both = (square[:, None] + square - 2 * self.alike * np.outer(told, told)) / (1 - self.alike**2)
+        np.fill_diagonal(both, square)
+        whole = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
+        of_others = float(both[self.pulses :, self.pulses :].max())
+        with_pulse = both[: self.pulses]
+        i, k = np.unravel_index(int(np.argmax(with_pulse)), with_pulse.shape)
+        wrong = max(whole - float(with_pulse[i, k]) - NOISY * len(window), 0.0)  # the parts are not quite these
+        if with_pulse[i, k] < of_others + BETTER + CLEARLY * wrong:
+            return np.zeros(len(window), dtype=bool)
+        if with_pulse[i, k] < square[: self.pulses].max() + BETTER:  # one of them does as well alone
+            i = k = int(np.argmax(square[: self.pulses]))
+        chosen = list({int(i), int(k)})
+        heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
+        return np.asarray((np.abs(self.shapes[:, chosen] * heights) > LEFT).any(axis=1))
+
+
+def _parts(pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: float) -> _Parts:
+    """All that a window of ``size`` samples may be made of; a pulse leaves some samples beside it."""
+    shapes = []
+    for pulse in pulses:
+        for start in range(beside // 4, size - len(pulse) - beside // 4 + 1):
+            shapes.append(np.pad(pulse, (start, size - len(pulse) - start)))
+    age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, 2), 0) * dt_s
     step = 1 - np.exp(-age / lag_s)
-    others = np.concatenate([step, age - lag_s * step], axis=1)
-    others = others - cubic @ (cubic.T @ others)
-    norms = np.linalg.norm(others, axis=0)
-    told = (others[:, norms > 1e-9].T @ rest) ** 2 / norms[norms > 1e-9] ** 2
-    own = _rest(pulse, beside)
-    return bool((own @ rest) ** 2 / (own @ own) > np.max(told, initial=0.0) + BETTER)
+    whole = np.column_stack([*shapes, step, age - lag_s * step])
+    cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, size), 3))
+    rest = whole - cubic @ (cubic.T @ whole)
+    norms = np.linalg.norm(rest, axis=0)
+    kept = norms > 1e-6 * norms.max()
+    units = rest[:, kept] / norms[kept]
+    alike = np.clip(units.T @ units, -1 + 1e-3, 1 - 1e-3)
+    named = np.column_stack([*shapes, np.zeros((size, whole.shape[1] - len(shapes)))])
+    return _Parts(named[:, kept], units, alike, norms[kept], cubic, int(np.count_nonzero(kept[: len(shapes)])))

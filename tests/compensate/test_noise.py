@@ -141,6 +141,19 @@ def test_bursts_are_found_by_their_shape_and_a_bend_is_none() -> None:
         assert np.count_nonzero(found & (np.abs(added) < 0.01)) < 0.01 * len(t)
 
 
+@pytest.mark.parametrize("gap_s", [0.1, 0.3, 0.5])
+def test_two_bursts_close_together_are_two_and_not_one_between_them(gap_s: float) -> None:
+    t, _, kink = logged(True, 40.0)
+    rng = np.random.default_rng(2)
+    rings = np.zeros(len(t) * 8)
+    for start_s in (24.0, 24.25 + gap_s):
+        rings[int(start_s * 600) : int((start_s + 0.25) * 600)] = -5.4
+    added = filtered(rings)
+    found = find_bursts(kink + 0.12 * rng.standard_normal(len(t)) + added, DT_S, 0.12, B, 0.67)
+    assert np.abs(added[~found]).max() < 0.4
+    assert np.count_nonzero(found & (np.abs(added) < 0.01)) < 25  # the gap at most
+
+
 @pytest.mark.parametrize("length", [3, 8, 15, 30])
 def test_a_burst_beside_the_unloading_leaves_the_answer_alone(length: int) -> None:
     t, truth, clean = logged(True, 40.0)
