@@ -44,6 +44,7 @@ SURE = 7.0  # standard deviations of a pulse's height
 BETTER = 25.0  # deviance by which it must beat bends and steps
 NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
+MOST = 1500  # samples of a window: traces of some kilohertz are not searched
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
 
@@ -76,14 +77,14 @@ def made_white(
 
 
 def find_bursts(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float) -> Flags:
-    """Samples (N,) of ``y`` [K], finite, every ``dt_s``, that a burst before ``filter_`` has moved.
+    """Samples (N,) of ``y`` [K], finite, every ``dt_s`` (above 0.8 ms), that a burst before ``filter_`` has moved.
 
     ``noise_sd`` [K] of its white noise; ``lag_s`` of the chain, which rounds what a temperature does.
     """
     beside = max(round(BESIDE_S / dt_s), BESIDE)
     pulses = list(_pulses(dt_s, filter_))
     widest = max(len(p) for p in pulses) + 2 * beside
-    if len(y) < 2 * widest or not noise_sd > 0:
+    if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
         return np.zeros(len(y), dtype=bool)
     parts = _parts(pulses, widest, beside, dt_s, lag_s)
     padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
@@ -155,13 +156,13 @@ class _Parts:
         whole = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
         of_others = float(both[self.pulses :, self.pulses :].max())
         with_pulse = both[: self.pulses]
-        i, k = np.unravel_index(int(np.argmax(with_pulse)), with_pulse.shape)
+        i, k = divmod(int(np.argmax(with_pulse)), len(told))
         wrong = max(whole - float(with_pulse[i, k]) - NOISY * len(window), 0.0)  # the parts are not quite these
         if with_pulse[i, k] < of_others + BETTER + CLEARLY * wrong:
             return np.zeros(len(window), dtype=bool)
         if with_pulse[i, k] < square[: self.pulses].max() + BETTER:  # one of them does as well alone
             i = k = int(np.argmax(square[: self.pulses]))
-        chosen = list({int(i), int(k)})
+        chosen = list({i, k})
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > LEFT).any(axis=1))
 
@@ -170,9 +171,9 @@ def _parts(pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: 
     """All that a window of ``size`` samples may be made of; a pulse leaves some samples beside it."""
     shapes = []
     for pulse in pulses:
-        for start in range(beside // 4, size - len(pulse) - beside // 4 + 1):
+        for start in range(beside // 4, size - len(pulse) - beside // 4 + 1, max(size // 120, 1)):
             shapes.append(np.pad(pulse, (start, size - len(pulse) - start)))
-    age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, 2), 0) * dt_s
+    age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // 60, 2)), 0) * dt_s
     step = 1 - np.exp(-age / lag_s)
     whole = np.column_stack([*shapes, step, age - lag_s * step])
     cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, size), 3))
