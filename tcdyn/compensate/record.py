@@ -131,7 +131,8 @@ def _flags(y: Array) -> NDArray[np.uint8]:
 class Burst:
     """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
 
-    Below a step of flux the power is 3, of a relaxation large. Level [K] and slope [K/s] may jump at its start.
+    A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
+    a large power. At its start the temperature and its slope may jump, by ``level_sd`` [K] and ``slope_sd`` [K/s].
     """
 
     start_s: float
@@ -182,8 +183,10 @@ class Intensity:
 
     def jumps(self, knots_s: Array) -> Array:
         """Variance (J, 2) added to level [K2] and slope [K2/s2] at each knot (J,)."""
-        here = [(knots_s == b.start_s)[:, None] * np.square([b.level_sd, b.slope_sd]) for b in self.bursts]
-        return np.asarray(np.sum([np.zeros((len(knots_s), 2)), *here], axis=0))
+        var = np.zeros((len(knots_s), 2))
+        for b in self.bursts:
+            var[knots_s == b.start_s] += (b.level_sd**2, b.slope_sd**2)
+        return var
 
     def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
         """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""

@@ -93,7 +93,6 @@ def smooth(
         student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
         weight = np.where(fit.stretch.weight > 0, student, 0.0)
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
-    likeliest = fit
     for found in hidden:
         fit = averaged(fit, found)
     sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
@@ -104,7 +103,7 @@ def smooth(
     if np.any(split := np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var))):
         divided = tuple(c.with_split_shift(float(u)) for c, u in zip(fit.stretch.chains, split))
         other = smoothed(replace(fit.stretch, chains=divided, sensors=tuple(sensors(divided))), noise_var, chosen)
-        split_K = other.temperature - likeliest.temperature
+        split_K = other.temperature - fit.temperature
     time = np.arange(len(sd)) * dt_s
     return Compensated.of(
         fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,
