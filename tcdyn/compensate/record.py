@@ -132,15 +132,13 @@ class Burst:
     """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
 
     A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
-    a large power. At its start the temperature and its slope may jump, by ``level_sd`` [K] and ``slope_sd`` [K/s].
+    a large power.
     """
 
     start_s: float
     height: float
     decay_s: float
     power: float = 3.0
-    level_sd: float = 0.0
-    slope_sd: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,13 +178,6 @@ class Intensity:
             age, p = np.maximum(t - b.start_s, 0.0) / b.decay_s, b.power
             q = q + np.diff(b.height * b.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
         return q
-
-    def jumps(self, knots_s: Array) -> Array:
-        """Variance (J, 2) added to level [K2] and slope [K2/s2] at each knot (J,)."""
-        var = np.zeros((len(knots_s), 2))
-        for b in self.bursts:
-            var[knots_s == b.start_s] += (b.level_sd**2, b.slope_sd**2)
-        return var
 
     def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
         """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""
