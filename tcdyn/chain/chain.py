@@ -135,8 +135,8 @@ class Chain(Result):
     def with_split_shift(self, shift_s: float) -> Chain:
         """The same lag in all, ``shift_s`` of the largest moved to the next, or to the dead time where there is none.
 
-        >>> Chain((0.6, 0.1)).with_split_shift(0.05).taus_s
-        (0.55, 0.15)
+        >>> Chain((0.5, 0.25)).with_split_shift(0.125).taus_s
+        (0.375, 0.375)
         """
         taus = sorted(self.taus_s, reverse=True) or [0.0]
         moved = min(shift_s, taus[0])
