@@ -237,6 +237,19 @@ def test_files_of_another_kind_are_named_as_what_they_are(
         assert said in capsys.readouterr().err
 
 
+def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_at_low_frequency(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Two poles at 4 Hz leave 8.5 % of the variance at 75 Hz: 0.03 K before them count as 0.103 K."""
+    plans = []
+    for noise in (("--noise-K", "0.04", "--noise-before-K", "0.03"), ("--noise-K", "0.1105")):
+        assert tcdyn("design", "--bath-degC", "110", *noise, "--json") == 0
+        plans.append(re.sub(r'"[^"]*"', "", capsys.readouterr().out))
+    before, white = ([float(x) for x in re.findall(r"\d+\.\d+", plan)] for plan in plans)
+    assert before == pytest.approx(white, rel=5e-3)
+    assert len(before) > 5
+
+
 @pytest.mark.parametrize(
     ("command", "option", "values"),
     [
