@@ -450,8 +450,8 @@ TRACES: dict[str, Words] = {
     "tells them: {folded_K:.2g} K were added to its u; a rate that divides no multiple of the mains frequency "
     "avoids it",
     "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what white noise before "
-    "and behind the conditioning filter explains; its level was taken from where temperatures move",
-    "noise.coloured": "{subject} disk: noise of {before_K:.2g} K comes through the conditioning filter, "
+    "and behind the conditioning filter explains; its level was taken no lower than where temperatures move",
+    "noise.coloured": "{subject}: noise of {before_K:.2g} K comes through the conditioning filter, "
     "of {after_K:.2g} K from behind it; all that follows counts with both",
     "traces.coarse": lambda subject, step_K, channels, **_: (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "

@@ -20,23 +20,8 @@ from tcdyn.chain.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.chain.rational import Factor, Rational, simulate
 
-LENGTHS = (
-    2,
-    3,
-    4,
-    5,
-    7,
-    9,
-    11,
-    13,
-    15,
-    17,
-    19,
-    22,
-    25,
-    28,
-    31,
-)  # samples of a pulse; one between two is found by either
+# samples of a pulse; one between two of these is found by either
+LENGTHS = (2, 3, 4, 5, 7, 9, 11, 13, 15, 17, 19, 22, 25, 28, 31)
 LONGEST_S = 0.45  # of a pulse
 BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does

@@ -204,8 +204,9 @@ def _mains(f: float, rate_Hz: float) -> list[float]:
 
 
 def passed_share(filter_: Conditioning, dt_s: float) -> float:
-    """Variance that the filter leaves of white noise sampled every ``dt_s``; one divided by it: how much stronger noise
-    from before it is at low frequency than white noise of the same variance.
+    """Share of its variance that the filter leaves to white noise sampled every ``dt_s``.
+
+    Divided by it, the variance of noise from before the filter is that of white noise as strong at low frequency.
 
     >>> round(passed_share(Conditioning(4.0, 2), 1 / 75), 3)
     0.085

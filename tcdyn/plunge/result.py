@@ -105,7 +105,10 @@ class PlungeFit:
 
     @cached_property
     def split_u_s(self) -> dict[str, float]:
-        """Standard uncertainty of each channel's largest lag where all of its lags together are known [s]."""
+        """Standard uncertainty of how much of each channel's lag, held where it was found, is its largest lag's [s].
+
+        The split's own, with the lag left free: what both have in common is counted twice rather than not at all.
+        """
         lay, theta, cov = self.layout, self.optimum.theta, self.optimum.covariance
         common, own = lay.at("common_split"), lay.at("split")
         logits = theta[common] + theta[own]
