@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import block_diag, solve_continuous_lyapunov
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from calibration.errors import InputError
 from calibration.finding import look
 from tcdyn.chain import Chain, Sensor, sensors
+from tcdyn.compensate.block import Block, noise_of, noise_paths, with_noise
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
 from tcdyn.compensate.record import MISSING, SPIKE
-from tcdyn.compensate.states import flow, prior
+from tcdyn.compensate.states import prior
 
 Array = NDArray[np.float64]
 QUIET, RESTLESS, BURST = 0, 1, 2  # what may be going on at a sample
@@ -30,6 +31,7 @@ IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading
 MOST_OPENED = 5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
 TINY = 1e-3  # noises
+LONGEST_BLOCK = 8  # samples taken at once: more cost more than they spare
 MOST_GAIN = 10.0  # noise out over noise in, beyond which the answer of a live smoother is of little use
 
 
@@ -89,6 +91,7 @@ class LiveSmoother:
     before: Array  # stationary covariance of what the filter holds of the noise (M, n, n)
     switch: Array  # probability of going from one hypothesis to another in ``every`` samples (3, 3)
     every: int
+    blocks: tuple[Block, ...]  # of one sample, of two, and so on
     shown: Array  # of a step of the junction, in ``window`` samples (M,)
     window: int
 
@@ -115,7 +118,7 @@ class LiveSmoother:
         noise = np.hypot(after, before)
         lags = np.array([s.lag_s for s in each]) + dt_s
         jump = np.maximum(SLOPE_NOISES * noise / lags, SLOPE_QUIETS * np.sqrt(level * lags))
-        models = [_with_noise(s, b, dt_s) for s, b in zip(each, _noise_paths(chains))]
+        models = [with_noise(s, b, BURST_LEAK_S, dt_s) for s, b in zip(each, noise_paths(chains))]
         steps, rows, held = (np.stack(part) for part in zip(*models))
         held *= before[:, None, None] ** 2
         scatter = np.repeat((held - steps @ held @ steps.transpose(0, 2, 1))[:, None], 3, axis=1)
@@ -131,12 +134,14 @@ class LiveSmoother:
         switch = np.array([[0.0, kink, burst], [calm, 0.0, burst], [over, over * kink, 0.0]])
         switch[range(3), range(3)] = 1 - switch.sum(axis=1)
         every = max(round(PARTED_LAGS * lags.mean() / dt_s), 1)
+        steps, rows = steps[:, None], rows[:, None]
+        blocks = tuple(Block.of(q, lag_samples, steps, rows, scatter) for q in range(1, min(every, LONGEST_BLOCK) + 1))
         unit = np.append(0.0, np.ones(int(2 * lags.max() / dt_s) + 8))
         step = np.stack([c.response(unit, dt_s, "zoh") for c in chains])
         window = int(np.max(np.argmax(step >= SHOWN, axis=1)))
         return cls(
-            each, dt_s, noise, level, lag_samples, after**2, steps[:, None], rows[:, None], scatter, begun, held,
-            np.linalg.matrix_power(switch, every), every, step[:, window], window,
+            each, dt_s, noise, level, lag_samples, after**2, steps, rows, scatter, begun, held,
+            np.linalg.matrix_power(switch, every), every, blocks, step[:, window], window,
         )  # fmt: skip
 
     def start(self, first: ArrayLike) -> LiveState:
@@ -154,94 +159,125 @@ class LiveSmoother:
             own = len(s.output)
             mean[i, :, :own], here, _ = prior(s, y, 10 * sd, self.dt_s, np.array([q]))
             mean[i, :, n:], var[i], cov[i, :, :own, :own] = y, here[0, 0, 0], here[0]
-        weight = np.tile(np.append(1 - self.switch[0, 1:].sum(), self.switch[0, 1:]), (m, 1))
-        return LiveState(mean, cov, var, weight, np.tile(first, (self.window + lag + 1, 1)), np.zeros(m))
+        return LiveState(
+            mean, cov, var, np.tile([1.0, 0.0, 0.0], (m, 1)), np.tile(first, (self.window + lag + 1, 1)), np.zeros(m)
+        )
 
     def run(self, state: LiveState, chunk: ArrayLike) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
-        """Temperature [degC] and sd [K] (n, M), lagged, and the flags of the samples of ``chunk (n, M)`` [degC]."""
-        y = np.asarray(chunk, dtype=float)
-        x, sd, flags = np.empty(y.shape), np.empty(y.shape), np.zeros(y.shape, dtype=np.uint8)
-        for k in range(len(y)):
-            state, flags[k] = self._one(state, y[k])
-            x[k], sd[k] = self._answer(state)
-        return state, x, sd, flags
-
-    def _one(self, now: LiveState, y: Array) -> tuple[LiveState, NDArray[np.uint8]]:
-        """The state after one more sample (M,), and its flags."""
-        n = self.rows.shape[-1]
-        mean, cov, var, prior_weight = self._ahead(now) if now.done else (now.mean, now.cov, now.var, now.weight)
-        pulls = (cov @ self.rows[..., None])[..., 0]
-        spread = (self.rows * pulls[..., :n]).sum(axis=-1) + self.after_var[:, None]
-        nu = y[:, None] - (self.rows * mean[..., :n]).sum(axis=-1)
+        """Temperature [degC] and sd [K] (N, M), lagged, and the flags of the samples of ``chunk (N, M)`` [degC]."""
+        y, n, m = np.asarray(chunk, dtype=float), self.rows.shape[-1], len(self.sensors)
+        known = np.concatenate([state.cov, state.mean[..., None], np.zeros((*state.mean.shape, 1))], axis=-1)
+        known[..., n:, -1] = state.var
+        weight, held, found = state.weight, state.held, [np.empty((4, m, 3, 0))]
+        k, longest = 0, LONGEST_BURST_S / self.dt_s
+        while k < len(y):
+            left = self.every - (state.done + k) % self.every
+            if left == self.every:
+                known, weight = self._merged(known, weight)
+            q = min(left, len(self.blocks), len(y) - k) if held.max() + left <= longest else 1
+            known, told = self._block(known, weight, held, y[k : k + q])
+            weight = told[0, ..., -1]
+            for out, missing in zip((told[3, :, 0] + (told[0, :, BURST] > 0.5)).T, ~np.isfinite(y[k : k + q])):
+                held = np.where(missing, held, np.where(out > 0, held + 1, 0.0))
+            found.append(told)
+            k += q
+        weights, x, var, out = np.moveaxis(np.concatenate(found, axis=-1), -1, 1)
         absent = ~np.isfinite(y)
-        out = ~absent & (np.abs(nu) > IMPOSSIBLE * np.sqrt(spread)).all(axis=1)
-        nu = np.where((absent | out)[:, None], 0.0, nu)
-        likelihood = np.where((absent | out)[:, None], 0.0, -0.5 * (nu**2 / spread + np.log(spread)))
-        likelihood -= likelihood.max(axis=1, keepdims=True)
-        weight = np.maximum(prior_weight * np.exp(likelihood), 1e-12)
-        weight /= weight.sum(axis=1, keepdims=True)
-        gain = np.where((absent | out)[:, None, None], 0.0, pulls / spread[..., None])
-        mean = mean + gain * nu[..., None]
-        cov = cov - gain[..., None] * pulls[..., None, :n]
-        var = np.maximum(var - gain[..., n:] * pulls[..., n:], 0.0)
-        spike = out | (~absent & (weight[:, BURST] > 0.5))
-        held = np.where(spike, now.held + 1, np.where(absent, now.held, 0.0))
-        recent = np.concatenate([now.recent[1:], np.where(absent | spike, now.recent[-1], y)[None]])
-        flags = np.where(absent, MISSING, 0) | np.where(spike, SPIKE, 0)
-        return LiveState(mean, cov, var, weight, recent, held, now.done + 1), flags.astype(np.uint8)
+        spike = ~absent & ((out[..., 0] > 0) | (weights[..., BURST] > 0.5))
+        good = np.maximum.accumulate(np.where(absent | spike, 0, np.arange(1, len(y) + 1)[:, None]), axis=0)
+        recent = np.concatenate([state.recent, np.concatenate([state.recent[-1:], y])[good, range(m)]])
+        kept = known[..., n], known[..., :n], known[..., n:, -1], weight, recent[len(y) :], held
+        flags = np.where(absent, MISSING, np.where(spike, SPIKE, 0)).astype(np.uint8)
+        return LiveState(*kept, state.done + len(y)), *self._answers(weights, x, var, recent), flags
 
-    def _ahead(self, now: LiveState) -> tuple[Array, Array, Array, Array]:
-        """Mean, covariances and weights at the next sample, before it is seen."""
-        n = self.rows.shape[-1]
-        was, covered, past_var, weight = self._merged(now)
-        crossed = covered @ self.steps.swapaxes(-1, -2)
-        mean, cov, var = was.copy(), crossed.copy(), past_var.copy()
-        mean[..., :n] = (self.steps @ was[..., :n, None])[..., 0]
-        cov[..., :n, :] = self.steps @ crossed[..., :n, :] + self._scatter(now.held)
-        if self.lag_samples:
-            mean[..., n], mean[..., n + 1 :] = was[..., 0], was[..., n:-1]
-            cov[..., n, :], cov[..., n + 1 :, :] = crossed[..., 0, :], crossed[..., n:-1, :]
-            var[..., 0], var[..., 1:] = covered[..., 0, 0], past_var[..., :-1]
-        return mean, cov, var, weight
+    def _block(self, known: Array, weight: Array, held: Array, y: Array) -> tuple[Array, Array]:
+        """What is known after the samples ``y (q, M)`` of a block, and (4, M, 3, q) what is told at each of them.
 
-    def _merged(self, now: LiveState) -> tuple[Array, Array, Array, Array]:
-        """Mean, covariances and weights before the next sample, where each hypothesis may give way to another."""
-        if now.done % self.every:
-            return now.mean, now.cov, now.var, now.weight
-        m, n, first = len(now.weight), self.rows.shape[-1], len(self.sensors[0].output)
-        joint = now.weight[:, :, None] * self.switch
+        ``known`` (M, 3, n + L, n + 2): covariance of states and last temperatures with the states, their mean and their
+        variance. Told under each hypothesis: its weight, the answer, its variance, whether no hypothesis explains the
+        sample. All that is not yet known (see ``Block``; then the last temperatures) has one joint covariance; the
+        Cholesky factor of the readings' part tells what each adds to those before it.
+        """
+        q, n = len(y), self.rows.shape[-1]
+        block = self.blocks[q - 1]
+        near = block.effects[0] @ (known[..., :n, :] @ block.back) + self._noise(block, held)
+        near[..., -1 - q] = near[..., block.row, block.column]
+        joint = np.concatenate([near[..., :-q], known[..., n:, :] @ block.back[..., :-q]], axis=-2)
+        pulls, spread = joint[..., :q], near[..., :q, :q] + self.after_var[:, None, None, None] * block.eye
+        nu = y.T[:, None] - near[..., :q, n + q]
+        seen = np.isfinite(y).T[:, None]
+        skipped = np.zeros_like(seen)
+        while True:
+            if not seen.all():
+                use, both = seen[..., None, :], seen[..., None, :] & seen[..., None]
+                pulls, spread = np.where(use, pulls, 0.0), np.where(both, spread, block.eye)
+                nu = np.where(seen, nu, 0.0)
+            root = np.linalg.cholesky(spread)
+            inverse = np.linalg.inv(root).swapaxes(-1, -2)
+            white = (nu[..., None, :] @ inverse)[..., 0, :]
+            out = np.abs(white).min(axis=1, keepdims=True) > IMPOSSIBLE
+            if not out.any():
+                break
+            skipped |= out & (np.cumsum(out, axis=-1) == 1)
+            seen &= ~skipped
+        gain = pulls @ inverse
+        moves = gain[..., block.asked, :] * block.sofar
+        told = np.empty((4, *white.shape))
+        logs = np.add.accumulate(-0.5 * white**2 - np.log(np.einsum("...ii->...i", root)), axis=-1)
+        likely = np.maximum(weight[..., None] * np.exp(logs - logs.max(axis=1, keepdims=True)), 1e-12)
+        told[0] = likely / likely.sum(axis=1, keepdims=True)
+        told[1] = joint[..., block.asked, n + q] + (moves @ white[..., None])[..., 0]
+        told[2] = joint[..., block.asked, n + q + 1] - np.einsum("...ij,...ij->...i", moves, moves)
+        told[3] = skipped
+        kept = slice(q, q + known.shape[-2])
+        gain = gain[..., kept, :]
+        known = joint[..., kept, q : n + q + 2]
+        known[..., :n] -= gain @ gain[..., :n, :].swapaxes(-1, -2)
+        known[..., n] += (gain @ white[..., None])[..., 0]
+        known[..., n + 1] -= np.einsum("...ij,...ij->...i", gain, gain)
+        return known, told
+
+    def _merged(self, known: Array, weight: Array) -> tuple[Array, Array]:
+        """The same before the next sample, where each hypothesis may give way to another."""
+        n, first = self.rows.shape[-1], len(self.sensors[0].output)
+        joint = weight[:, :, None] * self.switch
         weight = joint.sum(axis=1)
         share = (joint / weight[:, None]).swapaxes(1, 2)  # (M, to, from)
-        apart = now.mean - now.mean[:, :1]
-        square = now.cov + apart[..., None] * apart[..., None, :n]
-        var = share @ (now.var + apart[..., n:] ** 2)
-        apart = share @ apart
-        cov = (share @ square.reshape(m, 3, -1)).reshape(square.shape) - apart[..., None] * apart[..., None, :n]
-        mean = now.mean[:, :1] + apart
-        mean[:, :BURST, first] = 0.0  # the offset is there in a burst only
-        cov[:, :BURST, first], cov[:, :BURST, :, first] = 0.0, 0.0
-        states = np.arange(n)
-        cov[:, :, states, states] += (1 - share.diagonal(axis1=1, axis2=2))[..., None] * self.begun
-        return mean, cov, var - apart[..., n:] ** 2, weight
+        shift = known[:, :1, :, n]
+        apart = known[..., n] - shift
+        square = known.copy()
+        square[..., :n] += apart[..., None] * apart[..., None, :n]
+        square[..., n] = apart
+        square[..., n + 1] += apart**2
+        known = (share @ square.reshape(*share.shape[:2], -1)).reshape(known.shape)
+        apart = known[..., n].copy()
+        known[..., :n] -= apart[..., None] * apart[..., None, :n]
+        known[..., n] += shift
+        known[..., n + 1] -= apart**2
+        known[:, :BURST, first] = 0.0  # the offset is there in a burst only
+        known[:, :BURST, :, first] = 0.0
+        np.einsum("...ii->...i", known[..., :n, :n])[:] += (1 - np.einsum("...ii->...i", share))[..., None] * self.begun
+        return known, weight
 
-    def _scatter(self, held: Array) -> Array:
-        """What a sample adds to the covariances (M, 3, n, n): the more to a restless slope the longer a burst seems."""
-        beyond = np.clip(held - LONGEST_BURST_S / self.dt_s, 0.0, MOST_OPENED)
-        if not beyond.any():
-            return self.scatter
+    def _noise(self, block: Block, held: Array) -> Array:
+        """What noise adds to the covariances of a block: the more to a restless slope the longer a burst seems."""
+        beyond = held - LONGEST_BURST_S / self.dt_s
+        if beyond.max() <= 0:
+            return block.noise
         out = self.scatter.copy()
-        out[:, RESTLESS, [0, 1], [0, 1]] *= (4.0**beyond)[:, None]
-        return out
+        out[:, RESTLESS, [0, 1], [0, 1]] *= (4.0 ** np.clip(beyond, 0.0, MOST_OPENED))[:, None]
+        return noise_of(block.effects, out, block.column)
 
-    def _answer(self, now: LiveState) -> tuple[Array, Array]:
-        """Temperature [degC] and its sd [K] (M,), ``lag_samples`` behind the last sample."""
-        x, var = (now.mean[..., -1], now.var[..., -1]) if self.lag_samples else (now.mean[..., 0], now.cov[..., 0, 0])
-        mean = (now.weight * x).sum(axis=1)
-        var = (now.weight * (var + (x - mean[:, None]) ** 2)).sum(axis=1)
-        low, high = now.recent.min(axis=0), now.recent.max(axis=0)
+    def _answers(self, weight: Array, x: Array, var: Array, recent: Array) -> tuple[Array, Array]:
+        """Temperature [degC] and sd [K] (N, M) of hypotheses (N, M, 3), in the range of ``recent`` (W + N, M)."""
+        mean = (weight * x).sum(axis=-1)
+        var = (weight * (np.maximum(var, 0.0) + (x - mean[..., None]) ** 2)).sum(axis=-1)
+        size, origin = len(recent) - len(x), -((len(recent) - len(x)) // 2)
+        ranges = (f(recent, size, axis=0, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
+        low, high = (values[1 : 1 + len(x)] for values in ranges)
         unseen = np.maximum(high - low, IMPOSSIBLE * self.noise_sd) / self.shown
         held = np.clip(mean, low - unseen, high + unseen)
-        return held, np.sqrt(np.maximum(var, 0.0) + (mean - held) ** 2)
+        return held, np.sqrt(var + (mean - held) ** 2)
 
 
 def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
@@ -261,23 +297,3 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     f = InverseFilter(pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain)
     noisy = [look("live.noisy", gain=f.noise_gain)] if f.noise_gain > MOST_GAIN else []
     return filter_report(f, float(engine.noise_sd[worst]), noisy)
-
-
-def _noise_paths(chains: Sequence[Chain]) -> list[Sensor]:
-    """The filter of each chain alone, its input standing where a sensor has the temperature of the junction."""
-    return sensors([Chain((), conditioning=c.conditioning) for c in chains])
-
-
-def _with_noise(s: Sensor, path: Sensor, dt_s: float) -> tuple[Array, Array, Array]:
-    """Step (n, n) and row (n,) of sensor and noise, and what white noise that comes out with sd 1 leaves in the states.
-
-    States: those of the sensor, the offset of a burst, those of the filter it passes with the noise.
-    """
-    keep = np.r_[0, 2 : len(path.output)]
-    drift, row = path.drift[np.ix_(keep, keep)], path.output[keep]
-    held: Array = np.zeros((len(s.output) + len(keep),) * 2)
-    if np.any(row[1:]):
-        stages = solve_continuous_lyapunov(drift[1:, 1:], -np.outer(drift[1:, 0], drift[1:, 0]))
-        held[len(s.output) + 1 :, len(s.output) + 1 :] = stages / (row[1:] @ stages @ row[1:])
-    drift[0, 0] = -1.0 / BURST_LEAK_S
-    return flow(block_diag(s.drift, drift), dt_s), np.append(s.output, row), held
