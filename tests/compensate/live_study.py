@@ -1,21 +1,28 @@
 """Hours followed live, many channels at once: ``python -m tests.compensate.live_study HOURS SEED [white|coloured]``.
 
 Every ten minutes of every six channels are a world of their own; its noise is learnt from its first seconds.
+``python -m tests.compensate.live_study HOURS SEED day BEHIND_S``: one log of so many hours, three unloadings, noise of
+three channels from before the filter, through ``tcdyn follow`` itself.
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import tempfile
 import time
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
 from tcdyn.compensate import LiveSmoother, smooth
 from tcdyn.pipeline.causal import INTENSITY_K2_S3
 from tcdyn.pipeline.learn import _noise
-from tests.compensate.live_world import TAUS_S, World, world
+from tests.compensate.live_world import NAMES, TAUS_S, World, record, world
 
 Array = NDArray[np.float64]
 DT_S, TOTAL_S, SETTLED_S, LEARN_S, AT_ONCE = 1 / 75, 600.0, 5.0, 5.0, 8
@@ -61,7 +68,7 @@ def judged(made: World, x: Array, sd: Array, seed: int, batch: bool) -> dict[str
     kept = {"error": x - made.true[:, None], "sd": sd, "near": near, "burst": made.burst & ~near, "apart": x - other}
     kept |= {"time": np.repeat(made.time_s[:, None], 6, axis=1), "channel": np.tile(np.arange(6), (len(x), 1))}
     kept["seed"] = np.full(x.shape, seed)
-    return {k: v[made.time_s > SETTLED_S].ravel() for k, v in kept.items()}
+    return {k: np.broadcast_to(v, x.shape)[made.time_s > SETTLED_S].ravel() for k, v in kept.items()}
 
 
 def said(parts: list[dict[str, Array]], title: str) -> None:
@@ -91,5 +98,45 @@ def said(parts: list[dict[str, Array]], title: str) -> None:
                   f"{each['error'][i]:+.2f} K, {z[i]:.1f} sd, near {near[i]}, burst {burst[i]}")  # fmt: skip
 
 
-if __name__ == "__main__":
+def day(hours: float, seed: int, behind_s: float, folder: Path) -> None:
+    """One log of ``hours`` through the command, its noise white in three channels, from before the filter in three."""
+    total, before = 3600.0 * hours, np.repeat([0.0, 0.97], 3)
+    cuts = [*np.arange(0.0, total, TOTAL_S), total]
+    log, out, disk = folder / "log.csv", folder / "out.csv", folder / "fast.disk.json"
+    disk.write_text(record().to_json(), encoding="utf-8")
+    known = []
+    for a, b in pairwise(cuts):
+        made = world(total, before, seed, part_s=(a, b))
+        made.log().to_csv(log, index=False, mode="a", header=a == 0.0)
+        known.append(World(made.time_s, made.true, made.readings[:, :0], made.kinks_s, made.burst))
+    command = [
+        Path(sys.executable).parent / "tcdyn",
+        "follow",
+        log,
+        "--record",
+        disk,
+        "--out",
+        out,
+        "--behind-s",
+        behind_s,
+    ]
+    print(
+        subprocess.run([*map(str, command), "--idle-s", "1"], capture_output=True, text=True, check=False), flush=True
+    )
+    sd_names, parts = [n.replace("_degC", "_u_K") for n in NAMES], []
+    columns = ["time_s", *NAMES, *sd_names]
+    for made, done in zip(known, pd.read_csv(out, comment="#", usecols=columns, chunksize=len(known[0].time_s))):
+        assert np.allclose(done["time_s"], made.time_s, atol=1e-3)
+        parts.append(judged(made, done[NAMES].to_numpy(), done[sd_names].to_numpy(), seed, False))
+    for name, own in (("white", range(3)), ("from before the filter", range(3, 6)), ("all", range(6))):
+        kept = [{k: v[np.isin(p["channel"], own)] for k, v in p.items()} for p in parts]
+        said(kept, f"{hours:g} h, {behind_s:g} s behind, {name}: {sum(len(p['error']) for p in kept)} answers")
+    rows = sum(len(made.time_s) for made in known)
+    print(f"rows {rows}, written {sum(len(p['error']) for p in parts) // 6 + np.sum(known[0].time_s <= SETTLED_S)}")
+
+
+if __name__ == "__main__" and "day" in sys.argv:
+    with tempfile.TemporaryDirectory() as own_folder:
+        day(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[4]), Path(own_folder))
+elif __name__ == "__main__":
     main(float(sys.argv[1]), int(sys.argv[2]), 0.97 if "coloured" in sys.argv else 0.0, "batch" in sys.argv)

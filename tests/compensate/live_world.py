@@ -16,7 +16,7 @@ from calibration.record import ChainRecord, ChannelChain, DiskRecord
 Array = NDArray[np.float64]
 NAMES = [f"fast_{c}_degC" for c in "abcdef"]
 TAUS_S, FILTER_S, FILTER_POLES = (0.6, 0.07), 1 / (2 * np.pi * 4.0), 2
-NOISE_K, OVER = 0.12, 8
+NOISE_K, OVER, RUN_UP_S = 0.12, 8, 20.0
 
 
 @dataclass(frozen=True)
@@ -50,22 +50,25 @@ def lagged(u: Array, tau_s: float, dt_s: float) -> Array:
 
 def world(
     total_s: float,
-    before: float,
+    before: float | Array,
     seed: int,
     *,
     rate_Hz: float = 75.0,
     bursts_s: float = 60.0,
     drops_K: tuple[float, ...] = (12.0, 12.0, 12.0),
     channels: int = 6,
+    part_s: tuple[float, float] | None = None,
 ) -> World:
-    """``before``: share of the noise's amplitude that enters before the filter; a burst every ``bursts_s`` a channel.
+    """``before``: share of the noise's amplitude that enters before the filter, one or one a channel; a burst every
+    ``bursts_s`` a channel. Of ``part_s`` alone, after a run-up, where the whole is too long for the memory.
 
     Unloadings by ``drops_K``, each with a reloading, on slow waves; lone outliers of 1.5 K every 20 s a channel; bursts
     of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
     """
-    rng = np.random.default_rng(seed)
-    n, fine = int(total_s * rate_Hz), 1 / rate_Hz / OVER
-    t = np.arange(n * OVER) * fine
+    begin, end = part_s or (0.0, total_s)
+    rng, origin = np.random.default_rng([seed, int(begin)] if part_s else seed), max(begin - RUN_UP_S, 0.0)
+    n, fine = round((end - origin) * rate_Hz), 1 / rate_Hz / OVER
+    t = origin + np.arange(n * OVER) * fine
     x = 80 + 3 * np.sin(2 * np.pi * t / 200) + 0.5 * np.sin(2 * np.pi * t / 23)
     kinks = [total_s * (k + share) / len(drops_K) + 0.0041 for k in range(len(drops_K)) for share in (0.5, 0.8)]
     for drop, off, on in zip(drops_K, kinks[::2], kinks[1::2]):
@@ -80,7 +83,7 @@ def world(
     y += before * NOISE_K / np.sqrt(np.sum(pulse**2)) * noise
     burst = np.zeros((n, channels), dtype=bool)
     for c in range(channels):
-        for start in rng.uniform(0, total_s, rng.poisson(total_s / bursts_s)):
+        for start in rng.uniform(0, end - origin, rng.poisson((end - origin) / bursts_s)):
             first, last = (int(s / fine) for s in (start, start + rng.uniform(0.02, 0.3)))
             y[first:last, c] += rng.choice([-1, 1]) * rng.uniform(0.5, 3.0)
             burst[first // OVER : last // OVER + int(0.5 * rate_Hz), c] = True
@@ -88,9 +91,10 @@ def world(
         y = lagged(y, FILTER_S, fine)
     out = y[::OVER] + np.sqrt(1 - before**2) * NOISE_K * rng.standard_normal((n, channels))
     for c in range(channels):
-        at = rng.integers(0, n, rng.poisson(total_s / 20))
+        at = rng.integers(0, n, rng.poisson((end - origin) / 20))
         out[at, c] += 1.5 * rng.choice([-1, 1], len(at))
-    return World(t[::OVER], x[::OVER], out, np.array(kinks), burst)
+    own = slice(round((begin - origin) * rate_Hz), None)
+    return World(t[::OVER][own], x[::OVER][own], out[own], np.array(kinks), burst[own])
 
 
 def record() -> DiskRecord:
