@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,22 +12,23 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from calibration.errors import InputError
 from calibration.finding import look
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.compensate.block import Block, noise_of, noise_paths, with_noise
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
+from tcdyn.compensate.live_model import Block, LiveState, noise_of, noise_paths, with_noise
 from tcdyn.compensate.record import MISSING, SPIKE
 from tcdyn.compensate.states import prior
 
 Array = NDArray[np.float64]
-QUIET, RESTLESS, BURST = 0, 1, 2  # what may be going on at a sample
-KINKS_S, BURSTS_S = 60.0, 20.0  # between two jumps of slope, and between two bursts, on the average
+QUIET, RESTLESS, JUMPED, BURST = range(4)  # what may be going on at a sample
+KINKS_S, JUMPS_S, BURSTS_S = 60.0, 3600.0, 20.0  # between two jumps of slope, of temperature, two bursts, on average
 BURST_FOR_S, LONGEST_BURST_S, RESTLESS_LAGS = 0.12, 0.4, 8.0  # how long they last, on the average
 BURST_NOISES, BURST_LEAK_S, BURST_WALK = 12.0, 0.3, 0.2  # sd of an offset in noises; it fades, and walks by its share
 SLOPE_NOISES, SLOPE_QUIETS = 200.0, 2.0  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
-LEVEL_JUMP = 0.1  # sd of a jump of the temperature: share of what that slope makes in a lag
-SETTLING = 0.2  # how far slope and temperature wander in a lag after a jump: share of it
+LEVEL_JUMP = 0.1, 1.0  # sd of a jump of the temperature, restless and jumped: share of what that slope makes in a lag
+SETTLING = 0.2, 0.04  # how far slope and temperature wander in a lag after a jump: share of it
 PARTED_LAGS = 0.08  # for which hypotheses are followed apart: the filter hides for as long what has begun
 IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading at all
 MOST_OPENED = 5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
+BEND_LAGS, BEND_SHARE = 0.25, 0.5  # an answer behind may smooth away this share of its bends over so many lags
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
 TINY = 1e-3  # noises
 LONGEST_BLOCK = 8  # samples taken at once: more cost more than they spare
@@ -36,39 +36,11 @@ MOST_GAIN = 10.0  # noise out over noise in, beyond which the answer of a live s
 
 
 @dataclass(frozen=True)
-class LiveState:
-    """All that is needed to go on, for M channels and the three hypotheses.
-
-    ``mean`` (M, 3, n + L), ``cov`` (M, 3, n + L, n): states, then the temperatures of the last L samples, and their
-    covariance with the states; ``var`` (M, 3, L): of those temperatures; ``weight`` (M, 3) of the hypotheses;
-    ``recent`` (W, M): the last readings that were no spikes [degC]; ``held`` (M,):
-    readings in a row that were spikes.
-    """
-
-    mean: Array
-    cov: Array
-    var: Array
-    weight: Array
-    recent: Array
-    held: Array
-    done: int = 0
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain lists and numbers, exact to the last bit in JSON."""
-        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> LiveState:
-        """The state that ``to_json`` wrote."""
-        arrays = {k: np.asarray(v, dtype=float) for k, v in data.items() if k != "done"}
-        return cls(**arrays, done=int(data["done"]))
-
-
-@dataclass(frozen=True)
 class LiveSmoother:
-    """Three Kalman filters a channel, averaged by what the readings say of them, and the last temperatures kept up.
+    """Four Kalman filters a channel, averaged by what the readings say of them, and the last temperatures kept up.
 
-    Quiet: the slope wanders with the intensity given. Restless: it has jumped, and settles. Burst: a slip ring adds an
+    Quiet: the slope wanders with the intensity given. Restless: it has jumped, and settles. Jumped: the
+    temperature itself has. Burst: a slip ring adds an
     offset before the conditioning filter, or a lone sample is out; once it is over, only what the filter still holds of
     it is left. They follow one another as a Markov chain; every few samples their states are merged by weight
     (interacting multiple models, Blom and Bar-Shalom 1988; merged at each, a small burst would be forgotten before the
@@ -83,13 +55,14 @@ class LiveSmoother:
     noise_sd: Array  # of a sample: behind the filter, and from before it as it comes out (M,)
     intensity: Array
     lag_samples: int
+    bend: int  # samples between the answers that tell of bends
     after_var: Array  # (M,)
     steps: Array  # how the states move in one sample (M, 1, n, n)
     rows: Array  # how they are read (M, 1, n)
-    scatter: Array  # what one sample adds to their covariance under each hypothesis (M, 3, n, n)
-    begun: Array  # what is added where a hypothesis begins: jump of slope and temperature, offset (M, 3, n)
+    scatter: Array  # what one sample adds to their covariance under each hypothesis (M, 4, n, n)
+    begun: Array  # what is added where a hypothesis begins: jump of slope and temperature, offset (M, 4, n)
     before: Array  # stationary covariance of what the filter holds of the noise (M, n, n)
-    switch: Array  # probability of going from one hypothesis to another in ``every`` samples (3, 3)
+    switch: Array  # probability of going from one hypothesis to another in ``every`` samples (4, 4)
     every: int
     blocks: tuple[Block, ...]  # of one sample, of two, and so on
     shown: Array  # of a step of the junction, in ``window`` samples (M,)
@@ -121,26 +94,31 @@ class LiveSmoother:
         models = [with_noise(s, b, BURST_LEAK_S, dt_s) for s, b in zip(each, noise_paths(chains))]
         steps, rows, held = (np.stack(part) for part in zip(*models))
         held *= before[:, None, None] ** 2
-        scatter = np.repeat((held - steps @ held @ steps.transpose(0, 2, 1))[:, None], 3, axis=1)
+        scatter = np.repeat((held - steps @ held @ steps.transpose(0, 2, 1))[:, None], BURST + 1, axis=1)
         scatter[:, :, 1, 1] += (level * dt_s)[:, None]
         first = len(each[0].output)
         begun = np.zeros(scatter.shape[:3])
-        begun[:, RESTLESS, 0], begun[:, RESTLESS, 1] = (LEVEL_JUMP * jump * lags) ** 2, jump**2
         begun[:, BURST, first] = (BURST_NOISES * noise) ** 2
-        scatter[:, RESTLESS, [0, 1], [0, 1]] += SETTLING**2 * begun[:, RESTLESS, :2] * (dt_s / lags)[:, None]
+        for moved, share, settling in zip((RESTLESS, JUMPED), LEVEL_JUMP, SETTLING):
+            begun[:, moved, 0], begun[:, moved, 1] = (share * jump * lags) ** 2, jump**2
+            scatter[:, moved, [0, 1], [0, 1]] += settling**2 * begun[:, moved, :2] * (dt_s / lags)[:, None]
         scatter[:, BURST, first, first] += BURST_WALK**2 * begun[:, BURST, first]
-        kink, burst = dt_s / KINKS_S, dt_s / BURSTS_S
+        begins = dt_s / np.array([np.inf, KINKS_S, JUMPS_S, BURSTS_S])
         calm, over = (min(dt_s / t, 0.7) for t in (RESTLESS_LAGS * lags.mean(), BURST_FOR_S))
-        switch = np.array([[0.0, kink, burst], [calm, 0.0, burst], [over, over * kink, 0.0]])
-        switch[range(3), range(3)] = 1 - switch.sum(axis=1)
+        switch = np.tile(begins, (BURST + 1, 1))
+        switch[[RESTLESS, JUMPED], QUIET], switch[BURST] = calm, over * np.append(1.0, begins[1:])
+        np.fill_diagonal(switch, 0.0)
+        np.fill_diagonal(switch, 1 - switch.sum(axis=1))
         every = max(round(PARTED_LAGS * lags.mean() / dt_s), 1)
         steps, rows = steps[:, None], rows[:, None]
-        blocks = tuple(Block.of(q, lag_samples, steps, rows, scatter) for q in range(1, min(every, LONGEST_BLOCK) + 1))
+        bend = min(round(BEND_LAGS * lags.mean() / dt_s), lag_samples // 2)
+        asked = lag_samples - bend * np.arange(3)
+        blocks = tuple(Block.of(q, asked, steps, rows, scatter) for q in range(1, min(every, LONGEST_BLOCK) + 1))
         unit = np.append(0.0, np.ones(int(2 * lags.max() / dt_s) + 8))
         step = np.stack([c.response(unit, dt_s, "zoh") for c in chains])
         window = int(np.max(np.argmax(step >= SHOWN, axis=1)))
         return cls(
-            each, dt_s, noise, level, lag_samples, after**2, steps, rows, scatter, begun, held,
+            each, dt_s, noise, level, lag_samples, bend, after**2, steps, rows, scatter, begun, held,
             np.linalg.matrix_power(switch, every), every, blocks, step[:, window], window,
         )  # fmt: skip
 
@@ -153,22 +131,21 @@ class LiveSmoother:
                 remedy="start at the first complete row",
             )
         m, n, lag = len(first), self.rows.shape[-1], self.lag_samples
-        mean, cov, var = np.zeros((m, 3, n + lag)), np.zeros((m, 3, n + lag, n)), np.zeros((m, 3, lag))
+        mean, cov, var = (np.zeros((m, BURST + 1, *k)) for k in ((n + lag,), (n + lag, n), (lag,)))
         cov[:, :, :n] = self.before[:, None]
         for i, (s, y, sd, q) in enumerate(zip(self.sensors, first, self.noise_sd, self.intensity)):
             own = len(s.output)
             mean[i, :, :own], here, _ = prior(s, y, 10 * sd, self.dt_s, np.array([q]))
             mean[i, :, n:], var[i], cov[i, :, :own, :own] = y, here[0, 0, 0], here[0]
-        return LiveState(
-            mean, cov, var, np.tile([1.0, 0.0, 0.0], (m, 1)), np.tile(first, (self.window + lag + 1, 1)), np.zeros(m)
-        )
+        weight, recent = np.tile(np.eye(BURST + 1)[QUIET], (m, 1)), np.tile(first, (self.window + lag + 1, 1))
+        return LiveState(mean, cov, var, weight, recent, np.zeros(m), np.tile(first, (2 * self.bend, 1)))
 
     def run(self, state: LiveState, chunk: ArrayLike) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
         """Temperature [degC] and sd [K] (N, M), lagged, and the flags of the samples of ``chunk (N, M)`` [degC]."""
         y, n, m = np.asarray(chunk, dtype=float), self.rows.shape[-1], len(self.sensors)
         known = np.concatenate([state.cov, state.mean[..., None], np.zeros((*state.mean.shape, 1))], axis=-1)
         known[..., n:, -1] = state.var
-        weight, held, found = state.weight, state.held, [np.empty((4, m, 3, 0))]
+        weight, held, found = state.weight, state.held, [np.empty((6, m, BURST + 1, 0))]
         k, longest = 0, LONGEST_BURST_S / self.dt_s
         while k < len(y):
             left = self.every - (state.done + k) % self.every
@@ -177,26 +154,27 @@ class LiveSmoother:
             q = min(left, len(self.blocks), len(y) - k) if held.max() + left <= longest else 1
             known, told = self._block(known, weight, held, y[k : k + q])
             weight = told[0, ..., -1]
-            for out, missing in zip((told[3, :, 0] + (told[0, :, BURST] > 0.5)).T, ~np.isfinite(y[k : k + q])):
+            for out, missing in zip((told[5, :, 0] + (told[0, :, BURST] > 0.5)).T, ~np.isfinite(y[k : k + q])):
                 held = np.where(missing, held, np.where(out > 0, held + 1, 0.0))
             found.append(told)
             k += q
-        weights, x, var, out = np.moveaxis(np.concatenate(found, axis=-1), -1, 1)
+        told = np.moveaxis(np.concatenate(found, axis=-1), -1, 1)
         absent = ~np.isfinite(y)
-        spike = ~absent & ((out[..., 0] > 0) | (weights[..., BURST] > 0.5))
+        spike = ~absent & ((told[5, ..., 0] > 0) | (told[0, ..., BURST] > 0.5))
         good = np.maximum.accumulate(np.where(absent | spike, 0, np.arange(1, len(y) + 1)[:, None]), axis=0)
         recent = np.concatenate([state.recent, np.concatenate([state.recent[-1:], y])[good, range(m)]])
-        kept = known[..., n], known[..., :n], known[..., n:, -1], weight, recent[len(y) :], held
+        x, sd, past = self._answers(told[0], told[1:4], told[4], state.past, recent)
+        kept = known[..., n], known[..., :n], known[..., n:, -1], weight, recent[len(y) :], held, past
         flags = np.where(absent, MISSING, np.where(spike, SPIKE, 0)).astype(np.uint8)
-        return LiveState(*kept, state.done + len(y)), *self._answers(weights, x, var, recent), flags
+        return LiveState(*kept, state.done + len(y)), x, sd, flags
 
     def _block(self, known: Array, weight: Array, held: Array, y: Array) -> tuple[Array, Array]:
-        """What is known after the samples ``y (q, M)`` of a block, and (4, M, 3, q) what is told at each of them.
+        """What is known after the samples ``y (q, M)`` of a block, and (6, M, 4, q) what is told at each of them.
 
-        ``known`` (M, 3, n + L, n + 2): covariance of states and last temperatures with the states, their mean and their
-        variance. Told under each hypothesis: its weight, the answer, its variance, whether no hypothesis explains the
-        sample. All that is not yet known (see ``Block``; then the last temperatures) has one joint covariance; the
-        Cholesky factor of the readings' part tells what each adds to those before it.
+        ``known`` (M, 4, n + L, n + 2): covariance of states and last temperatures with the states, their mean and their
+        variance. Told under each hypothesis: its weight, the answer and two after it, the answer's variance, whether no
+        hypothesis explains the sample. All that is not yet known (see ``Block``; then the last temperatures) has one
+        joint covariance; the Cholesky factor of the readings' part tells what each adds to those before it.
         """
         q, n = len(y), self.rows.shape[-1]
         block = self.blocks[q - 1]
@@ -222,13 +200,15 @@ class LiveSmoother:
             seen &= ~skipped
         gain = pulls @ inverse
         moves = gain[..., block.asked, :] * block.sofar
-        told = np.empty((4, *white.shape))
+        told = np.empty((6, *white.shape))
         logs = np.add.accumulate(-0.5 * white**2 - np.log(np.einsum("...ii->...i", root)), axis=-1)
         likely = np.maximum(weight[..., None] * np.exp(logs - logs.max(axis=1, keepdims=True)), 1e-12)
         told[0] = likely / likely.sum(axis=1, keepdims=True)
-        told[1] = joint[..., block.asked, n + q] + (moves @ white[..., None])[..., 0]
-        told[2] = joint[..., block.asked, n + q + 1] - np.einsum("...ij,...ij->...i", moves, moves)
-        told[3] = skipped
+        x = joint[..., block.asked, n + q] + (moves @ white[..., None])[..., 0]
+        told[1:4] = np.moveaxis(x.reshape(*x.shape[:2], 3, q), 2, 0)
+        moves = moves[..., :q, :]
+        told[4] = joint[..., block.asked[:q], n + q + 1] - np.einsum("...ij,...ij->...i", moves, moves)
+        told[5] = skipped
         kept = slice(q, q + known.shape[-2])
         gain = gain[..., kept, :]
         known = joint[..., kept, q : n + q + 2]
@@ -268,16 +248,24 @@ class LiveSmoother:
         out[:, RESTLESS, [0, 1], [0, 1]] *= (4.0 ** np.clip(beyond, 0.0, MOST_OPENED))[:, None]
         return noise_of(block.effects, out, block.column)
 
-    def _answers(self, weight: Array, x: Array, var: Array, recent: Array) -> tuple[Array, Array]:
-        """Temperature [degC] and sd [K] (N, M) of hypotheses (N, M, 3), in the range of ``recent`` (W + N, M)."""
-        mean = (weight * x).sum(axis=-1)
-        var = (weight * (np.maximum(var, 0.0) + (x - mean[..., None]) ** 2)).sum(axis=-1)
-        size, origin = len(recent) - len(x), -((len(recent) - len(x)) // 2)
+    def _answers(self, weight: Array, x: Array, var: Array, past: Array, recent: Array) -> tuple[Array, Array, Array]:
+        """Temperature [degC] and sd [K] (N, M) of hypotheses (N, M, 4), in the range of ``recent`` (W + N, M).
+
+        ``x`` (3, N, M, 4): the answers and two after each; with two of the ``past`` they tell of bends, some of which
+        may be smoothed away. Last, the next ``past``.
+        """
+        mean, *later = (weight * x).sum(axis=-1)
+        series, n = np.concatenate([past.reshape(-1, mean.shape[1]), mean]), len(mean)
+        five = np.stack([series[:n], series[self.bend : self.bend + n], mean, *later])
+        var = (weight * (np.maximum(var, 0.0) + (x[0] - mean[..., None]) ** 2)).sum(axis=-1)
+        bends = (np.diff(five, n=2, axis=0) ** 2).sum(axis=0)
+        var += BEND_SHARE**2 * np.maximum(bends - var, 0.0)  # noise bends, too
+        size, origin = len(recent) - n, -((len(recent) - n) // 2)
         ranges = (f(recent, size, axis=0, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
-        low, high = (values[1 : 1 + len(x)] for values in ranges)
+        low, high = (values[1 : 1 + n] for values in ranges)
         unseen = np.maximum(high - low, IMPOSSIBLE * self.noise_sd) / self.shown
         held = np.clip(mean, low - unseen, high + unseen)
-        return held, np.sqrt(var + (mean - held) ** 2)
+        return held, np.sqrt(var + (mean - held) ** 2), series[n:]
 
 
 def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:

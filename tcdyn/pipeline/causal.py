@@ -17,7 +17,8 @@ from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate
-from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
+from tcdyn.compensate.live import LiveSmoother, live_before_use
+from tcdyn.compensate.live_model import LiveState
 from tcdyn.compensate.record import SPIKE
 from tcdyn.traces import DiskChannels, disk_channels
 

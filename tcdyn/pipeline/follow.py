@@ -27,7 +27,7 @@ from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
 from tcdyn.pipeline.learn import begin
 from tcdyn.traces import rig_of
 
-STATE = "tcdyn.follow/3"
+STATE = "tcdyn.follow/4"
 STOPPED = "stopped"
 SAVE_EVERY_S = 10.0
 

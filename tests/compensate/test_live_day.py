@@ -97,6 +97,37 @@ def test_small_bursts_and_one_upon_another_are_within_the_band(behind: int) -> N
     assert np.mean(np.abs(x - 80)[behind:] < 1.96 * sd[behind:]) > 0.95
 
 
+EVENTS = {  # what the temperature does from t = 0 on, by size [K] and time [s]
+    "kink": lambda t, size, tau: size * (1 - np.exp(-t / tau)),
+    "jump": lambda t, size, tau: size * np.ones_like(t),
+    "splash": lambda t, size, tau: size * np.exp(-t / tau),
+}
+
+
+@pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
+def test_half_a_second_behind_jumps_and_kinks_are_within_the_band(before: float) -> None:
+    """Kinks of 12 K in 0.05 to 5 s, jumps of 10 and 30 K, a splash of 30 K: at their instants, too."""
+    kinds = [("kink", 12.0, tau) for tau in (0.05, 0.2, 0.5, 1.0, 5.0)] + [("jump", size, 0.0) for size in (10.0, 30.0)]
+    kinds = [kind for kind in [*kinds, ("splash", 30.0, 0.5)] for _ in range(8)]
+    rng, fine, m, rows = np.random.default_rng(21), 1 / 75 / OVER, len(kinds), 900
+    t = np.arange(rows * OVER)[:, None] * fine - rng.uniform(5.0, 5.3, m)
+    x = np.stack([80 + (c >= 0) * EVENTS[k](np.maximum(c, 0.0), *v) for c, (k, *v) in zip(t.T, kinds)], axis=1)
+    y = x.copy()
+    for tau in TAUS_S:
+        y = lagged(y, tau, fine)
+    y += before * NOISE_K * np.sqrt(4 * FILTER_S / fine) * rng.standard_normal(y.shape)  # sum of squares of t exp(-t)
+    for _ in range(FILTER_POLES):
+        y = lagged(y, FILTER_S, fine)
+    after = np.sqrt(1 - before**2) * NOISE_K
+    y, x, t = y[::OVER] + after * rng.standard_normal((rows, m)), x[::OVER], t[::OVER]
+    live = LiveSmoother.of([Chain(TAUS_S)] * m, 1 / 75, after, 30.0, 38, before * NOISE_K)
+    _, found, sd, _ = live.run(live.start(y[0]), y)
+    error, sd, near = (found[38:] - x[:-38])[300:], sd[338:], np.abs(t[300:-38] - 0.75) < 1.25
+    assert np.max(np.abs(error) / sd) < 6.0
+    assert np.mean((np.abs(error) < 1.96 * sd)[near]) > 0.95
+    assert np.sqrt(np.mean(error[t[300:-38] > 0.15] ** 2)) < 1.0
+
+
 def test_gaps_and_clocks_that_jump_are_told_and_the_rest_is_as_good(tmp_path: Path) -> None:
     """Two seconds and then an hour are missing, the clock goes back for a while: nothing raises, no row that counts is
     lost, and ten lags later the answers are those of a log without it."""

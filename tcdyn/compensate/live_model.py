@@ -1,9 +1,10 @@
-"""Sensor and noise as one linear model, and a few samples in a row of it taken at once."""
+"""What a live smoother is made of: its state, sensor and noise as one linear model, samples in a row taken at once."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,36 @@ from tcdyn.compensate.states import flow
 
 
 @dataclass(frozen=True)
+class LiveState:
+    """All that is needed to go on, for M channels and the four hypotheses.
+
+    ``mean`` (M, 4, n + L), ``cov`` (M, 4, n + L, n): states, then the temperatures of the last L samples, and their
+    covariance with the states; ``var`` (M, 4, L): of those temperatures; ``weight`` (M, 4) of the hypotheses;
+    ``recent`` (W, M): the last readings that were no spikes [degC]; ``held`` (M,):
+    readings in a row that were spikes; ``past`` (2 bend, M): the last answers.
+    """
+
+    mean: Array
+    cov: Array
+    var: Array
+    weight: Array
+    recent: Array
+    held: Array
+    past: Array
+    done: int = 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists and numbers, exact to the last bit in JSON."""
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> LiveState:
+        """The state that ``to_json`` wrote."""
+        arrays = {k: np.asarray(v, dtype=float) for k, v in data.items() if k != "done"}
+        return cls(**arrays, done=int(data["done"]))
+
+
+@dataclass(frozen=True)
 class Block:
     """How q samples of M channels follow from n states before them.
 
@@ -22,9 +53,9 @@ class Block:
     first. Columns: the same, but mean and variance stand behind the states. ``effects`` (q + 1, M, 1, n + 2 q, n): on
     the rows, of the states before, and of what moves the states at each sample; ``back`` (M, 1, n + 2, n + 2 q + 2):
     of the states before, their mean and variance on the columns; ``noise`` (M, H, n + 2 q, n + 2 q + 2): covariance
-    that what moves the states makes; ``row``, ``column`` (n + 2 q,): of the diagonal; ``asked`` (q,): the rows of
-    the temperatures ``lag`` samples before each reading, where the last temperatures follow below; ``eye``, ``sofar``
-    (q, q): unit matrix, and which readings are there at each.
+    that what moves the states makes; ``row``, ``column`` (n + 2 q,): of the diagonal; ``asked`` (K q,): rows of
+    the temperatures that lie K ``lags`` samples before each reading, where the last temperatures follow below, and
+    ``sofar`` (K q, q): which readings are there by then; ``eye`` (q, q): unit matrix.
     """
 
     effects: Array
@@ -37,7 +68,7 @@ class Block:
     sofar: Array
 
     @classmethod
-    def of(cls, q: int, lag: int, step: Array, row: Array, scatter: Array) -> Block:
+    def of(cls, q: int, lags: NDArray[np.intp], step: Array, row: Array, scatter: Array) -> Block:
         """States move by ``step`` (M, 1, n, n) and ``scatter`` (M, H, n, n) each sample, read by ``row`` (M, 1, n)."""
         m, n = row.shape[::2]
         powers = [np.broadcast_to(np.eye(n), step.shape)]
@@ -54,10 +85,17 @@ class Block:
         back = np.zeros((m, 1, n + 2, n + 2 * q + 2))
         back[..., :n, column] = effects[0].swapaxes(-1, -2)
         back[..., [n, n + 1], [q + n, q + n + 1]] = 1.0
-        newest = lag + np.arange(q)[::-1]
+        newest = (lags[:, None] + np.arange(q)[::-1]).ravel()
         asked = np.where(newest > 0, q + n - 1 + newest, q)
         return cls(
-            effects, back, noise_of(effects, scatter, column), np.arange(n + 2 * q), column, asked, np.eye(q), np.tri(q)
+            effects,
+            back,
+            noise_of(effects, scatter, column),
+            np.arange(n + 2 * q),
+            column,
+            asked,
+            np.eye(q),
+            np.tile(np.tri(q), (len(lags), 1)),
         )
 
 
