@@ -128,6 +128,18 @@ def lag_rate(chain: Chain, dt_s: float) -> tuple[Array, Array]:
     return np.array([1.0, -1.0]) * (1 - e) / dt_s, np.array([1.0, -e])
 
 
+def split_change(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Array]:
+    """(t1 t2 - t1' t2') s^2/((1 + t1' s)(1 + t2' s)) likewise: the change where lags are ``Chain.with_split_shift``.
+
+    What a single lag gives away goes to a second one, which makes of slow changes what a dead time makes.
+    """
+    first, second = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0][:2]
+    left, right = max(first - shift_s, 0.0), second + min(shift_s, first)
+    lags = np.maximum([left, right], dt_s)
+    b, a = discretised([1.0, 0.0, 0.0], [lags[0] * lags[1], lags.sum(), 1.0], dt_s)
+    return (first * second - left * right) * b, a
+
+
 @dataclass(frozen=True)
 class BeforeUse(Result):
     """Chain times compensator, before use.

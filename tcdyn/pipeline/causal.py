@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from calibration.lines.static import StaticLine, apply_static, static_u
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import Chain
-from tcdyn.compensate.inverse import BeforeUse, lag_rate
+from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
 from tcdyn.compensate.live_model import LiveState
 from tcdyn.compensate.record import SPIKE
@@ -56,12 +57,12 @@ class Settings:
 class CausalState:
     """All that is needed to go on: the smoother's state, recent samples, rows that wait for their temperatures.
 
-    ``waiting`` (k, columns): rows, NaN in every column where the logger left one out; ``found`` and ``found_u`` (k, M):
-    answers not yet written.
+    ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k, columns): rows, NaN
+    in every column where the logger left one out; ``found`` and ``found_u`` (k, M): answers not yet written.
     """
 
     kernel: LiveState
-    rate_memory: Array
+    memory: Array
     waiting: Array
     found: Array
     found_u: Array
@@ -96,8 +97,9 @@ class Causal:
     """What is done to each row: which columns are junctions, how they are measured, and the smoother for them.
 
     ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``, ``chains``,
-    uncertainty of the lag, white noise and noise from before the filter; ``dead``: those that show nothing and are left
-    empty. A row is written once the answer for its own time is there, so all columns of a row belong to its ``time_s``.
+    uncertainty of the lag and of how it divides, white noise and noise from before the filter; ``dead``: those that
+    show nothing and are left empty. A row is written once the answer for its own time is there, so all columns of a row
+    belong to its ``time_s``.
     """
 
     names: tuple[str, ...]
@@ -106,6 +108,7 @@ class Causal:
     lines: tuple[StaticLine, ...]
     chains: tuple[Chain, ...]
     lag_u_s: Array
+    split_u_s: Array
     noise_K: Array
     before_K: Array
     dt_s: float
@@ -129,16 +132,16 @@ class Causal:
         alive = [
             one
             for disk in channels_of(kind, records, rig)
-            for one in zip(disk.columns, disk.lines, disk.chains, np.diag(disk.lag_covariance_s2))
+            for one in zip(disk.columns, disk.lines, disk.chains, np.diag(disk.lag_covariance_s2), disk.split_u_s)
             if one[0] not in learnt["dead"]
         ]
-        junctions, lines, chains, variances = zip(*alive)
+        junctions, lines, chains, variances, split_u = zip(*alive)
         dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or INTENSITY_K2_S3[kind]
         after, before = (np.array([learnt[k][n] for n in junctions], dtype=float) for k in ("noise_K", "before_K"))
         engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
         return cls(
-            tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)), after,
-            before, dt, engine, settings,
+            tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)),
+            np.array(split_u), after, before, dt, engine, settings,
         )  # fmt: skip
 
     def learnt(self) -> dict[str, Any]:
@@ -170,11 +173,17 @@ class Causal:
     def start(self, first: Array) -> CausalState:
         """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines]."""
         m = len(self.junctions)
-        memory = [signal.lfilter_zi(*lag_rate(self.chains[i], self.dt_s))[0] * y for i, y in enumerate(first)]
+        memory = [np.concatenate([signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
         return CausalState(
-            self.engine.start(first), np.array(memory),
+            self.engine.start(first), np.array(memory) * first[:, None],
             np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
         )  # fmt: skip
+
+    @cached_property
+    def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
+        """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
+        dt = self.dt_s
+        return [(lag_rate(c, dt), split_change(c, u, dt)) for c, u in zip(self.chains, self.split_u_s.tolist())]
 
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
@@ -222,14 +231,14 @@ class Causal:
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
         kernel, x, sd, flags = self.engine.run(state.kernel, self._corrected(rows))
-        rate, memory = np.empty_like(x), np.empty(x.shape[1])
-        for i in range(x.shape[1]):
-            per_lag = lag_rate(self.chains[i], self.dt_s)
-            rate[:, i], memory[i : i + 1] = signal.lfilter(*per_lag, x[:, i], zi=state.rate_memory[i : i + 1])
+        rate, split_K, memory = np.empty_like(x), np.empty_like(x), np.empty_like(state.memory)
+        for i, (per_lag, divided) in enumerate(self._filters):
+            rate[:, i], memory[i, :1] = signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
+            split_K[:, i], memory[i, 1:] = signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
         line_u = np.column_stack([static_u(line, x[:, i]) for i, line in enumerate(self.lines)])
-        u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2)
+        u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
         state = replace(
-            state, kernel=kernel, rate_memory=memory, spikes=state.spikes + int(np.sum(flags == SPIKE)),
+            state, kernel=kernel, memory=memory, spikes=state.spikes + int(np.sum(flags == SPIKE)),
             waiting=_joined(state.waiting, rows), found=_joined(state.found, x), found_u=_joined(state.found_u, u),
         )  # fmt: skip
         return self._ready(state)

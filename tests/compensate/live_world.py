@@ -97,13 +97,14 @@ def world(
     return World(t[::OVER][own], x[::OVER][own], out[own], np.array(kinks), burst[own])
 
 
-def record() -> DiskRecord:
-    """The fast disk that made it, known exactly."""
+def record(split_s: float = 0.0) -> DiskRecord:
+    """The fast disk that made it, known exactly; but for ``split_s`` of its first lag, taken for its second's."""
     lag = Estimate.normal(sum(TAUS_S) + FILTER_POLES * FILTER_S, 0.0)
     line = StaticLine(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(20.0, 160.0))
+    taus = (TAUS_S[0] - split_s, TAUS_S[1] + split_s)
     chain = ChainRecord(
         structure="two lags",
-        channels={c: ChannelChain(taus_s=TAUS_S, lag_s=lag) for c in "abcdef"},
+        channels={c: ChannelChain(taus_s=taus, lag_s=lag, split_u_s=abs(split_s)) for c in "abcdef"},
         covariance=np.zeros((6, 6)).tolist(),
         common_lag_s=lag,
         differential_lag_s={c: Estimate.normal(0.0, 0.0) for c in "abcdef"},

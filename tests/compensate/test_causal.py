@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter, lfilter_zi
 
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, widest_bandwidth_Hz
+from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
 
 DT = 1 / 75
@@ -53,6 +54,21 @@ def test_lag_sensitivity_is_the_change_with_the_lag():
     y = CHAIN.response(x, DT)
     f, longer = (proper_inverse(c, DT, 2.0) for c in (CHAIN, CHAIN.with_lag_shift(1e-4)))
     assert np.allclose((longer(y) - f(y)) / 1e-4, lag_sensitivity(f, y), atol=0.02)  # of 6 K/s
+
+
+@pytest.mark.parametrize(
+    ("taus", "shift", "within"), [((0.6, 0.07), 0.03, 1e-3), ((0.6, 0.07), -0.04, 1e-3), ((0.6,), 0.05, 0.15)]
+)
+def test_what_another_split_of_the_lag_would_make_of_an_answer(taus: tuple[float, ...], shift: float, within: float):
+    """The chain shows of the answer and its change what the chain divided otherwise shows of the answer; of a single
+    lag, whose share goes to the dead time, but for the third order."""
+    t, x = slow_wave()
+    x = x - 12 * (1 - np.exp(-np.maximum(t - t[len(t) // 2], 0)))
+    chain = Chain(taus)
+    b, a = split_change(chain, shift, DT)
+    change = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
+    other = chain.with_split_shift(shift).response(x, DT) - chain.response(x, DT)
+    assert np.max(np.abs(chain.response(change, DT) - other)) < within * np.max(np.abs(other))
 
 
 def test_any_chunking_gives_the_batch_answer_through_a_saved_state():
