@@ -29,6 +29,7 @@ PARTED_LAGS = 0.08  # for which hypotheses are followed apart: the filter hides 
 IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading at all
 MOST_OPENED = 5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
 BEND_LAGS, BEND_SHARE = 0.25, 0.5  # an answer behind may smooth away this share of its bends over so many lags
+BURST_LIKELY, LEAST_DOUBT = 0.05, 0.04  # where a burst is likely so, the others are doubted by no more: weights
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
 TINY = 1e-3  # noises
 LONGEST_BLOCK = 8  # samples taken at once: more cost more than they spare
@@ -257,7 +258,8 @@ class LiveSmoother:
         mean, *later = (weight * x).sum(axis=-1)
         series, n = np.concatenate([past.reshape(-1, mean.shape[1]), mean]), len(mean)
         five = np.stack([series[:n], series[self.bend : self.bend + n], mean, *later])
-        var = (weight * (np.maximum(var, 0.0) + (x[0] - mean[..., None]) ** 2)).sum(axis=-1)
+        doubt = np.where(weight[..., BURST:] > BURST_LIKELY, np.maximum(weight, LEAST_DOUBT), weight)
+        var = (doubt * (np.maximum(var, 0.0) + (x[0] - mean[..., None]) ** 2)).sum(axis=-1)
         bends = (np.diff(five, n=2, axis=0) ** 2).sum(axis=0)
         var += BEND_SHARE**2 * np.maximum(bends - var, 0.0)  # noise bends, too
         size, origin = len(recent) - n, -((len(recent) - n) // 2)
