@@ -13,7 +13,7 @@ from scipy.signal.windows import hann
 from calibration import Array
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Burst, Intensity, Stretch
-from tcdyn.compensate.states import FINE, Smoothed, corner_rad_s, likelihood, smoothed
+from tcdyn.compensate.states import FINE, corner_rad_s, likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 LEFT_OUT = 3  # slowest waves of a spectrum: what a straight line is taken from says little of them
@@ -25,10 +25,10 @@ EXPONENTIAL = 50.0  # a power as good as an exponential
 NEARBY = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
+PAST = 20.0  # nats: a likelihood that has fallen by so much does not rise again
+JUMPS_EACH = 3  # of so many bursts tried, one is tried with a jump, too
+MOST_BENT = 3.0  # ranges of a trace within one decay of a burst: no intensity bends it more
 FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
-SURE = 5.5  # standard deviations: one false event in a thousand logs of 150 000 samples
-SHARP = 0.1  # an event whose time stays looser than this many lags is a bend: no knot is needed for it
-MOST = 6  # events sought in one record
 
 
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
@@ -72,13 +72,23 @@ def exact_levels(
     ``trials`` levels up to ``most``, in noise variances per second cubed, are tried first.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
-    for _ in range(3):
+
+    def tried(logs: Array) -> tuple[Array, Array]:
         proposed = [[Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
         value, ratio = likelihood(stretch, noise_var, proposed)
         if not noise_known:
             used = (stretch.weight > 0).sum(axis=0)[:, None]
             free = used - 2 - len(stretch.events_s)
             value = value + 0.5 * ratio * free - 0.5 * free * (1 + np.log(np.maximum(ratio, 1e-12)))
+        return value, ratio
+
+    for turn in range(3):
+        parts: list[tuple[Array, Array]] = []  # the highest levels need the shortest cells: not where all is past
+        for some in np.array_split(logs, 3 if turn == 0 else 1, axis=1):
+            parts.append(tried(some))
+            value, ratio = (np.concatenate(of, axis=1) for of in zip(*parts))
+            if np.all(value[:, -1] < value.max(axis=1) - PAST):
+                break
         best = np.argmax(value, axis=1)
         rows = np.arange(len(best))
         scale = np.ones(len(best)) if noise_known else ratio[rows, best]
@@ -91,8 +101,23 @@ def exact_levels(
 def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tuple[list[Intensity], Array]:
     """The intensity of each channel and its noise variance (M,), both by likelihood.
 
+    ``levels_of`` its segments; then each event gets the burst that the samples around it make likely, and a jump of the
+    temperature itself where that is likelier still.
+    """
+    chosen, noise_var = levels_of(stretch, noise_var, noise_known)
+    for event in stretch.events_s:
+        window, shift = _around(stretch, event)
+        base = [replace(q, bursts=()).moved(shift_s=shift) for q in chosen]
+        found = likeliest_burst(window, noise_var, base, [Burst(event - shift, 0.0, 1.0)] * len(base), jumps=True)
+        chosen = [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, found)]
+    return chosen, noise_var
+
+
+def levels_of(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple[list[Intensity], Array]:
+    """Intensity of each channel without bursts, and its noise variance (M,).
+
     Segments lie between events. Long ones get their level from the spectrum, beyond the burst that follows an event,
-    short ones from the exact likelihood; then each event gets the burst that the samples around it make likely.
+    short ones from the exact likelihood.
     """
     n, dt = len(stretch.y), stretch.dt_s
     starts = [0.0, *stretch.events_s]
@@ -106,7 +131,7 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
             if b - a - skip < 64:
                 continue
             if b - a - skip >= LONG:
-                window = _window(stretch, a + skip, b, ())
+                window = cut_out(stretch, a + skip, b, ())
                 found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
                 levels[k] = found
                 whole = 2 * np.pi / (len(window.y) * dt)
@@ -115,17 +140,14 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
                     exactly, _ = exact_levels(window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8)
                     levels[k] = np.where(least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k])
             else:
-                levels[k], _ = exact_levels(_window(stretch, a + skip, b, ()), noise_var, True)
+                levels[k], _ = exact_levels(cut_out(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
         most = np.where(np.isfinite(most), most, noise_var)
         levels = np.where(np.isfinite(levels), levels, most)  # too short a segment takes the largest of the others
-    chosen = [Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])]
-    for event in stretch.events_s:
-        chosen = _with_burst(stretch, noise_var, chosen, event)
-    return chosen, noise_var
+    return [Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])], noise_var
 
 
-def _window(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
+def cut_out(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
     """Samples first..last-1 as a stretch of its own, its clock starting at zero, with those of ``events`` in it."""
     shift, length, rows = first * stretch.dt_s, (last - first) * stretch.dt_s, slice(first, last)
     inside = tuple(e - shift for e in events if 0 <= e - shift < length)
@@ -133,25 +155,40 @@ def _window(stretch: Stretch, first: int, last: int, events: Sequence[float]) ->
     return replace(stretch, **cut, events_s=inside)
 
 
-def _with_burst(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], event: float) -> list[Intensity]:
-    """Each channel's intensity with the likeliest burst at ``event``, or as it was if none makes the data likelier."""
-    window, shift = _around(stretch, event)
-    base = [replace(q, bursts=()).moved(shift_s=shift) for q in chosen]
-    heights, nothing = np.geomspace(1e-3, 1e8, 12), Burst(event - shift, 0.0, 1.0)
-    tried = [
-        [nothing, *(replace(nothing, height=h * var, decay_s=d) for d in DECAYS_S for h in heights)]
-        for var in noise_var
-    ]
-    best: list[Burst] = []
-    for turn in range(2):
-        if turn:
+def likeliest_burst(
+    window: Stretch,
+    noise_var: Array,
+    base: Sequence[Intensity],
+    nothing: Sequence[Burst],
+    near: bool = False,
+    jumps: bool = False,
+) -> list[Burst]:
+    """For each channel the likeliest burst on top of ``base``, like ``nothing`` but in height, decay and power.
+
+    ``nothing`` itself if none makes the data likelier; ``near``: sought near it, not everywhere; ``jumps``: one that
+    jumps by the range of the trace is tried, too.
+    """
+    tried = []
+    for none, var, span in zip(nothing, noise_var, spans(window, noise_var)):
+        heights = np.geomspace(1e-3, 1e8, 12) * var
+        sizes = [(h, d) for d in DECAYS_S for h in np.minimum(heights, (MOST_BENT * span) ** 2 / d**3)]
+        bursts = [none, *(replace(none, height=h, decay_s=d) for h, d in sizes)]
+        tried.append([*bursts, *(replace(b, level_sd=span) for b in bursts[::JUMPS_EACH] if jumps)])
+    best = list(nothing)
+    for nearby in (True,) if near else (False, True):
+        if nearby:
             tried = [
                 [replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p) for p, d, h in NEARBY] for b in best
             ]
-        proposed = [[replace(q, bursts=(burst,)) for burst in bursts] for q, bursts in zip(base, tried)]
+        proposed = [[replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)]
         value, _ = likelihood(window, noise_var, proposed, fine=2 * FINE)
         best = [bursts[k] for bursts, k in zip(tried, np.argmax(value, axis=1))]
-    return [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, best)]
+    return best
+
+
+def spans(stretch: Stretch, noise_var: Array) -> Array:
+    """Range of each channel (M,), ten noises at least [K]."""
+    return np.asarray(np.maximum(np.ptp(stretch.y, axis=0), 10 * np.sqrt(noise_var)))
 
 
 def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
@@ -162,49 +199,7 @@ def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
     after = min([e for e in stretch.events_s if e > event], default=(n - 1) * dt)
     first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
     last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
-    return _window(stretch, first, last, (event,)), first * dt
-
-
-def sharp_event(states: Smoothed, start_var: Array, noise_known: bool) -> tuple[float, float] | None:
-    """The most significant jump of slope in any channel that is no known event: its likeliest time [s] and u [s].
-
-    None where no jump is sure, or the likeliest time stays loose. The curvature of the log likelihood, all channels
-    together, with the burst that is likely there.
-    """
-    stretch, knots = states.stretch, states.cells.knots_s
-    lag = max(s.lag_s for s in stretch.sensors)
-    z = np.max(np.abs(states.jump_z), axis=1)
-    for event in stretch.events_s:
-        z = np.where((knots[:-1] > event - 2 * lag) & (knots[:-1] < event + 6 * lag), 0.0, z)
-    z[:3] = z[-3:] = 0.0
-    best = int(np.argmax(z))
-    if z[best] <= SURE:
-        return None
-    found = float(knots[best])
-    rough = replace(stretch, events_s=tuple(sorted((*stretch.events_s, found))))
-    chosen, noise_var = choose(rough, start_var, noise_known)
-    window, shift = _around(rough, found)
-
-    def value(at: float) -> float:
-        proposed = [[q.moved(found, at, shift)] for q in chosen]
-        return float(likelihood(replace(window, events_s=(at - shift,)), noise_var, proposed)[0].sum())
-
-    centre = found
-    u = reach = 2.0 * float(knots[best] - knots[best - 1])
-    for _ in range(4):
-        offsets = np.linspace(-reach, reach, 7)
-        values = np.array([value(centre + d) for d in offsets])
-        top = int(np.argmax(values))
-        if 0 < top < 6:
-            a, b, _ = np.polyfit(offsets[top - 1 : top + 2], values[top - 1 : top + 2], 2)
-            if a < 0:
-                u = float(np.sqrt(-0.5 / a))
-                centre += float(-0.5 * b / a)
-                reach = min(3.0 * u, 0.5 * reach)
-                continue
-        centre += float(offsets[top])
-        reach *= 0.6
-    return (centre, u) if u <= SHARP * (lag + stretch.dt_s) else None
+    return cut_out(stretch, first, last, (event,)), first * dt
 
 
 @dataclass(frozen=True)

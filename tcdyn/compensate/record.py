@@ -14,7 +14,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, sentences
-from calibration.noise import SPIKES, bridged, long_runs, trace_noise_sd
+from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.chain.bursts import made_white
@@ -29,8 +29,8 @@ class Stretch:
     """Samples ``y (N, M)`` (finite; weight 0 where bad) every ``dt_s``, their chains and the times of events [s].
 
     ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED; ``noise_known``: whether the level
-    of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``;
-    ``findings``: channels that suffer.
+    of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``, with the rounding
+    of a logger whose steps are coarser than its noise; ``findings``: channels that suffer.
     """
 
     y: Array
@@ -73,6 +73,8 @@ def stretch_of(
         raise InputError(f"smooth: {m} channels but {len(called)} names", expected="one name per channel")
     noise: Array = np.full(m, [trace_noise_sd(x) for x in data.T] if noise_sd is None else noise_sd, dtype=float)
     flags, folded_u, coloured = np.stack([_flags(x) for x in data.T], axis=1), np.zeros(m), False
+    step = np.array([rounding_sd(x) for x in data.T])
+    rounded = np.where((step >= noise) & (noise_sd is None), step, 0.0)
     found: list[Finding] = []
     for flag, name in zip(flags.T, called):
         if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
@@ -98,18 +100,19 @@ def stretch_of(
         found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")
         for c in own:
             listed[c] = told.behind(listed[c])
+    lost = (flags & MISSING > 0).all(axis=1) & (m > 1)  # told with the clock
     for flag, name in zip(flags.T, called):
         if (still := flag & (STUCK | SATURATED) != 0).any():
             percent, first = 100 * float(np.mean(still)), int(np.argmax(still))
             found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
-        elif np.mean(flag != GOOD) > 0.01:
-            found.append(look("trace.bad", subject=name, percent=100 * float(np.mean(flag != GOOD))))
+        elif (bad := float(np.mean((flag != GOOD) & ~lost))) > 0.01:
+            found.append(look("trace.bad", subject=name, percent=100 * bad))
     good = flags == GOOD
     filled = np.stack([bridged(data[:, c], good[:, c]) for c in range(m)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(
         filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
-        noise_sd is not None or coloured, folded_u, tuple(found),
+        noise_sd is not None or coloured, np.hypot(folded_u, rounded), tuple(found),
     )  # fmt: skip
 
 
@@ -131,14 +134,15 @@ def _flags(y: Array) -> NDArray[np.uint8]:
 class Burst:
     """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
 
-    A step of flux on a surface decays with power 3 below it; a relaxation with one time constant, exponentially:
-    a large power.
+    Below a step of flux the power is 3, of a relaxation large. Level [K] and slope [K/s] may jump at its start.
     """
 
     start_s: float
     height: float
     decay_s: float
     power: float = 3.0
+    level_sd: float = 0.0
+    slope_sd: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -178,6 +182,11 @@ class Intensity:
             age, p = np.maximum(t - b.start_s, 0.0) / b.decay_s, b.power
             q = q + np.diff(b.height * b.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
         return q
+
+    def jumps(self, knots_s: Array) -> Array:
+        """Variance (J, 2) added to level [K2] and slope [K2/s2] at each knot (J,)."""
+        here = [(knots_s == b.start_s)[:, None] * np.square([b.level_sd, b.slope_sd]) for b in self.bursts]
+        return np.asarray(np.sum([np.zeros((len(knots_s), 2)), *here], axis=0))
 
     def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
         """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""

@@ -15,7 +15,8 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import SPIKES
 from tcdyn.chain import Chain, sensors
-from tcdyn.compensate.intensity import MOST, Criterion, Tradeoff, by_criterion, choose, sharp_event
+from tcdyn.compensate.hidden import Hidden, averaged, with_hidden
+from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose
 from tcdyn.compensate.record import SPIKE, Compensated, Intensity, stretch_of
 from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
 
@@ -51,8 +52,9 @@ def smooth(
         intensity: q, a number or an ``Intensity`` per channel; by likelihood when left out.
         events_s: times from the first sample [s] at which the slope of x may jump (unloading), between samples too.
         event_u_s: standard uncertainty of those times [s], one or one per event.
-        find_events: look for unannounced jumps of slope and treat them likewise, with the uncertainty of their time;
-            by default only when no event is given.
+        find_events: look for events that nobody announced, by default only when none is given. At each place where one
+            would help, nothing, a kink and a jump of the temperature itself, at several times, are weighed by their
+            likelihood; the answer is their mean, and the standard deviation holds what they differ by.
         heavy_tails: noise of Student's t with four degrees of freedom instead of a normal one, for slip rings that
             spit without spiking; by reweighting.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
@@ -83,16 +85,17 @@ def smooth(
     if (spikes := far & (crowd <= rule.longest)).any():
         flags, w = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8), np.where(spikes, 0.0, w)
         fit = smoothed(replace(stretch, weight=w, flags=flags), noise_var, chosen)
+    hidden: list[Hidden] = []
     if intensity is None and (not events_s if find_events is None else find_events):
-        while len(events) < len(events_s) + MOST and (found := sharp_event(fit, start_var, known)) is not None:
-            events = dict(sorted({found[0]: found[1], **events}.items()))
-            apart = replace(fit.stretch, events_s=tuple(events))
-            chosen, noise_var = choose(apart, start_var, known)
-            fit = smoothed(apart, noise_var, chosen)
+        fit, hidden = with_hidden(fit, start_var, known)
+        chosen, noise_var = list(fit.chosen), fit.noise_var
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
         student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
         weight = np.where(fit.stretch.weight > 0, student, 0.0)
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
+    likeliest = fit
+    for found in hidden:
+        fit = averaged(fit, found)
     sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
     for event, u in events.items():
         if u > 0:
@@ -101,7 +104,7 @@ def smooth(
     if np.any(split := np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var))):
         divided = tuple(c.with_split_shift(float(u)) for c, u in zip(fit.stretch.chains, split))
         other = smoothed(replace(fit.stretch, chains=divided, sensors=tuple(sensors(divided))), noise_var, chosen)
-        split_K = other.temperature - fit.temperature
+        split_K = other.temperature - likeliest.temperature
     time = np.arange(len(sd)) * dt_s
     return Compensated.of(
         fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,
@@ -110,7 +113,7 @@ def smooth(
         flags=fit.stretch.flags,
         method="fixed-interval smoother",
         findings=stretch.findings,
-        events_s=tuple(events.items()),
+        events_s=tuple(sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])),
         intensities=tuple(chosen),
     )  # fmt: skip
 
@@ -208,7 +211,7 @@ def window_covariance(
             continue
         across, kept = cells.transition[cells.kind[low + j], 0, 0], states.past[low + j, 0]
         ahead = across @ kept @ across.T
-        ahead[1, 1] += cells.slope_var[low + j + 1, 0, 0]
+        ahead[[0, 1], [0, 1]] += cells.jump_var[low + j + 1, 0, 0]
         gain = np.linalg.lstsq(ahead, across @ kept)[0].T  # quick stages hang on the slow ones
         between[j, j + 1 :] = gain @ between[j + 1, j + 1 :]
         between[j + 1 :, j] = between[j, j + 1 :].transpose(0, 2, 1)

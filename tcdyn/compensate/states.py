@@ -33,9 +33,9 @@ class Cells:
     Cell j lies between ``knots_s[j]`` and the next; ``kind (J,)``: which of K kinds it is, by its length and by where
     samples lie in it. ``mean0 (M, Q, n)``, ``cov0 (M, Q, n, n)``: prior at the first knot. ``transition (K, M, 1, n,
     n)``: how the state crosses a cell. ``information (J, M, 1, n, n)``, ``score (J, M, 1, n)``: sum over the samples
-    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``slope_var (J, M, Q)``:
-    variance added to the slope at knot j [K2/s2]. ``rows``: for each channel and kind that reads samples, its cells
-    (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
+    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``jump_var (J, M, Q,
+    2)``: variance added to level [K2] and slope [K2/s2] at knot j. ``rows``: for each channel and kind that reads
+    samples, its cells (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
     """
 
     knots_s: Array
@@ -45,7 +45,7 @@ class Cells:
     transition: Array
     information: Array
     score: Array
-    slope_var: Array
+    jump_var: Array
     rows: tuple[tuple[tuple[NDArray[np.intp], Array, NDArray[np.intp]], ...], ...]
 
 
@@ -60,7 +60,9 @@ def cells_for(
     end = (total - 1) * dt
     start = -float(np.ceil(max(s.delay_s for s in stretch.sensors) / dt - 1e-9)) * dt
     times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
-    for e in stretch.events_s:
+    starts = {b.start_s for proposed in proposals for q in proposed for b in q.bursts}
+    inside = sorted(e for e in {*stretch.events_s, *starts} if start < e < end)
+    for e in inside:
         after = e + np.geomspace(0.1 * dt, max(end - e, dt), 60)
         times += [np.array([e - 1e-6 * dt, e]), after[after < end]]
     t = np.unique(np.concatenate(times))
@@ -68,13 +70,12 @@ def cells_for(
     for chain, proposed, var in zip(stretch.chains, proposals, noise_var):
         most = np.max([q.at(t) for q in proposed], axis=0)
         longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
-    inside = [e for e in stretch.events_s if start < e < end]
     knots = _knots(start, end, dt, inside, lambda at: float(np.interp(at, t, longest)))
     keys = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
     keys[:, 1] %= 1.0
     _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     kind = kind.reshape(-1)
-    event: Flags = np.isin(knots[:-1], inside)
+    event: Flags = np.isin(knots[:-1], stretch.events_s)
     channels: list[tuple[Array, ...]] = []
     rows = []
     for c, s in enumerate(stretch.sensors):
@@ -101,14 +102,16 @@ def cells_for(
         mean, cov, jump_var = prior(s, level, max(span, least), dt, np.array([float(q.at(0.0)) for q in proposals[c]]))
         at_knot = 0.5 * (added + np.concatenate([np.zeros_like(added[:1]), added[:-1]]))
         at_knot[event] += jump_var
-        channels.append((np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], at_knot))
+        jumps = np.stack([q.jumps(knots[:-1]) for q in proposals[c]], axis=1)
+        jumps[..., 1] += at_knot
+        channels.append((np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], jumps))
         rows.append(tuple(rows_c))
     lengths = np.diff(knots)[example]
     across = np.stack([np.stack([flow(s.drift, float(h)) for s in stretch.sensors]) for h in lengths])[:, :, None]
-    mean0, cov0, information, score, slope_var = zip(*channels)
+    mean0, cov0, information, score, jumps_var = zip(*channels)
     return Cells(
         knots, kind, np.stack(mean0), np.stack(cov0), across, np.stack(information, axis=1), np.stack(score, axis=1),
-        np.stack(slope_var, axis=1), tuple(rows),
+        np.stack(jumps_var, axis=1), tuple(rows),
     )  # fmt: skip
 
 
@@ -172,7 +175,8 @@ def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
     mean, cov = cells.mean0[..., None].copy(), cells.cov0.copy()
     eye = np.eye(mean.shape[-2])
     for j, kind in enumerate(cells.kind):
-        cov[..., 1, 1] += cells.slope_var[j]
+        cov[..., 0, 0] += cells.jump_var[j, ..., 0]
+        cov[..., 1, 1] += cells.jump_var[j, ..., 1]
         info = cells.information[j]
         gain = cov @ info + eye
         surprise = cells.score[j][..., None] - info @ mean
@@ -205,10 +209,11 @@ class Smoothed:
     """A stretch, its noise variance (M,), intensities, and states at the knots of its ``cells`` given all of it.
 
     ``mean (J, M, n)`` and ``cov (J, M, n, n)`` of these states; ``past (J, M, n, n)``: covariance given the samples
-    up to the end of each cell only; ``jump_z (J, M)``: score test for a slope jump at each knot, standard normal when
-    there is none. At the samples: ``cell (N,)`` of each, one on a knot belonging to the cell after it; (N, M):
-    ``temperature`` [degC], its ``slope`` [K/s], ``sd`` [K] and ``lag_sensitivity`` [K/s]; ``read``, ``read_var``:
-    what the logger would have written without noise [degC], and its variance [K2].
+    up to the end of each cell only; ``jump_chi2 (J, M)``: score test for a jump of level, slope or both at each knot,
+    chi-square of two degrees of freedom when there is none. At the samples: ``cell (N,)`` of each, one on a knot
+    belonging to the cell after it; (N, M): ``temperature`` [degC], its ``slope`` [K/s], ``sd`` [K] and
+    ``lag_sensitivity`` [K/s]; ``read``, ``read_var``: what the logger would have written without noise [degC], and its
+    variance [K2].
     """
 
     stretch: Stretch
@@ -218,7 +223,7 @@ class Smoothed:
     mean: Array
     cov: Array
     past: Array
-    jump_z: Array
+    jump_chi2: Array
     cell: NDArray[np.intp]
     temperature: Array
     slope: Array
@@ -241,7 +246,7 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
     mean, past, shrinks, surprises = (np.stack(kept) for kept in zip(*steps))
     count, batch, n = mean.shape
     pull, weight = np.zeros((batch, n, 1)), np.zeros((batch, n, n))
-    cov, z = np.empty_like(past), np.zeros((count, batch))
+    cov, pulls, weights = np.empty_like(past), np.zeros((count, batch, 2)), np.zeros((count, batch, 2, 2))
     for j in range(count - 1, -1, -1):
         if j < count - 1:
             across = cells.transition[cells.kind[j], :, 0]
@@ -253,7 +258,10 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
         back = shrink.transpose(0, 2, 1)
         pull = back @ (surprises[j] + pull)
         weight = back @ weight @ shrink + cells.information[j, :, 0] @ shrink
-        z[j] = pull[:, 1, 0] / np.sqrt(np.maximum(weight[:, 1, 1], 1e-300))
+        pulls[j], weights[j] = pull[:, :2, 0], weight[:, :2, :2]
+    own, (a, b) = weights[..., [0, 1], [0, 1]], np.moveaxis(pulls, -1, 0)
+    det = np.maximum(np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300)
+    chi2 = (a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]) / det
     read, read_var = np.zeros((2, len(stretch.y) + 1, batch))
     for c, kinds in enumerate(cells.rows):
         for where, rows, sample in kinds:
@@ -268,6 +276,6 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
     following = np.concatenate([at_knot[1:], at_knot[-1:]])
     part = np.clip(along / np.diff(knots)[cell][:, None], 0, 1)
     return Smoothed(
-        stretch, noise_var, tuple(chosen), cells, mean, cov, past, z, cell, mean[cell, :, 0] + along * slope, slope,
+        stretch, noise_var, tuple(chosen), cells, mean, cov, past, chi2, cell, mean[cell, :, 0] + along * slope, slope,
         np.sqrt(np.maximum(var, 0.0)), (1 - part) * at_knot[cell] + part * following[cell], read[:-1], read_var[:-1],
     )  # fmt: skip

@@ -124,8 +124,8 @@ class CompensatedLog(Result):
         """Covariance between the samples of each channel over ``length_s`` [s] from ``start_s`` on, as plain lists.
 
         ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
-        channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it, the static line's
-        uncertainty, one error for all samples, is not.
+        channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it; the static line's
+        uncertainty, one error for all samples, is not, nor is what is not known of an event.
         Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
         """
         events = self.events_s

@@ -198,8 +198,12 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert np.all(np.sqrt(np.diag(c)) < done.loc[time, "e_u_K"] * 1.03)  # 3 %: the window's own grid of knots
     assert np.all(np.diag(c, 1) > 0.5 * np.diag(c)[1:])
     assert tcdyn(*words, out, "-q") == 2  # would write over the other output
-    assert tcdyn(*words, cov, "-q") == 2
-    assert "--covariance-from-s" in capsys.readouterr().err  # a plunge has no kink to begin at
+    assert tcdyn(*words, cov, "-q") == 0  # from the entry on, which is found
+    begun, entry = json.loads(cov.read_text(encoding="utf-8"))["time_s"][0], 7 + stretch["time_s"].iloc[0]
+    assert abs(begun - entry) < 0.3
+    quiet = write_log(stretch.head(400), tmp_path / "quiet.csv")
+    assert tcdyn("compensate", quiet, *words[2:], cov, "-q") == 2
+    assert "--covariance-from-s" in capsys.readouterr().err  # no event to begin at
     assert tcdyn(*words, cov, "--covariance-from-s", "22", "--method", "inverse", "-q") == 2
     assert "take the smoother" in capsys.readouterr().err
 
