@@ -108,7 +108,7 @@ def stretch_of(
         elif (bad := float(np.mean((flag != GOOD) & ~lost))) > 0.01:
             found.append(look("trace.bad", subject=name, percent=100 * bad))
     good = flags == GOOD
-    filled = np.stack([bridged(data[:, c], good[:, c]) for c in range(m)], axis=1)
+    filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(
         filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
@@ -246,8 +246,7 @@ class Compensated(Result):
         line = np.broadcast_to(np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m))
         split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
-        total = np.asarray(np.sqrt(variance), dtype=np.float64)
-        time = np.asarray(np.arange(n) * dt_s, dtype=np.float64)
+        total, time = np.asarray(np.sqrt(variance), dtype=np.float64), np.arange(n) * dt_s
         return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, split, time_s=time, **rest)
 
     @property
@@ -257,8 +256,7 @@ class Compensated(Result):
 
     def common_sd(self) -> Array:
         """Part of ``sd`` (N, M) that comes from the lag common to all channels, hence moves them together [K]."""
-        m = len(self.lag_covariance)
-        mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / m
+        mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / len(self.lag_covariance)
         return np.abs(self.lag_sensitivity) * mean_u
 
     def summary(self, names: Sequence[str] = ()) -> str:
@@ -274,8 +272,7 @@ class Compensated(Result):
                 f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
                 f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
-        common = float(np.max(self.common_sd()))
-        if common > 0:
+        if (common := float(np.max(self.common_sd()))) > 0:
             lines.append(f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)")
         return [*lines, *(f"  slope free to jump at {with_u(t, u, 's')}" for t, u in self.events_s)]
 
