@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from calibration import Array
-from tcdyn.compensate.intensity import AFTER_S, DECAYS_S, cut_out, levels_of, likeliest_burst, spans
+from tcdyn.compensate.intensity import AFTER_S, DECAYS_S, cut_out, levels_of, likeliest_burst, smeared_s, spans
 from tcdyn.compensate.record import Burst, Intensity, Stretch
 from tcdyn.compensate.states import DIFFUSE, FINE, Smoothed, likelihood, smoothed
 
@@ -64,7 +64,7 @@ def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times [s], none near ``events``, at which a jump would help more than chance does: the best of each place."""
-    knots, lag = fit.cells.knots_s[:-1], max(s.lag_s for s in fit.stretch.sensors)
+    knots, lag = fit.cells.knots_s[:-1], smeared_s(fit.stretch)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = score[-3:] = 0.0
     least = 2 * np.log(fit.jump_chi2.size / (AGAIN if events else CHANCE))
@@ -84,7 +84,7 @@ def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smo
     then again until no more come up; what the data do not ask for once all others are in place is a doubt.
     """
     stretch, plain, noise_var = fit.stretch, fit.chosen, fit.noise_var
-    lag, told = max(s.lag_s for s in stretch.sensors), set(stretch.events_s)
+    lag, told = smeared_s(stretch), set(stretch.events_s)
     sure: list[Hidden] = []
     doubts: list[Hidden] = []
     original, settled, hopeful = fit, False, True
@@ -93,39 +93,42 @@ def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smo
         new = candidates(fit, known)[: MOST - len(sure)] if hopeful else []
         if not new and (settled or not sure):
             break
-        settled = not new
+        settled, final = not new, not new
         early = [max(c - 0.5 * lag, 2 * stretch.dt_s) for c in new]  # rough at first: from before it, anything goes
         bursts = [[b for b in q.bursts if b.start_s in told] for q in fit.chosen]
         for c, span in enumerate(spans(stretch, noise_var)):
             bursts[c] += [Burst(at, 100 * span**2 / lag**3, lag, slope_sd=span / lag) for at in early]
             bursts[c] += [h.likeliest[c] for h in sure]
         times = sorted([*(h.at_s for h in sure), *early])
-        cuts = {max(at - lag, stretch.dt_s): at for at in times}  # what begins may have begun a little earlier
+        cuts: dict[float, float] = {}  # what begins may have begun a little earlier, though not before what went before
+        for at in times:
+            last = max([0.0, *cuts, *(e for e in told if e < at)])
+            cuts[min(max(at - lag, last + stretch.dt_s), at)] = at
         apart = replace(stretch, events_s=tuple(sorted((*told, *cuts))))
         levels, noise_var = levels_of(apart, start_var, noise_known)
         starts = tuple(cuts.get(s, s) for s in levels[0].starts_s)
         chosen = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
         before, sure = {h.at_s: h for h in sure}, []
         for at in times:
-            if not settled and at in before and min(abs(at - e) for e in early) > ALONE * lag:
+            if not final and at in before and min(abs(at - e) for e in early) > ALONE * lag:
                 sure.append(before[at])
                 continue
             h = weigh(stretch, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at))
             chosen = [q.moved(at, h.at_s) for q in chosen]
-            if h.log_odds > (0 if settled else NEVER):
+            if h.log_odds > (0 if final else NEVER):
                 sure.append(h)
                 chosen = h.put(chosen, h.at_s, h.likeliest)
             else:
                 doubts.append(h)
                 chosen, settled = h.without(chosen), False
-        hopeful = settled or len(sure) > len(before)
+        hopeful = final or len(sure) > len(before)
         fit = smoothed(stretch, noise_var, chosen) if sure else original
     return fit, [h for h in (*sure, *doubts) if h.may_be]
 
 
 def _about(stretch: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
     """First sample that an event at ``at_s`` touches, and the one after the last; not far beyond the next event."""
-    dt, lag = stretch.dt_s, max(s.lag_s for s in stretch.sensors)
+    dt, lag = stretch.dt_s, smeared_s(stretch)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + BEYOND * lag)])
     return first, min(int((after + 5 * lag) / dt) + 1, len(stretch.y))
@@ -147,7 +150,7 @@ def weigh(
     before; all is sought near it.
     """
     first, last = _about(stretch, at_s, chosen[0].starts_s)
-    shift, lag = first * stretch.dt_s, max(s.lag_s for s in stretch.sensors)
+    shift, lag = first * stretch.dt_s, smeared_s(stretch)
     window = cut_out(stretch, first, last, stretch.events_s)
     base, begins = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)], at_s - shift
     ranges = spans(window, noise_var)
@@ -163,10 +166,13 @@ def weigh(
         ]
         return likelihood(window, noise_var, proposed, 2 * FINE)[0].reshape(len(base), len(times), -1)
 
-    def about(times: Sequence[float], half: Sequence[float] | Array) -> Array:
-        """Times (T,) about each of ``times``, so far either side, inside the window."""
-        nodes = np.concatenate([np.linspace(t - h, t + h, NODES) for t, h in zip(times, half)])
-        return np.unique(np.maximum(nodes, 0.5 * stretch.dt_s))
+    dt = stretch.dt_s
+    lowest = max([e for e in chosen[0].starts_s if e < at_s], default=0.0) - shift + dt
+    highest = min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(stretch.y)) - shift - dt
+
+    def between(nodes: Array) -> Array:
+        """Such of ``nodes`` [s] as lie between what happened before and after, none too near another."""
+        return np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt))) * (1e-4 * dt)
 
     if known is None:
         sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
@@ -174,7 +180,7 @@ def weigh(
             [replace(b, height=h * s**2, decay_s=d) for b, s in zip(kind, ranges)] for kind in kinds for h, d in sizes
         ]
         step = 2 * lag / (WIDE - 1)
-        nodes = np.maximum(begins + step * (np.arange(WIDE) - WIDE // 2), 0.5 * stretch.dt_s)
+        nodes = between(begins + step * (np.arange(WIDE) - WIDE // 2))
         value = values(nodes, rough).reshape(len(base), len(nodes), 2, -1)
         top = np.argmax(logsumexp(value, axis=3).sum(axis=0), axis=0)
         kinds = [
@@ -187,11 +193,14 @@ def weigh(
     bursts = []
     for kind, t in zip(kinds, best):
         there, nothing = [q.moved(begins, t) for q in base], [replace(b, start_s=t) for b in kind]
-        found = likeliest_burst(window, noise_var, there, nothing, near=known is not None)
+        near = known is not None and min(b.height for b in kind) > 0
+        found = likeliest_burst(window, noise_var, there, nothing, near)
         bursts.append([replace(b, start_s=begins) for b in found])
     for _ in range(3):
-        nodes = about(best, REACH * np.array(u))
-        value, width = values(nodes, bursts), np.gradient(nodes)
+        nodes = between(np.concatenate([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)]))
+        value, widest = values(nodes, bursts), 2 * REACH * max(u) / (NODES - 1)  # a kink and a jump may lie apart
+        gaps = np.minimum(np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest)
+        width = 0.5 * (gaps[:-1] + gaps[1:])
         for k, total in enumerate(value.sum(axis=0).T):
             share = np.exp(total - total.max()) * width
             best[k] = float(share @ nodes / share.sum())

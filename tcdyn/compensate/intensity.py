@@ -186,6 +186,11 @@ def likeliest_burst(
     return best
 
 
+def smeared_s(stretch: Stretch) -> float:
+    """Time over which the slowest chain, and the sampling, smear what happens at one instant [s]."""
+    return max(0.0, *(s.lag_s for s in stretch.sensors)) + 4 * stretch.dt_s
+
+
 def spans(stretch: Stretch, noise_var: Array) -> Array:
     """Range of each channel (M,), ten noises at least [K]."""
     return np.asarray(np.maximum(np.ptp(stretch.y, axis=0), 10 * np.sqrt(noise_var)))

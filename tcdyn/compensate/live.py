@@ -104,7 +104,7 @@ class LiveSmoother:
             begun[:, moved, 0], begun[:, moved, 1] = (share * jump * lags) ** 2, jump**2
             scatter[:, moved, [0, 1], [0, 1]] += settling**2 * begun[:, moved, :2] * (dt_s / lags)[:, None]
         scatter[:, BURST, first, first] += BURST_WALK**2 * begun[:, BURST, first]
-        begins = dt_s / np.array([np.inf, KINKS_S, JUMPS_S, BURSTS_S])
+        begins = np.minimum(dt_s / np.array([np.inf, KINKS_S, JUMPS_S, BURSTS_S]), 0.2)
         calm, over = (min(dt_s / t, 0.7) for t in (RESTLESS_LAGS * lags.mean(), BURST_FOR_S))
         switch = np.tile(begins, (BURST + 1, 1))
         switch[[RESTLESS, JUMPED], QUIET], switch[BURST] = calm, over * np.append(1.0, begins[1:])
@@ -277,7 +277,9 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     for anything else than noise.
     """
     dt = engine.dt_s
-    rows = int(min(8 * max(s.lag_s for s in engine.sensors) / dt + 4 * engine.lag_samples + 200, 4000))
+    rows = int(
+        min(8 * max(s.lag_s for s in engine.sensors) / dt + 4 * engine.lag_samples + 200, 4000 + 2 * engine.lag_samples)
+    )
     y = np.zeros((2 * rows, len(chains)))
     y[rows] = TINY * engine.noise_sd
     _, x, _, _ = engine.run(engine.start(np.zeros(len(chains))), y)

@@ -100,12 +100,11 @@ def stretch_of(
         found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")
         for c in own:
             listed[c] = told.behind(listed[c])
-    lost = (flags & MISSING > 0).all(axis=1) & (m > 1)  # told with the clock
     for flag, name in zip(flags.T, called):
         if (still := flag & (STUCK | SATURATED) != 0).any():
             percent, first = 100 * float(np.mean(still)), int(np.argmax(still))
             found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
-        elif (bad := float(np.mean((flag != GOOD) & ~lost))) > 0.01:
+        elif (bad := float(np.mean(flag != GOOD))) > 0.01:
             found.append(look("trace.bad", subject=name, percent=100 * bad))
     good = flags == GOOD
     filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
@@ -134,7 +133,8 @@ def _flags(y: Array) -> NDArray[np.uint8]:
 class Burst:
     """q(t) = height (1 + age/power)^-power, age = (t - start)/decay, after ``start_s`` [K2/s3].
 
-    Below a step of flux the power is 3, of a relaxation large. Level [K] and slope [K/s] may jump at its start.
+    Height [K2/s3], ``decay_s`` [s]; below a step of flux the power is 3, of a relaxation large. ``level_sd`` [K] and
+    ``slope_sd`` [K/s]: prior standard deviations of jumps at its start.
     """
 
     start_s: float
@@ -274,7 +274,7 @@ class Compensated(Result):
             )
         if (common := float(np.max(self.common_sd()))) > 0:
             lines.append(f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)")
-        return [*lines, *(f"  slope free to jump at {with_u(t, u, 's')}" for t, u in self.events_s)]
+        return [*lines, *(f"  event at {with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:
         """What the answer is worth, channel by channel; the samples are in the arrays."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.noise import SPIKES
+from calibration.noise import SPIKES, bridged
 from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.hidden import Hidden, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose
@@ -52,9 +52,10 @@ def smooth(
         intensity: q, a number or an ``Intensity`` per channel; by likelihood when left out.
         events_s: times from the first sample [s] at which the slope of x may jump (unloading), between samples too.
         event_u_s: standard uncertainty of those times [s], one or one per event.
-        find_events: look for events that nobody announced, by default only when none is given. At each place where one
-            would help, nothing, a kink and a jump of the temperature itself, at several times, are weighed by their
-            likelihood; the answer is their mean, and the standard deviation holds what they differ by.
+        find_events: look for events that nobody announced, by default only when none is given; without ``intensity``
+            only. At each place where one would help, nothing, a kink and a jump of the temperature itself, at several
+            times, are weighed by their likelihood; the answer is their mean, and the standard deviation holds what
+            they differ by.
         heavy_tails: noise of Student's t with four degrees of freedom instead of a normal one, for slip rings that
             spit without spiking; by reweighting.
         lag_covariance: (M, M) covariance of the channels' lags [s2].
@@ -84,7 +85,8 @@ def smooth(
     crowd = np.stack([np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1)
     if (spikes := far & (crowd <= rule.longest)).any():
         flags, w = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8), np.where(spikes, 0.0, w)
-        fit = smoothed(replace(stretch, weight=w, flags=flags), noise_var, chosen)
+        straight = np.stack([bridged(x, kept > 0) for x, kept in zip(stretch.y.T, w.T)], axis=1)
+        fit = smoothed(replace(stretch, y=straight, weight=w, flags=flags), noise_var, chosen)
     hidden: list[Hidden] = []
     if intensity is None and (not events_s if find_events is None else find_events):
         fit, hidden = with_hidden(fit, start_var, known)
@@ -199,7 +201,8 @@ def window_covariance(
     extra = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
     a, b = max(first - extra, 0), min(last + extra, len(data))
     part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
-    stretch = stretch_of(part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s], noise_sd)
+    own = {b.start_s for b in q.bursts if b.slope_sd > 0}  # found, not given: their jumps are the intensity's
+    stretch = stretch_of(part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd)
     states = smoothed(stretch, noise_sd**2, [q.moved(shift_s=a * dt_s)])
     cells = states.cells
     t, cell = np.arange(first - a, last - a) * dt_s, states.cell[first - a : last - a]

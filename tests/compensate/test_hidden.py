@@ -1,10 +1,14 @@
 """Events that nobody announced: found, told from none, and inside the band whatever they are."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from tcdyn.compensate import Burst, Intensity, smooth
-from tests.compensate.event_study import CHAIN, RATE_HZ, WORLDS, judged, logged
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.compensate import Burst, Intensity, hidden, smooth
+from tests.compensate.event_study import CHAIN, RATE_HZ, WORLDS, judged, kinks, logged
 
 
 def test_a_jump_of_the_temperature_is_told_from_a_kink_and_its_time_is_found() -> None:
@@ -34,6 +38,33 @@ def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
     )
     assert np.abs(jump.temperature[:, 0] - truth).max() < 0.2
     assert np.abs(kink.temperature[:, 0] - truth).max() > 2.0
+
+
+def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
+    """No lag: a step is told within the noise. A spike that only the answer shows does not rouse the whole record."""
+    rng = np.random.default_rng(3)
+    y = np.where(np.arange(1500) < 700, 20.0, 30.0) + 0.1 * rng.standard_normal(1500)
+    done = smooth(y, 1 / RATE_HZ, Chain((), conditioning=NO_CONDITIONING))
+    assert np.abs(done.temperature[:, 0] - np.round(y, -1)).max() < 0.5
+    calm = 20 + 0.1 * rng.standard_normal(5000)
+    done = smooth(calm + 20.0 * (np.arange(5000) == 2500), 1 / RATE_HZ, CHAIN)
+    assert np.sqrt(np.mean((done.temperature[:, 0] - 20.0) ** 2)) < 0.02
+
+
+def test_an_event_that_the_others_make_doubtful_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the last round the first of two loses its odds: the second is weighed all the same."""
+    weigh, rounds = hidden.weigh, []
+
+    def doubtful(*given: Any) -> hidden.Hidden:
+        found = weigh(*given)
+        rounds.append(found.at_s)
+        return replace(found, log_odds=-1.0) if given[-1] is not None and found.at_s < 15.0 else found
+
+    monkeypatch.setattr(hidden, "weigh", doubtful)
+    _, _, y, at = logged(kinks((12.0, -12.0), 0.5), np.random.default_rng(4), seconds=30.0)
+    done = smooth(y, 1 / RATE_HZ, CHAIN)
+    assert [round(t) for t, _ in done.events_s] == [round(at[1])]
+    assert len(rounds) >= 4
 
 
 @pytest.mark.slow
