@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
 from calibration import Array
@@ -170,9 +171,9 @@ def weigh(
     lowest = max([e for e in chosen[0].starts_s if e < at_s], default=0.0) - shift + dt
     highest = min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(stretch.y)) - shift - dt
 
-    def between(nodes: Array) -> Array:
+    def between(nodes: ArrayLike) -> Array:
         """Such of ``nodes`` [s] as lie between what happened before and after, none too near another."""
-        return np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt))) * (1e-4 * dt)
+        return np.asarray(np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt))) * (1e-4 * dt))
 
     if known is None:
         sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
@@ -197,7 +198,7 @@ def weigh(
         found = likeliest_burst(window, noise_var, there, nothing, near)
         bursts.append([replace(b, start_s=begins) for b in found])
     for _ in range(3):
-        nodes = between(np.concatenate([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)]))
+        nodes = between(np.ravel([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)]))
         value, widest = values(nodes, bursts), 2 * REACH * max(u) / (NODES - 1)  # a kink and a jump may lie apart
         gaps = np.minimum(np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest)
         width = 0.5 * (gaps[:-1] + gaps[1:])

@@ -246,7 +246,7 @@ class Compensated(Result):
         line = np.broadcast_to(np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m))
         split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
-        total, time = np.asarray(np.sqrt(variance), dtype=np.float64), np.arange(n) * dt_s
+        total, time = (np.asarray(a, dtype=np.float64) for a in (np.sqrt(variance), np.arange(n) * dt_s))
         return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, split, time_s=time, **rest)
 
     @property
