@@ -16,7 +16,7 @@ from tcdyn.compensate.states import DIFFUSE, FINE, Smoothed, likelihood, smoothe
 
 CHANCE, AGAIN = 0.05, 1.0  # false candidates in a record: without events, and where there are some
 ALONE = 6.0  # lags about an event within which the score test sees that event only
-BEYOND = 1.0  # lags: an event this soon after another tells of it
+BEYOND = 1.0  # lags: a window ends soon after the next event, unless that is as near as this
 NEVER = -5.0  # log odds below which what came up is a doubt before all others are in place
 ROUNDS, MOST = 8, 24  # of search; events sought in one record
 COST = 3.0  # nats that fitting the height, decay and power of a burst to noise gains

@@ -165,8 +165,8 @@ def likeliest_burst(
 ) -> list[Burst]:
     """For each channel the likeliest burst on top of ``base``, like ``nothing`` but in height, decay and power.
 
-    ``nothing`` itself if none makes the data likelier; ``near``: sought near it, not everywhere; ``jumps``: one that
-    jumps by the range of the trace is tried, too.
+    ``nothing`` itself if none makes the data likelier; ``near``: ``nothing`` is a burst, and those near it are tried
+    only; ``jumps``: one that jumps by the range of the trace is tried, too.
     """
     tried = []
     for none, var, span in zip(nothing, noise_var, spans(window, noise_var)):

@@ -13,7 +13,7 @@ from calibration.errors import InputError
 from calibration.finding import look
 from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, filter_report
-from tcdyn.compensate.live_model import Block, LiveState, noise_of, noise_paths, with_noise
+from tcdyn.compensate.live_model import Block, LiveState, noise_paths, scattered, with_noise
 from tcdyn.compensate.record import MISSING, SPIKE
 from tcdyn.compensate.states import prior
 
@@ -247,7 +247,7 @@ class LiveSmoother:
             return block.noise
         out = self.scatter.copy()
         out[:, RESTLESS, [0, 1], [0, 1]] *= (4.0 ** np.clip(beyond, 0.0, MOST_OPENED))[:, None]
-        return noise_of(block.effects, out, block.column)
+        return scattered(block.effects, out, block.column)
 
     def _answers(self, weight: Array, x: Array, var: Array, past: Array, recent: Array) -> tuple[Array, Array, Array]:
         """Temperature [degC] and sd [K] (N, M) of hypotheses (N, M, 4), in the range of ``recent`` (W + N, M).

@@ -90,7 +90,7 @@ class Block:
         return cls(
             effects,
             back,
-            noise_of(effects, scatter, column),
+            scattered(effects, scatter, column),
             np.arange(n + 2 * q),
             column,
             asked,
@@ -99,7 +99,7 @@ class Block:
         )
 
 
-def noise_of(effects: Array, scatter: Array, column: NDArray[np.intp]) -> Array:
+def scattered(effects: Array, scatter: Array, column: NDArray[np.intp]) -> Array:
     """``Block.noise`` where each sample adds ``scatter`` (M, H, n, n) to the covariance of the states."""
     added = np.sum(effects[1:] @ scatter @ effects[1:].swapaxes(-1, -2), axis=0)
     noise = np.zeros((*added.shape[:-1], len(column) + 2))
