@@ -18,8 +18,8 @@ from calibration.noise import SPIKES, bridged, rounding_sd, white_noise_sd
 from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.bursts import made_white
-from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise, noise_of
+from tcdyn.chain.bursts import noise_and_white
+from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
@@ -218,9 +218,10 @@ def disk_traces(
     y, missing = np.column_stack(columns), np.column_stack(marks)
     dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
-    noise = noise_of([np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_K)
     chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(CHANNELS)
-    y, moved = made_white(noise, y, ~missing, dt_s, chains, SPIKES["traces"])
+    noise, [(y, moved)] = noise_and_white(
+        [np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_K, chains, SPIKES["traces"]
+    )
     missing |= moved
     if not (noise.coloured or noise.lines):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))

@@ -17,7 +17,7 @@ from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.noise import SpikeRule, bridged, find_spikes
 from tcdyn.chain.chain import Chain
-from tcdyn.chain.noise import LoggerNoise
+from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 
 # samples of a pulse; one between two of these is found by either
@@ -30,7 +30,30 @@ BETTER = 25.0  # deviance by which it must beat bends and steps
 NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
+DENSE, SHORT_S = 0.012, 1.0  # share of samples in bursts above which segments of this length tell the noise
 ROUNDS = 6  # pulses that hide each other come out one after the other
+
+
+def noise_and_white(
+    traces: Sequence[Array],
+    dt_s: float,
+    filter_: Conditioning,
+    white_K: Array,
+    chains: Sequence[Chain],
+    rule: SpikeRule,
+) -> tuple[LoggerNoise, list[tuple[Array, Flags]]]:
+    """The noise of one logger's channels, from all of ``traces``, each (N, M) [K], NaN where missing; and each as
+
+    ``made_white`` gives it. Where bursts are so dense that most segments of a spectrum have one, and pass for noise,
+    the noise is told once more: from short segments, without the bursts found.
+    """
+    noise = noise_of(traces, dt_s, filter_, white_K)
+    white = [made_white(noise, y, np.isfinite(y), dt_s, chains, rule) for y in traces]
+    if noise.coloured and np.mean([moved.mean() for _, moved in white]) > DENSE:
+        left = [np.where(moved, np.nan, y) for y, (_, moved) in zip(traces, white)]
+        noise = noise_of(left, dt_s, filter_, white_K, SHORT_S)
+        white = [made_white(noise, y, np.isfinite(y), dt_s, chains, rule) for y in traces]
+    return noise, white
 
 
 def made_white(

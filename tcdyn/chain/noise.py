@@ -142,17 +142,19 @@ class LoggerNoise:
         return replace(chain, conditioning=Whitened(b.cutoff_Hz, b.poles, b.shape, stages, left))
 
 
-def noise_of(traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array) -> LoggerNoise:
+def noise_of(
+    traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array, segment_s: float = SEGMENT_S
+) -> LoggerNoise:
     """The noise of one logger's channels, from ``traces``, each (N, M) [K], every ``dt_s``, NaN where missing.
 
-    S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of segments by Whittle's
-    likelihood, each channel with its own levels; the last term is what temperatures do. In place of the filter a lag
-    of any length is tried, an autoregression in effect, and taken where it is clearly better. Where neither beats
-    white noise for sure, the noise is white, of ``white_K`` (M,) as differences tell it. Waves that stand out are
-    lines (hum), and left out of all that.
+    S = a |B|^2 + b + c |B|^2/(w^4 (1 + (w lag)^2)) is fitted to the median of the spectra of segments, each of
+    ``segment_s``, by Whittle's likelihood, each channel with its own levels; the last term is what temperatures do. In
+    place of the filter a lag of any length is tried, an autoregression in effect, and taken where it is clearly better.
+    Where neither beats white noise for sure, the noise is white, of ``white_K`` (M,) as differences tell it. Waves that
+    stand out are lines (hum), and left out of all that.
     """
     white = LoggerNoise(np.zeros(len(white_K)), white_K, white_K, filter_, rate_Hz=1 / dt_s)
-    if not (found := _spectra(traces, dt_s)):
+    if not (found := _spectra(traces, dt_s, segment_s)):
         return white
     f, power, count = found
     w = 2 * np.pi * f
@@ -238,12 +240,12 @@ def _lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array]
     return tuple(out)
 
 
-def _spectra(traces: Sequence[Array], dt_s: float) -> tuple[Array, Array, int] | None:
+def _spectra(traces: Sequence[Array], dt_s: float, segment_s: float) -> tuple[Array, Array, int] | None:
     """Frequencies (F,) [Hz], variance of a sample (F, M) that each stands for [K2], and segments that tell it."""
     long = [y for y in traces if len(y) >= LEAST_SEGMENT * LEAST_SEGMENTS]
     if not long:
         return None
-    size = max(min(round(SEGMENT_S / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
+    size = max(min(round(segment_s / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
     pieces: list[NDArray[np.float64]] = []
     f = np.fft.rfftfreq(size, dt_s)
     for y in long:

@@ -17,8 +17,8 @@ from calibration.finding import Finding, look, sentences
 from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
-from tcdyn.chain.bursts import made_white
-from tcdyn.chain.noise import LoggerNoise, noise_of
+from tcdyn.chain.bursts import made_white, noise_and_white
+from tcdyn.chain.noise import LoggerNoise
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
 LEAST_GOOD = 8  # samples
@@ -58,8 +58,7 @@ def stretch_of(
 
     Raises InputError for shapes that do not agree, for a channel that mostly repeats one value, or hardly measures.
     """
-    data = np.array(y, dtype=float)
-    data = data.reshape(len(data), -1)
+    data = (data := np.array(y, dtype=float)).reshape(len(data), -1)
     n, m = data.shape
     listed = [chains] * m if isinstance(chains, Chain) else list(chains)
     if len(listed) != m:
@@ -89,12 +88,13 @@ def stretch_of(
             )
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
         own = [c for c in range(m) if listed[c].conditioning == filter_]
-        x, good = data[:, own], flags[:, own] == GOOD
-        told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
+        good, group, rule = flags[:, own] == GOOD, [listed[c] for c in own], SPIKES["compensator"]
+        x = np.where(good, data[:, own], np.nan)
         if noise_sd is None:
-            told = noise_of([np.where(good, x, np.nan)], dt_s, filter_, noise[own])
-        group = [listed[c] for c in own]
-        data[:, own], moved = made_white(told, x, good, dt_s, group, SPIKES["compensator"], noise_sd is None)
+            told, [(data[:, own], moved)] = noise_and_white([x], dt_s, filter_, noise[own], group, rule)
+        else:
+            told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
+            data[:, own], moved = made_white(told, x, good, dt_s, group, rule, pulses=False)
         flags[:, own] |= np.where(moved, SPIKE, 0).astype(np.uint8)
         noise[own], folded_u[own], coloured = told.level_K, told.folded_u_K, coloured or told.coloured
         found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")

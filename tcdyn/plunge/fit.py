@@ -16,8 +16,8 @@ from calibration.noise import SPIKES, white_noise_sd
 from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.chain.bursts import made_white
-from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise, noise_of
+from tcdyn.chain.bursts import noise_and_white
+from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
@@ -79,12 +79,10 @@ def identify_plunges(
 def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[LoggerNoise, list[PlungeRun]]:
     """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
-    noise = noise_of(clean, runs[0].dt_s, filter_, np.mean([white_noise_sd(y) for y in clean], axis=0))
-    white, usual = [], [Chain((TYPICAL_LAG_S,), conditioning=filter_)] * clean[0].shape[1]
-    for run, y in zip(runs, clean):
-        z, moved = made_white(noise, y, np.isfinite(y), run.dt_s, usual, SPIKES["plunge"])
-        white.append(replace(run, readings_degC=np.where(np.isfinite(y) & ~moved, z, np.nan)))
-    return noise, white
+    white_K, usual = np.mean([white_noise_sd(y) for y in clean], axis=0), Chain((TYPICAL_LAG_S,), conditioning=filter_)
+    noise, white = noise_and_white(clean, runs[0].dt_s, filter_, white_K, [usual] * len(white_K), SPIKES["plunge"])
+    kept = [np.where(np.isfinite(y) & ~moved, z, np.nan) for y, (z, moved) in zip(clean, white)]
+    return noise, [replace(run, readings_degC=y) for run, y in zip(runs, kept)]
 
 
 def full_prior(

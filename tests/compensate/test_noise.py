@@ -191,3 +191,17 @@ def test_noise_that_no_part_of_the_model_explains_is_said(world: str) -> None:
         y = 60 + 0.1 * (white[1:] - 0.8 * white[:-1])
     told = noise_of([y], DT_S, B, white_noise_sd(y))
     assert [f.code for f in told.findings("fast")].count("noise.unexplained") == (world != "white")
+
+
+def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
+    """One in six seconds in every channel: they are found, the noise is white, and nothing passes for an event."""
+    t, truth, clean = logged(False, 60.0)
+    for seed in (0, 1):
+        rng = np.random.default_rng(seed)
+        added = [0.12 * rng.standard_normal(len(t)) + bursts(rng, len(t), 6.0) for _ in range(4)]
+        done = smooth(clean[:, None] + np.stack(added, axis=1), DT_S, CHAIN)
+        off = np.abs(done.temperature - truth[:, None])
+        assert "noise.coloured" not in {f.code for f in done.findings}
+        assert done.events_s == ()
+        assert off.max() < 0.5  # tens of kelvin where a burst passes for an event
+        assert np.mean(off < 1.96 * done.sd) > 0.9
