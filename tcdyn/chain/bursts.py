@@ -2,6 +2,7 @@
 
 Before the filter a burst is a pulse; behind it, a rounded one. Over a second a temperature that went through its chain
 is a cubic, a bend or a step that the chain has rounded; what none of these explains and a pulse does, is a burst.
+What a temperature does, most channels show; where the others show nothing, less is enough.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
+from scipy.ndimage import maximum_filter1d
 from scipy.signal import find_peaks, oaconvolve
 
 from calibration import Array, Flags
@@ -25,8 +27,9 @@ LENGTHS = (2, 3, 4, 5, 7, 9, 11, 13, 15, 17, 19, 22, 25, 28, 31)
 LONGEST_S = 0.45  # of a pulse
 BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
-SURE = 7.0  # standard deviations of a pulse's height
-BETTER = 25.0  # deviance by which it must beat bends and steps
+SURE, SURE_ALONE = 7.0, 5.5  # standard deviations of a pulse's height; where the other channels show nothing
+BETTER, BETTER_ALONE = 25.0, 6.0  # deviance by which it must beat bends and steps; where the others show nothing
+SHOWN = 3.5  # standard deviations of a pulse's height that half of the other channels must have to show something
 NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
@@ -72,44 +75,67 @@ def made_white(
     """
     white = noise.whitened(np.where(good, y, np.nan), dt_s)
     moved = np.zeros(y.shape, dtype=bool)
-    for i, chain in enumerate(chains):
-        x, sd = bridged(white[:, i], good[:, i]), float(noise.level_K[i])
-        moved[:, i] = find_spikes(np.where(good[:, i], x, np.nan), rule, sd)
-        x = bridged(x, ~moved[:, i])
-        lag_s = chain.lag_s - chain.conditioning.lag_s
-        if pulses and lag_s > SLOW * dt_s:
-            filter_ = chain.conditioning if chain.conditioning.poles else noise.shaping
-            moved[:, i] |= find_bursts(x, dt_s, sd, noise.behind(Chain((), conditioning=filter_)).conditioning, lag_s)
+    for i, sd in enumerate(noise.level_K):
+        x = bridged(white[:, i], good[:, i])
+        moved[:, i] = find_spikes(np.where(good[:, i], x, np.nan), rule, float(sd))
         white[:, i] = bridged(x, ~moved[:, i])
+    lags_s = [c.lag_s - c.conditioning.lag_s for c in chains]
+    slow = [i for i, lag_s in enumerate(lags_s) if pulses and lag_s > SLOW * dt_s]
+    filters = [c.conditioning if c.conditioning.poles else noise.shaping for c in chains]
+    behind = [noise.behind(Chain((), conditioning=f)).conditioning for f in filters]
+    shown = {i: pulse_heights(white[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow}
+    for i in slow:
+        others = np.median([shown[j] for j in slow if j != i], axis=0) < SHOWN if len(slow) > 1 else None
+        moved[:, i] |= find_bursts(white[:, i], dt_s, float(noise.level_K[i]), behind[i], lags_s[i], others)
+        white[:, i] = bridged(white[:, i], ~moved[:, i])
     return white, moved & good
 
 
-def find_bursts(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float) -> Flags:
+def pulse_heights(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning) -> Array:
+    """Largest height, in standard deviations, of any pulse within 0.4 s of each sample of ``y`` (N,)."""
+    beside, pulses = _beside(dt_s), list(_pulses(dt_s, filter_))
+    widest = max(map(len, pulses)) + 2 * beside
+    if len(y) < 2 * widest or not noise_sd > 0:
+        return np.zeros(len(y))
+    score = np.max([np.abs(_heights(y / noise_sd, p, beside)) for p in pulses], axis=0)
+    return np.asarray(maximum_filter1d(score, 2 * beside + 1))
+
+
+def find_bursts(
+    y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float, alone: Flags | None = None
+) -> Flags:
     """Samples (N,) of ``y`` [K], finite, every ``dt_s`` (above 0.8 ms), that a burst before ``filter_`` has moved.
 
-    ``noise_sd`` [K] of its white noise; ``lag_s`` of the chain, which rounds what a temperature does.
+    ``noise_sd`` [K] of its white noise; ``lag_s`` of the chain, which rounds what a temperature does; ``alone`` (N,):
+    where other channels show nothing.
     """
-    beside = max(round(BESIDE_S / dt_s), BESIDE)
-    pulses = list(_pulses(dt_s, filter_))
-    widest = max(len(p) for p in pulses) + 2 * beside
+    beside, pulses = _beside(dt_s), list(_pulses(dt_s, filter_))
+    widest = max(map(len, pulses)) + 2 * beside
     if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
         return np.zeros(len(y), dtype=bool)
     parts = _parts(pulses, widest, beside, dt_s, lag_s)
     padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
     moved = np.zeros(len(padded), dtype=bool)
+    other = np.pad(np.zeros(len(y), dtype=bool) if alone is None else alone, widest)
     for _ in range(ROUNDS):
-        score = np.max([np.abs(_heights(padded, p, beside, widest)) for p in pulses], axis=0)
+        score = np.max([np.abs(_heights(padded, p, beside)) for p in pulses], axis=0)
         before = np.count_nonzero(moved)
-        for centre in find_peaks(score, height=SURE, distance=widest)[0]:
+        for centre in find_peaks(score, height=np.where(other, SURE_ALONE, SURE), distance=widest)[0]:
+            better = BETTER_ALONE if other[centre] else BETTER
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
                 first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
-                if (inside := parts.pulses_in(padded[first : first + widest])).any():
+                if (inside := parts.pulses_in(padded[first : first + widest], better)).any():
                     moved[first : first + widest] |= inside
                     break
         if np.count_nonzero(moved) == before:
             break
         padded = bridged(padded, ~moved)
     return moved[widest:-widest]
+
+
+def _beside(dt_s: float) -> int:
+    """Samples on either side of a pulse that tell what the temperature does."""
+    return max(round(BESIDE_S / dt_s), BESIDE)
 
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
@@ -132,7 +158,7 @@ def _rest(shape: Array, beside: int) -> Array:
     return np.asarray(whole - cubic @ (cubic.T @ whole))
 
 
-def _heights(y: Array, pulse: Array, beside: int, widest: int) -> Array:
+def _heights(y: Array, pulse: Array, beside: int) -> Array:
     """Height of the pulse over its standard deviation, by the middle of its window; zeros at the ends (N,)."""
     rest = _rest(pulse, beside)
     z = oaconvolve(y, rest[::-1] / np.linalg.norm(rest), mode="valid")
@@ -155,8 +181,8 @@ class _Parts:
     cubic: Array
     pulses: int
 
-    def pulses_in(self, window: Array) -> Flags:
-        """Samples (n,) that pulses have moved: those of the two parts that explain it best, if no two others do."""
+    def pulses_in(self, window: Array, better: float) -> Flags:
+        """Samples (n,) that pulses have moved: those of the two parts that explain it best, ``better`` than others."""
         told = self.units.T @ window
         square = told**2
         both = (square[:, None] + square - 2 * self.alike * np.outer(told, told)) / (1 - self.alike**2)
@@ -166,7 +192,7 @@ class _Parts:
         with_pulse = both[: self.pulses]
         i, k = divmod(int(np.argmax(with_pulse)), len(told))
         wrong = max(whole - float(with_pulse[i, k]) - NOISY * len(window), 0.0)  # the parts are not quite these
-        if with_pulse[i, k] < of_others + BETTER + CLEARLY * wrong:
+        if with_pulse[i, k] < of_others + better + CLEARLY * wrong:
             return np.zeros(len(window), dtype=bool)
         if with_pulse[i, k] < square[: self.pulses].max() + BETTER:  # one of them does as well alone
             i = k = int(np.argmax(square[: self.pulses]))

@@ -8,9 +8,9 @@ from scipy.signal import butter, lfilter, sosfilt, welch
 
 from calibration import Array
 from calibration.disk import Conditioning
-from calibration.noise import white_noise_sd
+from calibration.noise import SPIKES, white_noise_sd
 from tcdyn.chain import Chain
-from tcdyn.chain.bursts import find_bursts
+from tcdyn.chain.bursts import find_bursts, noise_and_white
 from tcdyn.chain.noise import noise_of, passed_share
 from tcdyn.compensate.smoother import smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
@@ -205,3 +205,24 @@ def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
         assert done.events_s == ()
         assert off.max() < 0.5  # tens of kelvin where a burst passes for an event
         assert np.mean(off < 1.96 * done.sd) > 0.9
+
+
+@pytest.mark.parametrize("length_s", [0.13, 0.19, 0.27])
+def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: float) -> None:
+    """In noise from before the filter; alone, a channel cannot tell it from a jump and its end. A kink in all stays."""
+    t, _, clean = logged(True, 60.0)
+    pulse = np.zeros(len(t) * 8)
+    pulse[30 * 600 :][: int(length_s * 600)] = 1.4
+    within = (t > 29.9) & (t < 30.2 + length_s)
+    found, alone = [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        y = clean[:, None] + np.stack([before_the_filter(rng, len(t), 0.12, 0.97) for _ in range(4)], axis=1)
+        y[:, 2] += filtered(pulse)
+        for some, moved in ((y, found), (y[:, 2:3], alone)):
+            white_K, chains = white_noise_sd(some), [CHAIN] * some.shape[1]
+            moved.append(noise_and_white([some], DT_S, B, white_K, chains, SPIKES["compensator"])[1][0][1])
+    assert min(np.count_nonzero(m[within, 2]) for m in found) > 0.8 * length_s / DT_S
+    assert max(np.mean(m[~within]) for m in found) < 1e-3
+    assert not any(m[np.abs(t - EVENT_S) < 1].any() for m in found)
+    assert sum(not m[within].any() for m in alone) > 1
