@@ -19,7 +19,7 @@ from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.bursts import noise_and_white
-from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
+from tcdyn.chain.noise import TYPICAL_LAG_S, UNEXPLAINED, LoggerNoise
 
 Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
@@ -220,10 +220,10 @@ def disk_traces(
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
     chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(CHANNELS)
     noise, [(y, moved)] = noise_and_white(
-        [np.where(missing, np.nan, y)], dt_s, setup.conditioning, white_K, chains, SPIKES["traces"]
+        [np.where(missing, np.nan, y)], [dt_s], setup.conditioning, white_K, chains, SPIKES["traces"]
     )
     missing |= moved
-    if not (noise.coloured or noise.lines):
+    if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))
     for name, share in zip(channels.columns, missing.mean(axis=0)):
         if share > MANY_MISSING:

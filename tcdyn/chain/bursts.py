@@ -8,11 +8,12 @@ What a temperature does, most channels show; where the others show nothing, less
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, oaconvolve
 
 from calibration import Array, Flags
@@ -23,40 +24,50 @@ from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 
 # samples of a pulse; one between two of these is found by either
-LENGTHS = (2, 3, 4, 5, 7, 9, 11, 13, 15, 17, 19, 22, 25, 28, 31)
+LENGTHS = (2, 3, 4, 5, 7, 9, 11, 13, 15, 17, 19, 22, 25, 28, 31, *(round(31 * 1.12**k) for k in range(1, 32)))
 LONGEST_S = 0.45  # of a pulse
 BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
-SURE, SURE_ALONE = 7.0, 5.5  # standard deviations of a pulse's height; where the other channels show nothing
-BETTER, BETTER_ALONE = 25.0, 6.0  # deviance by which it must beat bends and steps; where the others show nothing
-SHOWN = 3.5  # standard deviations of a pulse's height that half of the other channels must have to show something
+SURE = 7.0  # standard deviations of a pulse's height
+BETTER, BETTER_ALONE = 25.0, 6.0  # deviance by which it must beat bends and steps; a weak one that is alone
+WEAK = 250.0  # deviance of all that is in a window of a weak one: a temperature's own jump of ten kelvin has thousands
+WITNESSES, BRIDGED = 2, 0.25  # other channels that must be able to show something; with more missing they cannot
+SHOWN = 4.5  # standard deviations of a pulse's height by which two other channels show that it was the temperature
 NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
+SAME_RATE = 0.01  # sampling intervals that differ by less are one
 DENSE, SHORT_S = 0.012, 1.0  # share of samples in bursts above which segments of this length tell the noise
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
 
 def noise_and_white(
     traces: Sequence[Array],
-    dt_s: float,
+    dts_s: Sequence[float],
     filter_: Conditioning,
     white_K: Array,
     chains: Sequence[Chain],
     rule: SpikeRule,
 ) -> tuple[LoggerNoise, list[tuple[Array, Flags]]]:
-    """The noise of one logger's channels, from all of ``traces``, each (N, M) [K], NaN where missing; and each as
+    """The noise of one logger's channels, and all of ``traces`` as ``made_white`` gives them.
 
-    ``made_white`` gives it. Where bursts are so dense that most segments of a spectrum have one, and pass for noise,
-    the noise is told once more: from short segments, without the bursts found.
+    ``traces``: each (N, M) [K], NaN where missing, with its sampling interval in ``dts_s``; those sampled as the first
+    tell the noise. Where bursts are so dense that most segments of a spectrum have one, and pass for noise, it is told
+    once more: from short segments, without the bursts found.
     """
-    noise = noise_of(traces, dt_s, filter_, white_K)
-    white = [made_white(noise, y, np.isfinite(y), dt_s, chains, rule) for y in traces]
-    if noise.coloured and np.mean([moved.mean() for _, moved in white]) > DENSE:
-        left = [np.where(moved, np.nan, y) for y, (_, moved) in zip(traces, white)]
-        noise = noise_of(left, dt_s, filter_, white_K, SHORT_S)
-        white = [made_white(noise, y, np.isfinite(y), dt_s, chains, rule) for y in traces]
-    return noise, white
+    alike = [abs(dt / dts_s[0] - 1) < SAME_RATE for dt in dts_s]
+
+    def white(noise: LoggerNoise) -> list[tuple[Array, Flags]]:
+        return [made_white(noise, y, np.isfinite(y), dt, chains, rule) for y, dt in zip(traces, dts_s)]
+
+    noise = noise_of([*compress(traces, alike)], dts_s[0], filter_, white_K)
+    done = white(noise)
+    if noise.coloured and np.mean([moved.mean() for _, moved in done]) > DENSE:
+        left = [np.where(moved, np.nan, y) for y, (_, moved) in zip(traces, done)]
+        again = noise_of([*compress(left, alike)], dts_s[0], filter_, white_K, SHORT_S)
+        noise = replace(again, lines=noise.lines)  # short segments cannot tell one
+        done = white(noise)
+    return noise, done
 
 
 def made_white(
@@ -80,25 +91,52 @@ def made_white(
         moved[:, i] = find_spikes(np.where(good[:, i], x, np.nan), rule, float(sd))
         white[:, i] = bridged(x, ~moved[:, i])
     lags_s = [c.lag_s - c.conditioning.lag_s for c in chains]
-    slow = [i for i, lag_s in enumerate(lags_s) if pulses and lag_s > SLOW * dt_s]
     filters = [c.conditioning if c.conditioning.poles else noise.shaping for c in chains]
     behind = [noise.behind(Chain((), conditioning=f)).conditioning for f in filters]
-    shown = {i: pulse_heights(white[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow}
-    for i in slow:
-        others = np.median([shown[j] for j in slow if j != i], axis=0) < SHOWN if len(slow) > 1 else None
-        moved[:, i] |= find_bursts(white[:, i], dt_s, float(noise.level_K[i]), behind[i], lags_s[i], others)
+    slow = [i for i, lag_s in enumerate(lags_s) if pulses and lag_s > SLOW * dt_s]
+    missing = ~good | moved
+    shown = [_shown(white[:, i], missing[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow]
+    for k, i in enumerate(slow):
+        others = np.array([*shown[:k], *shown[k + 1 :]]).reshape(-1, len(y))
+        alone = np.zeros(len(y), dtype=bool)
+        if len(others) >= WITNESSES:
+            seen = np.sum(np.isfinite(others), axis=0) >= WITNESSES
+            alone = seen & (np.sort(np.nan_to_num(others), axis=0)[-WITNESSES] < SHOWN)
+        moved[:, i] |= find_bursts(white[:, i], dt_s, float(noise.level_K[i]), behind[i], lags_s[i], alone)
         white[:, i] = bridged(white[:, i], ~moved[:, i])
     return white, moved & good
 
 
-def pulse_heights(y: Array, dt_s: float, noise_sd: float, filter_: Conditioning) -> Array:
-    """Largest height, in standard deviations, of any pulse within 0.4 s of each sample of ``y`` (N,)."""
-    beside, pulses = _beside(dt_s), list(_pulses(dt_s, filter_))
-    widest = max(map(len, pulses)) + 2 * beside
-    if len(y) < 2 * widest or not noise_sd > 0:
-        return np.zeros(len(y))
-    score = np.max([np.abs(_heights(y / noise_sd, p, beside)) for p in pulses], axis=0)
-    return np.asarray(maximum_filter1d(score, 2 * beside + 1))
+def _shown(y: Array, missing: Flags, dt_s: float, noise_sd: float, filter_: Conditioning) -> Array:
+    """Largest height of any pulse near each sample of ``y`` (N,) [standard deviations]; NaN where it cannot tell."""
+    if (search := _Search.of(y, dt_s, noise_sd, filter_)) is None:
+        return np.full(len(y), np.nan)
+    near = 2 * search.widest + 1
+    height = maximum_filter1d(search.score(search.padded), near)[search.widest : -search.widest]
+    return np.where((height > 0) & (uniform_filter1d(missing.astype(float), near) < BRIDGED), height, np.nan)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """A trace in standard deviations of its noise, ``padded`` by ``widest`` on both sides, and the pulses sought."""
+
+    padded: Array
+    pulses: tuple[Array, ...]
+    beside: int
+    widest: int
+
+    @classmethod
+    def of(cls, y: Array, dt_s: float, noise_sd: float, filter_: Conditioning) -> _Search | None:
+        """None where nothing can be sought."""
+        beside, pulses = max(round(BESIDE_S / dt_s), BESIDE), tuple(_pulses(dt_s, filter_))
+        widest = max(map(len, pulses)) + 2 * beside
+        if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
+            return None
+        return cls(np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd, pulses, beside, widest)
+
+    def score(self, padded: Array) -> Array:
+        """Largest height of any pulse over its standard deviation, by the middle of its window."""
+        return np.asarray(np.max([np.abs(_heights(padded, p, self.beside)) for p in self.pulses], axis=0))
 
 
 def find_bursts(
@@ -109,33 +147,25 @@ def find_bursts(
     ``noise_sd`` [K] of its white noise; ``lag_s`` of the chain, which rounds what a temperature does; ``alone`` (N,):
     where other channels show nothing.
     """
-    beside, pulses = _beside(dt_s), list(_pulses(dt_s, filter_))
-    widest = max(map(len, pulses)) + 2 * beside
-    if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
+    if (search := _Search.of(y, dt_s, noise_sd, filter_)) is None:
         return np.zeros(len(y), dtype=bool)
-    parts = _parts(pulses, widest, beside, dt_s, lag_s)
-    padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
+    padded, widest = search.padded, search.widest
+    parts = _parts(search.pulses, widest, search.beside, dt_s, lag_s)
     moved = np.zeros(len(padded), dtype=bool)
     other = np.pad(np.zeros(len(y), dtype=bool) if alone is None else alone, widest)
     for _ in range(ROUNDS):
-        score = np.max([np.abs(_heights(padded, p, beside)) for p in pulses], axis=0)
+        score = search.score(padded)
         before = np.count_nonzero(moved)
-        for centre in find_peaks(score, height=np.where(other, SURE_ALONE, SURE), distance=widest)[0]:
-            better = BETTER_ALONE if other[centre] else BETTER
+        for centre in find_peaks(score, height=SURE, distance=widest)[0]:
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
                 first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
-                if (inside := parts.pulses_in(padded[first : first + widest], better)).any():
+                if (inside := parts.pulses_in(padded[first : first + widest], bool(other[centre]))).any():
                     moved[first : first + widest] |= inside
                     break
         if np.count_nonzero(moved) == before:
             break
         padded = bridged(padded, ~moved)
     return moved[widest:-widest]
-
-
-def _beside(dt_s: float) -> int:
-    """Samples on either side of a pulse that tell what the temperature does."""
-    return max(round(BESIDE_S / dt_s), BESIDE)
 
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
@@ -181,21 +211,26 @@ class _Parts:
     cubic: Array
     pulses: int
 
-    def pulses_in(self, window: Array, better: float) -> Flags:
-        """Samples (n,) that pulses have moved: those of the two parts that explain it best, ``better`` than others."""
+    def pulses_in(self, window: Array, alone: bool) -> Flags:
+        """Samples (n,) that pulses have moved: those of the two parts that explain it best, if no two others do.
+
+        ``alone``: other channels show nothing; then a weak pulse needs to be less clearly better.
+        """
         told = self.units.T @ window
         square = told**2
         both = (square[:, None] + square - 2 * self.alike * np.outer(told, told)) / (1 - self.alike**2)
         np.fill_diagonal(both, square)
         whole = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
+        better = BETTER_ALONE if alone and whole < WEAK + len(window) else BETTER
         of_others = float(both[self.pulses :, self.pulses :].max())
         with_pulse = both[: self.pulses]
         i, k = divmod(int(np.argmax(with_pulse)), len(told))
         wrong = max(whole - float(with_pulse[i, k]) - NOISY * len(window), 0.0)  # the parts are not quite these
-        if with_pulse[i, k] < of_others + better + CLEARLY * wrong:
+        if with_pulse[i, k] < max(of_others + better + CLEARLY * wrong, SURE**2):
             return np.zeros(len(window), dtype=bool)
-        if with_pulse[i, k] < square[: self.pulses].max() + BETTER:  # one of them does as well alone
-            i = k = int(np.argmax(square[: self.pulses]))
+        one = float(square[: self.pulses].max())
+        if with_pulse[i, k] < one + BETTER and one >= of_others + better:
+            i = k = int(np.argmax(square[: self.pulses]))  # one of them does as well alone
         chosen = list({i, k})
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > LEFT).any(axis=1))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polymul, polyroots, polyval
 from numpy.typing import NDArray
 from scipy import signal
@@ -27,6 +28,7 @@ from tcdyn.chain.rational import Factor, Rational, product, simulate
 
 SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
 LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
+MOST_BRIDGED, LEAST_SEEN = 0.3, 0.1  # share of a segment without samples; of white noise's power: else not told
 SLOW_HZ, NYQUISTS = 0.3, 0.9  # the part of a spectrum that counts: above what a segment detrends, below aliases
 AVERAGED = 0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
 SURE = 40.0  # deviance by which noise from before the filter must explain the spectra better
@@ -122,6 +124,20 @@ class LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
+    def for_more(self, own: Flags, white_K: Array) -> LoggerNoise:
+        """The same for more channels (M,), of which ``own`` told it; the others have ``white_K`` (M,) made white."""
+
+        def spread(values: Array, others: Array) -> Array:
+            out = np.array(others, dtype=float)
+            out[own] = values
+            return out
+
+        none = np.zeros(len(own))
+        return replace(
+            self, before_K=spread(self.before_K, none), after_K=spread(self.after_K, white_K),
+            level_K=spread(self.level_K, white_K), lines=tuple((f, spread(a, none)) for f, a in self.lines),
+        )  # fmt: skip
+
     def whitened(self, y: Array, dt_s: float) -> Array:
         """The readings ``y`` (N, M) through A/N, NaN where they were; the first sample stood for ever before."""
         if not self.coloured:
@@ -157,6 +173,11 @@ def noise_of(
     if not (found := _spectra(traces, dt_s, segment_s)):
         return white
     f, power, count = found
+    own = power.mean(axis=0) > LEAST_SEEN * white_K**2  # the others mostly rest on one value, or are not there
+    if not own.any():
+        return white
+    if not own.all():
+        return noise_of([y[:, own] for y in traces], dt_s, filter_, white_K[own], segment_s).for_more(own, white_K)
     w = 2 * np.pi * f
     signal_, flat = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2)), np.ones(len(f))
     calm = [_calm(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
@@ -164,16 +185,16 @@ def noise_of(
     lines = _lines(f, power, ~quiet)
     if np.count_nonzero(quiet) < LEAST_WAVES:
         return replace(white, lines=lines)
-    own = [filter_] if filter_.poles else []
+    known = [filter_] if filter_.poles else []
     lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, LAGS)]
-    shapes = {c: np.stack([_passed(f, c), flat, signal_], axis=1)[quiet] for c in (*own, *lags)}
+    shapes = {c: np.stack([_passed(f, c), flat, signal_], axis=1)[quiet] for c in (*known, *lags)}
     shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[quiet]
     fits = {c: [_levels(p, shape) for p in power[quiet].T] for c, shape in shapes.items()}
     alone = np.array([value for _, value in fits[NO_CONDITIONING]])
     gain = {c: np.median(alone - [value for _, value in fit]) for c, fit in fits.items()}
     cost = {c: -2 * AVERAGED * count * len(alone) * float(value) for c, value in gain.items()}
     best = min(lags, key=cost.__getitem__)
-    if own and cost[filter_] < cost[best] + KNOWN:
+    if known and cost[filter_] < cost[best] + KNOWN:
         best = filter_
     levels = np.array([v for v, _ in fits[best]])
     before, after = levels[:, 0], levels[:, 1]
@@ -249,15 +270,18 @@ def _spectra(traces: Sequence[Array], dt_s: float, segment_s: float) -> tuple[Ar
     pieces: list[NDArray[np.float64]] = []
     f = np.fft.rfftfreq(size, dt_s)
     for y in long:
-        filled = np.stack([bridged(x, np.isfinite(x)) for x in y.T])
+        absent = ~np.isfinite(y.T)
+        filled = np.stack([bridged(x, ~gone) for x, gone in zip(y.T, absent)])
         _, _, each = signal.spectrogram(filled, 1 / dt_s, "hann", size, size // 2, detrend="linear")
-        pieces.append(each)
+        gaps = sliding_window_view(absent, size, axis=1)[:, :: size - size // 2].mean(axis=2) > MOST_BRIDGED
+        pieces.append(np.where(gaps[:, None, : each.shape[-1]], np.nan, each))
     power = np.concatenate(pieces, axis=-1) * (0.5 / dt_s)
     keep = (f >= SLOW_HZ) & (f <= NYQUISTS * 0.5 / dt_s)
     bias = float(np.log(2))  # median over mean of a squared amplitude
     if np.count_nonzero(keep) < LEAST_WAVES:
         return None
-    usual: Array = np.median(power, axis=-1).T[keep] / bias
+    whole = np.count_nonzero(np.isfinite(power[:, 0]), axis=-1) >= LEAST_SEGMENTS
+    usual: Array = np.nan_to_num(np.nanmedian(np.where(whole[:, None, None], power, 0.0), axis=-1)).T[keep] / bias
     return np.asarray(f[keep]), usual, power.shape[-1] // 2
 
 

@@ -91,7 +91,7 @@ def stretch_of(
         good, group, rule = flags[:, own] == GOOD, [listed[c] for c in own], SPIKES["compensator"]
         x = np.where(good, data[:, own], np.nan)
         if noise_sd is None:
-            told, [(data[:, own], moved)] = noise_and_white([x], dt_s, filter_, noise[own], group, rule)
+            told, [(data[:, own], moved)] = noise_and_white([x], [dt_s], filter_, noise[own], group, rule)
         else:
             told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
             data[:, own], moved = made_white(told, x, good, dt_s, group, rule, pulses=False)

@@ -17,7 +17,7 @@ from calibration.noise import SPIKES, bridged
 from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.hidden import Hidden, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose
-from tcdyn.compensate.record import SPIKE, Compensated, Intensity, stretch_of
+from tcdyn.compensate.record import SPIKE, Compensated, Intensity, Stretch, stretch_of
 from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
@@ -25,7 +25,7 @@ MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along 
 
 
 def smooth(
-    y: ArrayLike,
+    y: ArrayLike | Stretch,
     dt_s: float,
     chains: Chain | Sequence[Chain],
     *,
@@ -45,7 +45,8 @@ def smooth(
     y = G x + noise; dx'/dt = white noise of intensity q(t) [K2/s3], x' free to jump at ``events_s``.
 
     Args:
-        y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing.
+        y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing; or what ``stretch_of``
+            made of them, with these ``chains``, noise and events.
         dt_s: sampling interval [s].
         chains: one for all channels, or one per channel.
         noise_sd: per channel [K]; estimated when left out.
@@ -69,7 +70,7 @@ def smooth(
     Raises:
         InputError: shapes that do not agree, a channel without samples.
     """
-    stretch = stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+    stretch = y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
     start_var, known = stretch.noise_sd**2, stretch.noise_known
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     if intensity is None:
@@ -160,15 +161,13 @@ def deconvolve(
     stretch = stretch_of(y, dt_s, chains, (), noise_sd, names)
     tradeoff = by_criterion(stretch, criterion, trials)
     result = smooth(
-        y,
+        stretch,
         dt_s,
-        chains,
-        noise_sd=stretch.noise_sd,
+        stretch.chains,
         intensity=list(tradeoff.chosen),
         lag_covariance=lag_covariance,
         split_u_s=split_u_s,
         static_u=static_u,
-        names=names,
     )
     return replace(result, method=f"regularised deconvolution, weight by {criterion}"), tradeoff
 

@@ -284,7 +284,7 @@ def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way
     time = table.frame["time_s"].to_numpy(dtype=float)
     y, dt = traces.measured_degC, float(np.median(np.diff(time)))
     given: dict[str, Any] = {
-        "noise_sd": traces.noise_K if traces.noise.coloured else white_noise_sd(y, NOISE_ORDER),
+        "noise_sd": traces.noise_K if traces.noise.coloured or traces.noise.lines else white_noise_sd(y, NOISE_ORDER),
         "lag_covariance": traces.lag_covariance_s2,
         "static_u": traces.static_u(traces.readings_degC),
         "names": [c.removesuffix("_degC") for c in traces.columns],

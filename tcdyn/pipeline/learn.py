@@ -64,7 +64,11 @@ def _noise(traces: Mapping[str, tuple[Array, Conditioning]], dt_s: float, given_
         spiky = [find_spikes(traces[n][0], SPIKES["compensator"], after[n]) for n in own]
         clean = np.stack([np.where(bad, np.nan, traces[n][0]) for n, bad in zip(own, spiky)], axis=1)
         found = noise_of([clean], dt_s, filter_, white)
-        if found.coloured:
+        if (
+            found.coloured and found.shaping != filter_
+        ):  # the smoother's states are the filter's: as strong at low frequency
+            after |= dict(zip(own, found.level_K.tolist()))
+        elif found.coloured:
             before |= dict(zip(own, found.before_K.tolist()))
             least = np.maximum(LEAST_NOISE_K, LEAST_AFTER * found.before_K)
             after |= dict(zip(own, np.maximum(found.after_K, least).tolist()))

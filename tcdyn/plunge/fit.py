@@ -80,7 +80,8 @@ def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[Logge
     """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
     white_K, usual = np.mean([white_noise_sd(y) for y in clean], axis=0), Chain((TYPICAL_LAG_S,), conditioning=filter_)
-    noise, white = noise_and_white(clean, runs[0].dt_s, filter_, white_K, [usual] * len(white_K), SPIKES["plunge"])
+    dts, chains = [run.dt_s for run in runs], [usual] * len(white_K)
+    noise, white = noise_and_white(clean, dts, filter_, white_K, chains, SPIKES["plunge"])
     kept = [np.where(np.isfinite(y) & ~moved, z, np.nan) for y, (z, moved) in zip(clean, white)]
     return noise, [replace(run, readings_degC=y) for run, y in zip(runs, kept)]
 

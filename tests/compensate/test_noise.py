@@ -12,7 +12,7 @@ from calibration.noise import SPIKES, white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.chain.bursts import find_bursts, noise_and_white
 from tcdyn.chain.noise import noise_of, passed_share
-from tcdyn.compensate.smoother import smooth
+from tcdyn.compensate.smoother import deconvolve, smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
 
 DT_S, B = 1 / 75, Conditioning(4.0, 2, "cascade")
@@ -221,8 +221,75 @@ def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: f
         y[:, 2] += filtered(pulse)
         for some, moved in ((y, found), (y[:, 2:3], alone)):
             white_K, chains = white_noise_sd(some), [CHAIN] * some.shape[1]
-            moved.append(noise_and_white([some], DT_S, B, white_K, chains, SPIKES["compensator"])[1][0][1])
+            moved.append(noise_and_white([some], [DT_S], B, white_K, chains, SPIKES["compensator"])[1][0][1])
     assert min(np.count_nonzero(m[within, 2]) for m in found) > 0.8 * length_s / DT_S
-    assert max(np.mean(m[~within]) for m in found) < 1e-3
+    assert max(np.mean(m[~within]) for m in found) < 2e-3
     assert not any(m[np.abs(t - EVENT_S) < 1].any() for m in found)
     assert sum(not m[within].any() for m in alone) > 1
+
+
+@pytest.mark.parametrize("others", ["quiet", "missing"])
+def test_what_one_junction_alone_does_is_not_cut_out_as_a_burst(others: str) -> None:
+    """A splash of 6 K for half a second, where the others show nothing or cannot."""
+    t, _, clean = logged(False, 40.0)
+    splash = np.zeros(len(t) * 8)
+    splash[20 * 600 : int(20.5 * 600)] = 6.0
+    for tau_s in (0.55, 0.12):
+        keep = np.exp(-DT_S / 8 / tau_s)
+        splash = lfilter([0, 1 - keep], [1, -keep], splash)
+    for seed in range(3):
+        y = clean[:, None] + 0.12 * np.random.default_rng(seed).standard_normal((len(t), 4))
+        y[:, 0] += filtered(splash)
+        if others == "missing":
+            y[(t > 16) & (t < 24), 1:] = np.nan
+        _, [(_, moved)] = noise_and_white([y], [DT_S], B, np.full(4, 0.12), [CHAIN] * 4, SPIKES["compensator"])
+        assert np.count_nonzero(moved[:, 0]) < 4
+
+
+def test_a_channel_that_mostly_rests_or_is_missing_tells_nothing_of_the_noise() -> None:
+    """Steps of 0.5 K on 0.01 K of noise; six samples of ten lost: the levels stay those of differences and steps."""
+    t, _, clean = logged(False, 40.0)
+    rng = np.random.default_rng(1)
+    coarse = np.round((clean + 0.01 * rng.standard_normal(len(t))) * 2) / 2
+    done = smooth(coarse, DT_S, CHAIN)
+    assert done.noise_sd[0] == pytest.approx(0.5 / 12**0.5, rel=0.3)
+    holed = clean + 0.12 * rng.standard_normal(len(t))
+    holed[rng.uniform(size=len(t)) < 0.6] = np.nan
+    for y in (holed, np.stack([clean + 0.12 * rng.standard_normal(len(t)), holed], axis=1)):
+        done = smooth(y, DT_S, CHAIN)
+        assert done.noise_sd == pytest.approx(0.12, rel=0.25)
+        assert np.isfinite(done.sd).all()
+
+
+def test_the_noise_of_six_channels_is_told_though_a_seventh_stands_still() -> None:
+    rng = np.random.default_rng(3)
+    y = 60 + np.stack([before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(6)] + [np.zeros(6000)], axis=1)
+    noise = noise_of([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
+    assert noise.coloured
+    assert noise.before_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
+    assert noise.level_K[6] == 1e-6
+
+
+def test_deconvolution_leaves_bursts_out_and_tells_of_the_noise() -> None:
+    t, truth, clean = logged(False, 40.0)
+    rng = np.random.default_rng(4)
+    pulse = np.zeros(len(t) * 8)
+    pulse[20 * 600 : int(20.2 * 600)] = 5.0
+    done, _ = deconvolve(clean + 0.12 * rng.standard_normal(len(t)) + filtered(pulse), DT_S, CHAIN)
+    off = np.abs(done.temperature[75:-75, 0] - truth[75:-75])
+    assert np.count_nonzero(done.flags) > 10
+    assert np.max(off / done.sd[75:-75, 0]) < 4.5
+    done, _ = deconvolve(clean + before_the_filter(rng, len(t), 0.12, 0.97), DT_S, CHAIN)
+    assert "noise.coloured" in {f.code for f in done.findings}
+
+
+def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None:
+    rng = np.random.default_rng(5)
+    quick, chains = 80 + np.stack([before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(3)], axis=1), [CHAIN] * 3
+    step = np.where(np.arange(6000) < 3000, 0.0, -40.0)[:, None]
+    traces, dts = [quick, (quick + step)[::2]], [DT_S, 2 * DT_S]
+    noise, (_, (slow, moved)) = noise_and_white(traces, dts, B, white_noise_sd(quick), chains, SPIKES["plunge"])
+    assert moved.mean() < 0.05
+    own, other = (noise.whitened(traces[1], dt) for dt in reversed(dts))
+    assert np.allclose(slow[~moved], own[~moved])
+    assert np.abs(other - own).max() > 1.0
