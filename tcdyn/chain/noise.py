@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.polynomial.polynomial import polymul, polyroots, polyval
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 from scipy import signal
 from scipy.ndimage import label, median_filter
@@ -24,7 +24,7 @@ from calibration.disk import Conditioning
 from calibration.finding import Finding, look, note
 from calibration.noise import bridged
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.rational import Factor, Rational, product, simulate
+from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_factor
 
 SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
 LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
@@ -212,7 +212,7 @@ def noise_of(
         return replace(white.white(level), lines=lines, unexplained=worst)
     level = wider * np.sqrt(before + after)
     share = passed_share(best, dt_s)
-    sections = _spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
+    sections = spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
     return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)
 
 
@@ -297,20 +297,3 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
         s = np.maximum(shapes @ levels, 1e-12 * float(np.max(power)))
         scale = np.linalg.norm(shapes / s[:, None], axis=0)
     return levels, float(np.sum(np.log(s) + power / s))
-
-
-def _spectral_factor(before: float, after: float, ladder: Array, quickest: float) -> tuple[tuple[float, ...], ...]:
-    """Factors of N, |N(iw)|^2 = before + after |A(iw)|^2 with stable roots; N(0) = 1 for levels that sum to one.
-
-    A root quicker than ``quickest`` [1/s] is put there: the samples show nothing of it.
-    """
-    even = after * polymul(ladder, ladder * (-1.0) ** np.arange(len(ladder)))
-    even[0] += before
-    roots = polyroots(np.trim_zeros(even, "b")) if after > 0 else np.array([])
-    roots = roots[roots.real < 0]
-    missing = len(ladder) - 1 - len(roots)  # without noise after the filter there are none at all
-    roots = np.concatenate([roots, np.full(missing, -quickest)])
-    roots = roots * np.minimum(quickest / np.abs(roots), 1.0)
-    real = [(1.0, float(-1.0 / r.real)) for r in roots if abs(r.imag) < 1e-9 * abs(r)]
-    pairs = [(1.0, float(-2 * r.real / abs(r) ** 2), float(abs(r) ** -2)) for r in roots if r.imag >= 1e-9 * abs(r)]
-    return (*real, *pairs)

@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.polynomial.polynomial import polymul, polyroots
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
@@ -269,3 +270,20 @@ def simulate(model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: 
     """What ``model`` makes of ``u`` (N,) sampled every ``dt_s`` seconds: shape (N,)."""
     system = realise(model, sensitivities=False)
     return simulate_rows(system, np.asarray(u, dtype=float), dt_s, model.delay_s, hold, start)[0]
+
+
+def spectral_factor(before: float, after: float, ladder: Array, quickest: float) -> tuple[tuple[float, ...], ...]:
+    """Factors of N, |N(iw)|^2 = before + after |A(iw)|^2 with stable roots; N(0) = 1 for levels that sum to one.
+
+    A root quicker than ``quickest`` [1/s] is put there: the samples show nothing of it.
+    """
+    even = after * polymul(ladder, ladder * (-1.0) ** np.arange(len(ladder)))
+    even[0] += before
+    roots = polyroots(np.trim_zeros(even, "b")) if after > 0 else np.array([])
+    roots = roots[roots.real < 0]
+    missing = len(ladder) - 1 - len(roots)  # without noise after the filter there are none at all
+    roots = np.concatenate([roots, np.full(missing, -quickest)])
+    roots = roots * np.minimum(quickest / np.abs(roots), 1.0)
+    real = [(1.0, float(-1.0 / r.real)) for r in roots if abs(r.imag) < 1e-9 * abs(r)]
+    pairs = [(1.0, float(-2 * r.real / abs(r) ** 2), float(abs(r) ** -2)) for r in roots if r.imag >= 1e-9 * abs(r)]
+    return (*real, *pairs)
