@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from calibration.files.write import write_text
+from calibration.finding import doubts
 from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
@@ -19,6 +20,7 @@ from tcdyn.cli.common import (
     Verbose,
     counted,
     dump,
+    in_one_line,
     say,
     spare_inputs,
     stages,
@@ -75,12 +77,15 @@ def beta(
             write_beta_report(report, {log.stem: run.partition})
     if json_:
         print(text, end="")
-        return
-    warn(run.partition.noticed, quiet)  # the summary ends with the verdict
-    say(run.summary(), quiet)
-    for word, path in (("numbers", out), ("report", report)):
-        if path is not None:
-            say(f"{word}: {path}", quiet)
+    else:
+        warn(run.partition.noticed, quiet)  # the summary ends with the verdict
+        say(run.summary(), quiet)
+        for word, path in (("numbers", out), ("report", report)):
+            if path is not None:
+                say(f"{word}: {path}", quiet)
+    if run.partition.status != "sound":
+        in_one_line(log.name, run.partition.findings[::-1])  # the verdict first
+        raise typer.Exit(1)
 
 
 def campaign(
@@ -131,5 +136,6 @@ def campaign(
         say(run.summary(), quiet)
         say(f"table: {out / TABLE_FILE}", quiet)
         say(f"report: {report}", quiet)
-    if run.failed:
+    in_one_line("campaign", run.findings)
+    if run.failed or doubts(run.findings):
         raise typer.Exit(2 if len(run.failed) == len(run.outcomes) else 1)
