@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from statistics import NormalDist
 
 from pydantic import BaseModel, ConfigDict
 
@@ -94,6 +96,24 @@ class Estimate(BaseModel):
 
     def __str__(self) -> str:
         return self.text()
+
+
+def mixture_range(parts: Sequence[Estimate], weights: Sequence[float], level: float = 0.95) -> tuple[float, float]:
+    """The central range of a mixture of normal distributions of ``weights`` that add to one.
+
+    >>> [round(x, 3) for x in mixture_range([Estimate.normal(0.0, 1.0)], [1.0])]
+    [-1.96, 1.96]
+    """
+    normal = [NormalDist(e.value, e.u) for e in parts]
+    ends = []
+    for share in (0.5 * (1 - level), 0.5 * (1 + level)):
+        low, high = (pick(n.inv_cdf(share) for n in normal) for pick in (min, max))
+        for _ in range(60):  # halvings
+            middle = 0.5 * (low + high)
+            below = sum(w * n.cdf(middle) for w, n in zip(weights, normal)) < share
+            low, high = (middle, high) if below else (low, middle)
+        ends.append(0.5 * (low + high))
+    return ends[0], ends[1]
 
 
 def _parts(value: float, u: float) -> tuple[str, str, int]:

@@ -8,18 +8,17 @@ what was assumed) and the refitted answer in one step, so that no log is filtere
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
-from scipy.optimize import brentq
 
 from calibration import Array
 from calibration.disk import DISKS
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, mixture_range
 from calibration.finding import Finding, look, note
 from tcdyn.fitting import Optimum, free_directions, minimise, wave_factor
 from tcdyn.partition.effects import Unmeasured
@@ -98,8 +97,8 @@ class Alternatives:
         """The structure that the data ask for; a note where the headline holds all the same."""
         if (best := self.named) is None:
             return ()
-        said = note if self.holds else look
-        return (said("structures.other", name=best.name, log_odds=best.log_odds, beta=best.beta.value, u=best.beta.u),)
+        told = {"name": best.name, "log_odds": best.log_odds, "beta": best.beta.value, "u": best.beta.u}
+        return (note("structures.other", **told) if self.holds else look("structures.other", **told),)  # type: ignore[arg-type]
 
     def to_list(self) -> list[dict[str, Any]]:
         """As ``beta.json`` keeps them."""
@@ -150,7 +149,7 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     referee = [stats.norm.logpdf(a.referee_z) - np.log(np.hypot(a.exponent.u, law_u)) for a in tried]
     weights = special.softmax([a.log_odds + p + r for a, p, r in zip(tried, prior, referee)])
     order = np.argsort(-weights)
-    low, high = mixture_range([a.beta for a in tried], weights)
+    low, high = mixture_range([a.beta for a in tried], [float(w) for w in weights])
     ranked = tuple(tried[k] for k in order)
     return Alternatives(ranked, tuple(float(weights[k]) for k in order), low, high, tried[0])
 
@@ -160,7 +159,7 @@ def _settled(
     ends: NDArray[np.int64],
 ) -> _Refit:  # fmt: skip
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
-    theta, best, size = both.theta + found.step[:8], both.optimum, len(both.optimum.theta)
+    theta, best = both.theta + found.step[:8], both.optimum
     for _ in range(ROUNDS):
         parts = np.split(structures(test, joint, theta)[name], ends[:-1])
         extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
@@ -174,35 +173,15 @@ def _settled(
         again = minimise(problem, start, tolerance=ENOUGH)
         theta = again.theta[:8]
     own = [problem.names.index(what.name) for what in extra]
-    rest = np.delete(np.arange(len(problem.names)), own)
-    order = rest[[np.delete(problem.names, own).tolist().index(n) for n in best.problem.names]]
+    order = np.array([problem.names.index(name) for name in best.problem.names])
     solve = _Linear.at(again, ends, order)
     there = solve(again.jacobian[: ends[-1], own], waves)
     fall = (best.cost - again.cost) / waves
     values = [Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes)]
-    step = again.theta[order] - best.theta
-    assert len(step) == size
     return replace(
-        there, step=step, sizes=tuple(values), log_odds=0.5 * fall - there.volume, delta_chi2=fall,
-        waves=solve.waves(again.residual),
+        there, step=again.theta[order] - best.theta, sizes=tuple(values), log_odds=0.5 * fall - there.volume,
+        delta_chi2=fall, waves=solve.waves(again.residual),
     )  # fmt: skip
-
-
-def mixture_range(parts: Sequence[Estimate], weights: Array, level: float = 0.95) -> tuple[float, float]:
-    """The central range of a mixture of normal distributions.
-
-    >>> [round(x, 3) for x in mixture_range([Estimate.normal(0.0, 1.0)], np.ones(1))]
-    [-1.96, 1.96]
-    """
-    values, u = np.array([e.value for e in parts]), np.array([e.u for e in parts])
-    low, high = float((values - 9 * u).min()), float((values + 9 * u).max())
-
-    def below(x: float) -> float:
-        return float(weights @ stats.norm.cdf((x - values) / u))
-
-    tail = 0.5 * (1 - level)
-    ends = [float(brentq(lambda x, p=p: below(x) - p, low, high)) for p in (tail, 1 - tail)]
-    return ends[0], ends[1]
 
 
 @dataclass(frozen=True)
@@ -297,6 +276,15 @@ def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> f
     return frozenset(out)
 
 
+def power_scale(fast: float, slow: float) -> float:
+    """Heat that both disks show over the logged frictional power, by beta of either disk's joint fit.
+
+    >>> power_scale(0.7, 0.7), round(power_scale(4.448 * 0.7, 1 - 4.448 * 0.3), 3)
+    (1.0, 4.448)
+    """
+    return 1 + fast - slow
+
+
 def impossible(
     answers: Mapping[str, Estimate], both: Mapping[str, Estimate], draws: Mapping[str, Array]
 ) -> list[Finding]:
@@ -309,7 +297,7 @@ def impossible(
     ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
     if ways:
         found.append(look("answers.impossible", ways=ways))
-    scale = 1 + answers["joint fast"].value - answers["joint slow"].value
+    scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
     u = float(np.std(draws["joint fast"] - draws["joint slow"]))
     if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):
         near = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0}

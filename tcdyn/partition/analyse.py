@@ -18,7 +18,15 @@ from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.alternatives import WAYS, Alternatives, alternatives, impossible, withheld
+from tcdyn.partition.alternatives import (
+    OFF_SCALE,
+    WAYS,
+    Alternatives,
+    alternatives,
+    impossible,
+    power_scale,
+    withheld,
+)
 from tcdyn.partition.cooling import (
     CoolingFit,
     compensated,
@@ -150,7 +158,7 @@ def analyse(
     sensors = None
     if sensor_check:
         progress("sensor map")
-        sensors = check_sensors(test)
+        sensors = _check_sensors(test, rows, joint_s, profile)
         suspected = [suspect.finding for suspect in sensors.suspects]
         for finding in suspected:
             if finding.grade is Grade.REFUSE:
@@ -185,13 +193,30 @@ def analyse(
     surface, drawn = surface_temperatures(test, speed, windows, budget.draws)
     draws = {**budget.draws, **drawn}
     answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
-    findings += [*structures.findings, *impossible(answers, both.estimates, draws)]
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
+    findings += [*impossible(answers, both.estimates, draws), *(held.findings if held else ())]
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
         {d: one.done for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
+
+
+def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:
+    """The sensor map; where it suspects anything, that with the power that the disks show, if this explains it all."""
+    found = check_sensors(test)
+    if found.sound:
+        return found
+    try:
+        _, speed = steady_lines(test, rows, profile)
+        joint, _ = joint_fits(test, speed.starts, joint_s, profile)
+    except InputError:
+        return found
+    scale = power_scale(joint["fast"].beta, joint["slow"].beta)
+    if scale <= 0 or abs(scale - 1) < OFF_SCALE:
+        return found
+    again = check_sensors(replace(test, power_W=test.power_W * scale))
+    return again if again.sound else found
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:

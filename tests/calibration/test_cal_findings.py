@@ -13,7 +13,7 @@ from calibration.finding import Finding, Grade, channel_of, look, note, once, se
 from calibration.words import OLD, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKERS = ("note", "look", "refuse")
+MAKERS = ("note", "look", "refuse", "by_share")
 
 
 def codes_made() -> dict[str, str]:
@@ -25,7 +25,7 @@ def codes_made() -> dict[str, str]:
                 if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MAKERS):
                     continue
                 assert node.args, f"{path}, line {node.lineno}: a finding without a code"
-                for part in ast.walk(node.args[0]):
+                for part in ast.walk(node.args[node.func.id == "by_share"]):
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         made[part.value] = path.name
     return made
