@@ -156,7 +156,7 @@ def _judged(
     f: DiskFeatures, disk: DiskTraces, groups: tuple[tuple[str, ...], ...]
 ) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
     """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups))
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups, disk.left_out))
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
@@ -179,7 +179,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     """A channel of one disk exchanged with one of the other, where likelier than both disks' faults ``apart``."""
     fast, slow = (features[d] for d in DISKS)
     found = []
-    for i, j in product(range(len(CHANNELS)), repeat=2):
+    for i, j in product(*(np.flatnonzero(~test.disks[d].out) for d in DISKS)):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
             mixed = deepcopy(f)
@@ -200,7 +200,7 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     steady = f.inputs[f.event == "steady"][0, LEVELS]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual, fall = float(np.median(rise)), float(np.median(falls))
-    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K)
+    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
     out = []
     for i in np.flatnonzero(dead):
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
@@ -276,7 +276,7 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     }
     i, j = np.triu_indices(len(CHANNELS), 1)
     pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]
-    wanted = [demand(s, *pair) for pair in pairs]
+    wanted = [None if {*pair} & {*disk.left_out} else demand(s, *pair) for pair in pairs]
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
