@@ -19,6 +19,7 @@ CHANNELS = ("a", "b", "c", "d", "e", "f")
 INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
 OUTER_ROW = ("a", "c", "e")  # nearer the surface: what the rim model is compared with
 DISKS = ("fast", "slow")
+LEFT_OUT = "left out"  # in tables, where a channel has no numbers
 MOST_LEFT_OUT, LEAST_INNER = 2, 2  # of a disk's six channels; of its inner row, whose profile needs them
 FilterShape = Literal["cascade", "butterworth"]  # of the signal conditioning; the simulator has poles of its own
 FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)

@@ -128,8 +128,6 @@ class DiskTraces(DiskChannels):
 
 def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
     """The chain with the mean of the parameters of ``chains``, which are those of one ``disk``."""
-    if len(chains) == 1:
-        return chains[0]
     most = max(1, *(len(c.taus_s) for c in chains))
     taus = np.mean([sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in chains], axis=0)
     pairs = [c.pair for c in chains if c.pair is not None]
@@ -268,8 +266,8 @@ def disk_traces(
         y, missing, rounding = y @ shares.T, missing @ (shares.T > 0), list(shares @ rounding)
         noise = noise.for_more(used, np.sqrt(shares**2 @ noise.level_K**2))
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
-        mixed = [[c for c, part in zip(channels.chains, row) if part > 0] for row in weights]
-        channels = replace(channels, chains=tuple(mean_of(m, disk) for m in mixed), lag_covariance_s2=covariance)
+        chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
+        channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
     static_u_K = np.hypot(channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K))
     return DiskTraces(
         **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},

@@ -131,10 +131,8 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     rim, blocks, dt = window.rim, window.blocks, test.dt_s
     rest, power = rim.answer(h_W_m2K)
     base, g = rest + share * power, rim.gains(h_W_m2K)
-    moved = []
-    for p, size in departures(DEPTH_STEP_M):
-        there = rim.answer(h_W_m2K, p)
-        moved.append((there[0] + share * there[1] - base) / size)
+    there = [(*rim.answer(h_W_m2K, p), size) for p, size in departures(DEPTH_STEP_M)]
+    moved = np.array([(rest + share * power - base) / size for rest, power, size in there])
     width = max(int(round(SMOOTH_RATE_S / dt)), 1)
     smooth = ndimage.uniform_filter1d(window.readings[:, INNER], width, axis=0, mode="nearest")
     errors = np.hstack([inner_gradient(window, share, h_W_m2K), np.gradient(smooth, dt, axis=0)])
@@ -144,7 +142,7 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
         bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
         driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
     rates = np.gradient(base, window.at_s, axis=0)
-    known = stated_effects(np.array(moved), driven, np.ones(len(base)), rates, disk.drives)
+    known = stated_effects(moved, driven, np.ones(len(base)), rates, disk.drives)
     late = -share * np.gradient(power, window.at_s, axis=0)
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)

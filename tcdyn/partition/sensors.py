@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from calibration.disk import CHANNELS, DISKS, DiskSetup
+from calibration.disk import CHANNELS, DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.effects import LEVELS, DiskFeatures, disk_features
@@ -137,7 +137,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in DISKS], ignore_index=True)
     verdicts = {}
     for d in DISKS:
-        own = table[table["disk"] == d]
+        own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
         wrong, alike = int((own["steady"] == "illogical").sum()), ["-".join(pair) for pair in blind[d]]
         sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
@@ -276,12 +276,13 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     }
     i, j = np.triu_indices(len(CHANNELS), 1)
     pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]
-    wanted = [None if {*pair} & {*disk.left_out} else demand(s, *pair) for pair in pairs]
+    wanted = [demand(s, *pair) for pair in pairs]
+    out = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
     for name, (level, u) in levels.items():
-        gap, spread = level[i] - level[j], np.hypot(u[i], u[j])
+        gap, spread = np.where(out, np.nan, level[i] - level[j]), np.hypot(u[i], u[j])
         table[f"{name}_difference_K"], table[f"{name}_u_K"] = gap, spread
-        table[name] = [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
+        table[name] = np.where(out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)])
     return table

@@ -199,6 +199,7 @@ def estimate_beta(
     rig = rig or rig_of(records)
     left_out_of(without)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
+    first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
     while True:
         try:
             progress("reading the log")
@@ -213,8 +214,8 @@ def estimate_beta(
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
             if lost in left_out or disk not in DISKS or not still_told((*left_out_of(left_out)[disk], channel)):
-                raise
-            left_out[lost] = problem.what
+                raise (first or problem if problem.column else problem) from None
+            first, left_out[lost] = first or problem, problem.what
             progress(f"going on without {lost}")
 
 

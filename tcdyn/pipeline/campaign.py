@@ -39,7 +39,7 @@ TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """What all logs of a campaign are analysed with."""
+    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such as "fast_c"."""
 
     rig: Rig
     records: Mapping[str, DiskRecord]
@@ -177,10 +177,8 @@ def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
 
 
 def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
-    run = estimate_beta(
-        path, settings.rig, settings.records, window_s=settings.window_s, seed=settings.seed,
-        bearing=settings.bearing, without=settings.without,
-    )  # fmt: skip
+    s = settings
+    run = estimate_beta(path, s.rig, s.records, window_s=s.window_s, seed=s.seed, bearing=s.bearing, without=s.without)
     test = run.partition.test
     data = run.to_dict()
     found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
