@@ -172,9 +172,10 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     stand_ins = rig.disk_setup(disk).stand_ins(out[disk])[channel] if channel in INNER_ROW else {}
-    kept = [c for c in OUTER_ROW if c not in out[disk]]
-    say, why = (look, why) if why else (note, "as asked for")
-    return say("channel.left_out", subject=name, why=why, stand_ins=[*stand_ins], kept=kept)
+    cost = {"stand_ins": [*stand_ins], "kept": [c for c in OUTER_ROW if c not in out[disk]]}
+    if why:
+        return look("channel.left_out", subject=name, why=why, **cost)
+    return note("channel.left_out", subject=name, why="as asked for", **cost)
 
 
 def estimate_beta(

@@ -16,6 +16,7 @@ from calibration.errors import InputError
 from calibration.finding import Finding, Grade
 from tcdyn.cli.app import app, run
 from tcdyn.partition.analyse import Partition, analyse
+from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, joint_fits
 from tcdyn.partition.steady import disk_line, steady_lines
@@ -95,7 +96,12 @@ def test_what_is_left_out_has_no_compensated_trace_and_is_told(whole: tuple[str,
     assert told.grade is Grade.NOTE  # it was asked for
     stands_in = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
     assert told.numbers["stand_ins"] == stands_in
-    assert not any(channel == what.name.split()[-1] and disk == "slow" for what, disk, z in p.both.pulls if abs(z) > 1)
+    pulled = [
+        (t.stated.subject, str(t.stated.numbers.get("channel", t.stated.numbers.get("name"))))
+        for t in tensions(p.test, p.joint, p.both, p.sensors)
+    ]
+    assert ("slow", "depth e") in pulled or ("slow", "e") in pulled
+    assert not [name for disk, name in pulled if disk == "slow" and name.split()[-1] == channel]
 
 
 @pytest.mark.parametrize("channel", ["c", "f"])
@@ -202,13 +208,13 @@ def test_a_lost_channel_is_left_out_with_a_finding(
 
 def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(made: StudyRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """It rises by a sixth of what the others do: the reader lets it pass."""
-    frame = made.log.frame.assign(fast_e_degC=25 + (made.log.frame["fast_e_degC"] - 25) / 6)
+    frame = made.log.frame.assign(fast_d_degC=25 + (made.log.frame["fast_d_degC"] - 25) / 6)
     log = type(made.log)(frame, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
     monkeypatch.setattr(stage, "read_log", lambda *_, **__: log)
     found = estimate_beta("EHL_B3.csv", made.rig, made.records)
     (told,) = lost(found.partition.noticed)
-    assert told.subject == "fast_e"
-    assert "channel e is dead" in told.sentence
+    assert told.subject == "fast_d"
+    assert "channel d is dead" in told.sentence
     beta = found.partition.both.estimates["beta"]
     assert abs(beta.value - made.told["beta"]) < WORST_Z * beta.u
 
