@@ -172,7 +172,7 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     stand_ins = rig.disk_setup(disk).stand_ins(out[disk])[channel] if channel in INNER_ROW else {}
-    cost = {"stand_ins": [*stand_ins], "kept": [c for c in OUTER_ROW if c not in out[disk]]}
+    cost: dict[str, Any] = {"stand_ins": [*stand_ins], "kept": [c for c in OUTER_ROW if c not in out[disk]]}
     if why:
         return look("channel.left_out", subject=name, why=why, **cost)
     return note("channel.left_out", subject=name, why="as asked for", **cost)
