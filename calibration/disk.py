@@ -153,8 +153,8 @@ def still_told(left_out: Collection[str]) -> bool:
 def left_out_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """Channels left out of each disk, from names such as "fast_c". Raises InputError for another name, or too many.
 
-    >>> left_out_of(["slow_f", "slow_b_degC"])
-    {'fast': (), 'slow': ('b', 'f')}
+    >>> left_out_of(["slow_f", "slow_c_degC"])
+    {'fast': (), 'slow': ('c', 'f')}
     """
     wanted = {name.removesuffix("_degC"): name for name in names}
     known = {f"{disk}_{c}": (disk, c) for disk in DISKS for c in CHANNELS}
