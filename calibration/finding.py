@@ -150,6 +150,14 @@ def look(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) ->
     return Finding(code, Grade.LOOK, where, subject, numbers)
 
 
+FEW = 0.02  # share of the samples that may be mended without asking anybody
+
+
+def by_share(share: float, code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A note where what was mended is few of the samples, ``share`` of all; else it asks for a decision."""
+    return (look if share > FEW else note)(code, where=where, subject=subject, **numbers)
+
+
 def refuse(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
     """A finding that says what must not be used."""
     return Finding(code, Grade.REFUSE, where, subject, numbers)

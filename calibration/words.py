@@ -564,7 +564,7 @@ def _blame(suspects: Sequence[str], suspects_z: Sequence[float]) -> str:
     return "; ".join(f"{what} ({z:.1f} standard deviations)" for what, z in zip(suspects, suspects_z))
 
 
-def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **_: Any) -> str:
+def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **n: Any) -> str:
     words = {one, other}
     if words == {"joint fast", "joint slow"}:
         usual = "a junction depth, a static line or the friction scale: the two disks' shares do not add to one"
@@ -576,7 +576,18 @@ def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, sus
         usual = "the speed exponent, or a junction depth"
     return (
         f"The ways to beta do NOT agree: {one} and {other} differ by {apart:.3f}, {z:.1f} standard deviations of their "
-        f"difference; suspect {_blame(suspects, suspects_z) or usual}."
+        f"difference; suspect {_blame(suspects, suspects_z) or usual}. {_holds(**n)}"
+    )
+
+
+def _holds(holds: bool, **n: Any) -> str:
+    """Whether the headline may be used although something does not fit."""
+    if not holds:
+        return "Do NOT trust beta before that is cleared up."
+    both = Estimate.normal(n["both"], n["both_u"])
+    return (
+        f"The joint fit of both disks holds all the same: beta = {both}, 95 % from {n['low95']:.3f} to "
+        f"{n['high95']:.3f} over all other structures that were tried."
     )
 
 
@@ -592,6 +603,60 @@ def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: 
         f"{said}. The stated value that the data pull most is {n['strained']}: {n['strained_z']:.1f} standard "
         f"deviations, no contradiction (one sound test in {1 / n['chance']:.0f} shows as much)."
     )
+
+
+STRUCTURES = {  # of `tcdyn.partition.alternatives`: what it is, what to do about it
+    "as assumed": ("as assumed", ""),
+    "h_step": ("h changes at the parting", "the jets may hit the disks differently once they are apart"),
+    "h_of_T": ("h follows the surface temperature", "a shorter cooling window is less touched by it"),
+    "flux_shift": ("the contact runs beside the centre plane", "measure where the track lies"),
+    "flux_wider": ("the heat enters over another width than Hertz's", "measure the track's width"),
+    "faces": ("the side faces lose another amount of heat", "look at the washers"),
+    "stem": ("the junctions lose heat along their wires", "calibrate the disk with its wires as in the test"),
+    "elsewhere": ("part of the frictional heat goes elsewhere, or friction is off scale", "check the friction's gain"),
+    "k_of_T": ("the conductivity changes with temperature", "state it for the temperature of the test"),
+    "film_air": ("the running surface loses heat to oil or air of another temperature", "log the oil at the disks"),
+}
+
+
+def structure(name: str) -> str:
+    """A structure in words.
+
+    >>> structure("lag of fast_e"), structure("faces")
+    ('junction e of the fast disk lags otherwise than its record says', 'the side faces lose another amount of heat')
+    """
+    if name in STRUCTURES:
+        return STRUCTURES[name][0]
+    disk, _, channel = name.removeprefix("lag of ").partition("_")
+    return f"junction {channel} of the {disk} disk lags otherwise than its record says"
+
+
+def _other_structure(name: str, log_odds: float, beta: float, u: float, **_: Any) -> str:
+    remedy = STRUCTURES.get(name, ("", "a bubble in its cement, or its column is another's"))[1]
+    return (
+        f"the data ask for another structure than assumed: {structure(name)} (log-odds {log_odds:.0f}); with it beta "
+        f"of both disks is {Estimate.normal(beta, u)}; {remedy}"
+    )
+
+
+def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
+    likely = f"likeliest: {' or '.join(units)}" if units else "check load, friction, speeds and their units"
+    size = Estimate.normal(scale, u)
+    return f"the heat that both disks show is {size} times the logged frictional power F u_s; {likely}"
+
+
+def _headline(beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any) -> str:
+    implied = Estimate.normal(n["exponent"], n["exponent_u"])
+    law = f"the exponent that it implies, {implied}, "
+    law += "is the speed law's" if abs(z) < 2 else f"lies {abs(z):.1f} standard deviations off the speed law's"
+    said = (
+        f"beta = {Estimate.normal(beta, u)} by the joint fit of both disks: their shares add to one, what is wrong "
+        f"with both alike cancels, and no speed law is assumed; {law} ({n['assumed']:g}). Over {count} other "
+        f"structures 95 % of beta lie between {low95:.3f} and {high95:.3f}"
+    )
+    if "named" in n:
+        said += f"; the data ask for one of them: {structure(n['named'])} (beta {n['named_beta']:.3f})"
+    return f"{said}."
 
 
 PARTITION: dict[str, Words] = {
@@ -623,10 +688,17 @@ PARTITION: dict[str, Words] = {
     ),
     "ways.agree": _ways_agree,
     "ways.apart": _ways_apart,
-    "ways.contradicted": lambda low, high, suspects, suspects_z, **_: (
+    "ways.contradicted": lambda low, high, suspects, suspects_z, **n: (
         f"The ways to beta lie together ({low:.3f} to {high:.3f}), but the data contradict what was stated: suspect "
-        f"{_blame(suspects, suspects_z)}. Do NOT trust beta before that is cleared up."
+        f"{_blame(suspects, suspects_z)}. {_holds(**n)}"
     ),
+    "headline.both": _headline,
+    "headline.withheld": "No beta is given: what the joint fit of both disks finds is impossible.",
+    "answers.impossible": lambda ways, **_: (
+        f"impossible numbers (beta outside 0 to 1, h not above zero) by {', '.join(ways)}: withheld"
+    ),
+    "power.scale": _power,
+    "structures.other": _other_structure,
     "joint.interval": _interval,
 }
 

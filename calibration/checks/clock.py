@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.finding import Finding, Place, look, note
+from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import MAD_TO_SD
 
 LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
@@ -104,13 +105,14 @@ def check_time(time: Array, place: Place) -> Sampling:
     if straying:
         decimal_s = float(step.min())
         if np.allclose(step / decimal_s, np.rint(step / decimal_s), atol=0.01) and away_s < 0.6 * decimal_s:
-            found.append(look("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
+            found.append(note("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
         else:
             late = time - even
     if lost := int((places[places > 1] - 1).sum()):
         i, gaps = int(np.argmax(places > 1)), int((places > 1).sum())
         line, first_s = place.row(i + 1), float(time[i])
-        found.append(look("time.lost", subject="time_s", row=line, count=lost, places=gaps, first_s=first_s))
+        numbers: dict[str, Any] = {"row": line, "count": lost, "places": gaps, "first_s": first_s}
+        found.append(by_share(lost / len(time), "time.lost", subject="time_s", **numbers))
     if dt > 0.05:
         found.append(look("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
@@ -238,4 +240,4 @@ def _filled(time: Array, place: Place) -> tuple[Array, list[Finding]]:
         )
     index = np.arange(len(time))
     time = np.interp(index, index[~bad], time[~bad])
-    return time, [look("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]
+    return time, [note("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]

@@ -11,7 +11,7 @@ from calibration import Array, Flags
 from calibration.columns import ROOM_AND_BATH
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
-from calibration.finding import Finding, Place, look, note
+from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import white_noise_sd
 from calibration.rig import Rig, RigTables
 
@@ -83,7 +83,8 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
             raise InputError(
                 f"{place.at(name, first)}: {100 * missing.mean():.0f} % of it is missing", where=place.where
             )
-        found.append(look("switch.filled", subject=name, count=int(missing.sum()), **place.of(first)))
+        count = int(missing.sum())
+        found.append(by_share(count / len(values), "switch.filled", subject=name, count=count, **place.of(first)))
         values = np.array(pd.Series(values).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.sort(pd.unique(values))
     if len(levels) > 2:
@@ -128,7 +129,7 @@ def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding
     found, edges = list[Finding](), np.flatnonzero(steps) + 1
     close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
     if len(edges) > 2 and len(close):
-        found.append(look("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]]))))
+        found.append(note("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]]))))
     if name == "contact" and values[0] > 0.5:
         found.append(look("contact.from_start", subject="contact"))
     cooling_s = float(len(values) - 1 - falls[-1]) * place.dt_s if len(falls) else np.inf

@@ -10,7 +10,7 @@ import numpy as np
 from calibration import Array, Flags
 from calibration.columns import ROOM_AND_BATH
 from calibration.errors import InputError
-from calibration.finding import Finding, Place, look, note
+from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import MOST_MISSING, impossible
 
 LONGEST_NAN_S = 0.5
@@ -97,10 +97,11 @@ class ColumnCheck:
                     "missing or impossible",
                     where=place.where,
                 )
-            return [look("values.missing", subject=name, count=gap.count, **place.of(gap.first))] if gap.count else []
+            numbers = {"count": gap.count, **place.of(gap.first)} if gap.count else {}
+            return [by_share(gap.count / seen, "values.missing", subject=name, **numbers)] if gap.count else []
         if wild.count:
-            first = place.of(wild.first)
-            found.append(look("values.impossible", subject=name, count=wild.count, value=wild.value, **first))
+            numbers = {"count": wild.count, "value": wild.value, **place.of(wild.first)}
+            found.append(by_share(wild.count / seen, "values.impossible", subject=name, **numbers))
         if place.dt_s is None:
             return found
         found += self._frozen(place.dt_s)
@@ -125,7 +126,7 @@ class ColumnCheck:
             )
         if absent.count:
             longest = {"longest": absent.length, "longest_s": absent.length * place.dt_s, **place.of(absent.start)}
-            found.append(look("values.absent", subject=name, count=absent.count, **longest))
+            found.append(by_share(absent.count / seen, "values.absent", subject=name, count=absent.count, **longest))
         return found
 
     def _frozen(self, dt_s: float) -> list[Finding]:

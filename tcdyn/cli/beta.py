@@ -21,6 +21,7 @@ from tcdyn.cli.common import (
     Verbose,
     counted,
     dump,
+    in_one_line,
     say,
     spare_inputs,
     stages,
@@ -87,7 +88,8 @@ def beta(
         for word, path in (("numbers", out), ("report", report)):
             if path is not None:
                 say(f"{word}: {path}", quiet)
-    if any(found.code == "channel.left_out" for found in doubts(run.partition.noticed)):
+    if run.partition.status != "sound":
+        in_one_line(log.name, run.partition.findings[::-1])  # the verdict first
         raise typer.Exit(1)
 
 
@@ -142,5 +144,6 @@ def campaign(
         say(run.summary(), quiet)
         say(f"table: {out / TABLE_FILE}", quiet)
         say(f"report: {report}", quiet)
-    if run.failed:
+    in_one_line("campaign", run.findings)
+    if run.failed or doubts(run.findings):
         raise typer.Exit(2 if len(run.failed) == len(run.outcomes) else 1)

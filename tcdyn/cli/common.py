@@ -27,7 +27,7 @@ from rich.progress import (
 from rich.table import Table
 
 from calibration.errors import InputError
-from calibration.finding import Finding, Grade, once
+from calibration.finding import Finding, Grade, doubts, once
 from calibration.result import jsonable
 from calibration.words import SPOKEN
 
@@ -162,6 +162,14 @@ def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     for found in () if quiet else once(findings):
         sentence = in_options(found.sentence, SPOKEN)
         print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
+
+
+def in_one_line(what: str, findings: Iterable[Finding]) -> None:
+    """One line on standard error that tells of the first finding above a note, also under --quiet and --json."""
+    asking = doubts(once(findings))
+    if asking:
+        more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
+        print(f"tcdyn: {what}: look: {in_options(asking[0].sentence, SPOKEN)}{more}", file=sys.stderr)
 
 
 def dump(data: Any) -> str:

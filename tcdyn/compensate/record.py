@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, by_share, look, sentences
 from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, sensors
@@ -105,7 +105,7 @@ def stretch_of(
             percent, first = 100 * float(np.mean(still)), int(np.argmax(still))
             found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
         elif (bad := float(np.mean(flag != GOOD))) > 0.01:
-            found.append(look("trace.bad", subject=name, percent=100 * bad))
+            found.append(by_share(bad, "trace.bad", subject=name, percent=100 * bad))
     good = flags == GOOD
     filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.finding import Finding, Grade, sentences
+from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
+from tcdyn.partition.alternatives import WAYS, Alternatives, alternatives, impossible, withheld
 from tcdyn.partition.cooling import (
     CoolingFit,
     compensated,
@@ -43,7 +44,7 @@ from tcdyn.partition.window import DiskWindow, stretch_of
 
 SCHEMA = "tcdyn.beta/1"
 WINDOW_S = 5.0
-WAYS = ("speed law", *(f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS))
+NOTHING: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))  # an estimate that is withheld
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Partition:
 
     ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
     lag refined by the joint fit); ``answers``: every quantity with the uncertainty of the budget's draws, which hold
-    their correlations; ``noticed``: what was found on the way, before the cross-check's verdict.
+    their correlations; ``structures``: the fit of both disks if the test were built otherwise; ``noticed``: what was
+    found on the way, before the cross-check's verdict.
     """
 
     test: EhlTest
@@ -69,6 +71,7 @@ class Partition:
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
+    structures: Alternatives
     noticed: tuple[Finding, ...]
 
     @property
@@ -85,6 +88,31 @@ class Partition:
     def ways(self) -> dict[str, Estimate]:
         """beta of the fast disk by each way."""
         return {way: self.answers[way] for way in WAYS}
+
+    @property
+    def withheld(self) -> frozenset[str]:
+        """Keys of ``answers`` that cannot be true, and of both disks' estimates as "both beta"; not to be shown."""
+        return withheld(self.answers, self.both.estimates)
+
+    @property
+    def status(self) -> str:
+        """ "sound", "look" where something asks for a decision, "withheld" where the headline cannot be true."""
+        if "both beta" in self.withheld:
+            return "withheld"
+        return "look" if doubts(self.findings) else "sound"
+
+    @property
+    def headline(self) -> Finding:
+        """The recommended answer and why, in words: the joint fit of both disks."""
+        if "both beta" in self.withheld:
+            return look("headline.withheld")
+        e, s = self.both.estimates, self.structures
+        numbers: dict[str, Any] = {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
+        return note(
+            "headline.both", beta=e["beta"].value, u=e["beta"].u, exponent=e["exponent"].value,
+            exponent_u=e["exponent"].u, assumed=self.test.speed_exponent, z=s.assumed.referee_z,
+            count=len(s.tried) - 1, low95=s.low95, high95=s.high95, **numbers,
+        )  # fmt: skip
 
     @cached_property
     def profiles(self) -> pd.DataFrame:
@@ -138,6 +166,8 @@ def analyse(
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
+    progress("other structures")
+    structures = alternatives(test, joint, both)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
@@ -156,10 +186,12 @@ def analyse(
     surface, drawn = surface_temperatures(test, speed, windows, budget.draws)
     draws = {**budget.draws, **drawn}
     answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
-    checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors))
+    findings += [*structures.findings, *impossible(answers, both.estimates, draws)]
+    held = structures if "both beta" not in withheld(answers, both.estimates) else None
+    checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
-        {d: one.shown for d, one in cooled.items()}, windows, sensors, tuple(findings),
+        {d: one.shown for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
 
 
@@ -176,8 +208,9 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
     A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
     """
     test = p.test
-    a = {key: estimate.model_dump() for key, estimate in p.answers.items()}
-    both = {key: estimate.model_dump() for key, estimate in p.both.estimates.items()}
+    gone = p.withheld
+    a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
+    both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
     depths = {} if p.sensors is None else p.sensors.depths
     return {
         "schema": SCHEMA,
@@ -213,6 +246,14 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "both": both,
             "profiles": profiles_file(p.profiles),
         },
+        "headline": {
+            "beta": both["beta"],
+            "way": "joint both",
+            "sentence": p.headline.sentence,
+            "range95": None if p.status == "withheld" else [p.structures.low95, p.structures.high95],
+        },
+        "status": p.status,
+        "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
         "crosscheck": p.crosscheck.to_dict(),
         "budget": [asdict(row) for row in p.budget.rows],
         "surface": {

@@ -19,6 +19,7 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
+from tcdyn.partition.alternatives import Alternatives
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.faults import DepthTest
@@ -191,6 +192,7 @@ def cross_check(
     ways: Mapping[str, Estimate],
     draws: Mapping[str, Array],
     tensions: Sequence[Tension] = (),
+    both: Alternatives | None = None,
 ) -> CrossCheck:
     """Compare the ways to beta, given Monte Carlo ``draws`` of each that share their common errors.
 
@@ -198,7 +200,7 @@ def cross_check(
     of the difference of their draws, so an error that moves both alike does not count. With several pairs the largest
     z is judged by the chance that any of so many would be as large (``p_value`` from the draws themselves).
     ``tensions`` that contradict become named suspects. The ways agree when there is none and no pair is beyond
-    ``SUSPECT_Z``.
+    ``SUSPECT_Z``. ``both``: whether the fit of both disks holds where they do not.
     """
     values, pairs, zs = {way: e.value for way, e in ways.items()}, [], []
     for one, other in combinations(ways, 2):
@@ -219,7 +221,11 @@ def cross_check(
         "one": worst[0], "other": worst[1], "apart": abs(worst[2]), "z": worst[3], "low": min(values.values()),
         "high": max(values.values()), "steady": steady.value, "steady_u": steady.u,
         "suspects": [t.stated.sentence for t in suspects[:3]], "suspects_z": [abs(t.z) for t in suspects[:3]],
+        "holds": False,
     }  # fmt: skip
+    if both is not None:
+        numbers |= {"holds": both.holds, "both": both.assumed.beta.value, "both_u": both.assumed.beta.u}
+        numbers |= {"low95": both.low95, "high95": both.high95}
     if worst[3] >= SUSPECT_Z:
         finding = look("ways.apart", **numbers)
     elif suspects:
@@ -232,10 +238,7 @@ def cross_check(
 
 
 def tensions(
-    test: EhlTest,
-    joint: Mapping[str, DiskFit],
-    both: BothFit,
-    sensors: SensorCheck | None = None,
+    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, sensors: SensorCheck | None = None
 ) -> tuple[Tension, ...]:
     """Every stated value with the number of standard deviations by which the data would move it.
 

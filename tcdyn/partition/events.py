@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.finding import Finding, look
+from calibration.finding import Finding, look, note
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
 from tcdyn.traces import DiskTraces
 
@@ -126,7 +126,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
     if bounced:
-        found.append(look("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
+        found.append(note("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
     unload, u, parting, said = _parting(t, frame, 0.5 * float(t[last] + t[last + 1]), float(t[first]))
     found += said
     load_on = 0.5 * (t[first - 1] + t[first]) if first else t[0]

@@ -24,7 +24,7 @@ from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import Unmeasured, effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import FitShift
-from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_seen, stretch_of
+from tcdyn.partition.window import POWER, REST, DiskWindow, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -45,8 +45,8 @@ class Side:
 
     ``y`` (m,): what was seen; ``effect`` (m, Q): what one standard uncertainty of each of ``of`` makes of it;
     ``model``: prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``, None where there is none; ``prior_*``: what
-    was known of its lags; ``rest_of_lag_s``: lag of the chain beyond tau1 + tau2. The model is made of ``rim`` and
-    ``weight`` (R, 3) [1/K], with ``heated``, the rim whose power is seen through given lags.
+    was known of its lags; ``rest_of_lag_s``: lag of the chain beyond tau1 + tau2. The model is that of ``window``, with
+    ``heated``, its rim with the power seen through given lags.
     """
 
     disk: str
@@ -58,8 +58,7 @@ class Side:
     prior_lag_u_s: float
     prior_tau2_s: float
     rest_of_lag_s: float
-    rim: RimMeans
-    weight: Array
+    window: DiskWindow
     heated: Callable[[tuple[float, ...]], RimMeans]
 
 
@@ -97,6 +96,7 @@ class BothFit:
     estimates: Mapping[str, Estimate]
     pulls: tuple[tuple[Unmeasured, str, float], ...]
     inflation: float
+    optimum: Optimum = field(repr=False, compare=False)
 
 
 def lags(p: Array) -> tuple[float, float]:
@@ -156,8 +156,7 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
         prior_lag_u_s=max(disk.common_lag_u_s, LEAST_LAG_U_S),
         prior_tau2_s=tau2_s,
         rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
-        rim=rim,
-        weight=weight,
+        window=window,
         heated=heated,
     )
 
@@ -268,7 +267,7 @@ def joint_fits(
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
     pulls = tuple((*of, z) for of, z in zip(unknown, list(best.pulls.values())[-len(unknown) :]))
-    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation)
+    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, best)
 
 
 def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:

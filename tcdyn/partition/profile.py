@@ -50,8 +50,8 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     low, high = _reach([float(np.exp(p[LOG_LAGS])) for p in points], lag_u_s)
     nodes_sum = log_nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
     nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
-    weight = side.weight
-    rest = (side.rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
+    weight = side.window.weight
+    rest = (side.window.rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
     power = np.empty((H_NODES, len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):

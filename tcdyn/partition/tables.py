@@ -10,7 +10,7 @@ import pandas as pd
 from calibration.disk import CHANNELS, DISKS, LEFT_OUT
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded, with_u
-from calibration.words import as_known
+from calibration.words import as_known, percent, structure
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.faults import DepthTest
@@ -30,26 +30,42 @@ TWO_SIGMA = 2.0
 
 
 def ways_table(p: Partition) -> pd.DataFrame:
-    """beta, h, lag and exponent by every way: standard uncertainties, and beta's 95 % interval."""
+    """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
     table = []
 
-    def way(word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None) -> None:
+    def way(
+        key: str, word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None
+    ) -> None:
         low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
         row = {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}"}
         more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
-        table.append(row | {key: with_u(e.value, e.u) if e else "" for key, e in more.items()})
+        row |= {key: with_u(e.value, e.u) if e else "" for key, e in more.items()}
+        table.append(row if key not in gone else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"})
 
-    a = p.answers
+    a, gone = p.answers, p.withheld
+    both = p.both.estimates
     for d in DISKS:
-        way(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"])
+        n = both["exponent"] if "both exponent" not in gone else None
+        way("both beta", f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n)
+    for d in DISKS:
+        way("speed law", f"speed law, {d} disk", a["speed law"], a[f"h_{d}"])
     for kind, lag in (("cooling", False), ("joint", True)):
         for d in DISKS:
             lag_s = p.joint[d].estimates["lag_s"] if lag else None
-            way(f"{kind} fit, {d} disk", a[f"{kind} {d}"], a[f"h {kind} {d}"], lag_s)
-    both = p.both.estimates
-    for d in DISKS:
-        way(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=both["exponent"])
+            way(f"{kind} {d}", f"{kind} fit, {d} disk", a[f"{kind} {d}"], a[f"h {kind} {d}"], lag_s)
     return pd.DataFrame(table)
+
+
+def structures_table(p: Partition) -> pd.DataFrame:
+    """The fit of both disks under every other structure, best supported first."""
+    rows = []
+    for a, likely in zip(p.structures.tried, p.structures.probability):
+        implied = with_u(a.exponent.value, a.exponent.u)
+        rows.append(
+            (structure(a.name), with_u(a.beta.value, a.beta.u), f"{a.delta_chi2:.1f}", percent(likely), implied)
+        )
+    columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def budget_table(p: Partition) -> pd.DataFrame:

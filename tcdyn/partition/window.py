@@ -19,7 +19,7 @@ from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.modal import RimGains, rim_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.rim import Flux, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.traces import DiskTraces
 
@@ -41,6 +41,8 @@ POWER, REST = slice(0, 1), slice(1, 5)  # of the rim's inputs
 class Perturbation:
     """Departures from the stated disk: relative ones of properties, ``deeper_m`` (6,) of junctions a, c, e, d, b, f.
 
+    ``shift_m``: of the flux's centre along z [m].
+
     The rim begins at the stated depth of b whatever the inner row's depths are.
     """
 
@@ -49,6 +51,7 @@ class Perturbation:
     washer: float = 0.0
     half_width: float = 0.0
     deeper_m: tuple[float, ...] = (0.0,) * len(ROWS)
+    shift_m: float = 0.0
 
 
 NOMINAL = Perturbation()
@@ -87,8 +90,9 @@ class RimMeans:
         )
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
+        flux = HertzBeside(width, p.shift_m) if p.shift_m else "hertz"
         mesh = BORE_MESH if bore else FIT_MESH
-        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, mesh)
+        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, flux, mesh)
 
     def through(
         self,
@@ -127,10 +131,24 @@ def cached_gains(
     half_width_m: float,
     rates: tuple[float, ...],
     profile: Profile,
+    flux: Flux,
     mesh: Mesh,
+    split_ambient: bool = False,
 ) -> RimGains:
     """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction."""
-    return rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile=profile, mesh=mesh)
+    return rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, split_ambient)
+
+
+@dataclass(frozen=True)
+class HertzBeside:
+    """Hertzian flux (3.32) of half-width ``half_width_m``, its centre ``shift_m`` beside the centre plane [m]."""
+
+    half_width_m: float
+    shift_m: float
+
+    def __call__(self, z_m: Array) -> Array:
+        """Flux density at places ``z_m`` from the centre plane, of any scale."""
+        return np.asarray(np.clip(1 - ((z_m - self.shift_m) / self.half_width_m) ** 2, 0.0, None))
 
 
 @dataclass(frozen=True)

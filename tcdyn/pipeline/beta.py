@@ -221,15 +221,20 @@ def estimate_beta(
 
 
 def summary_of(p: Partition) -> str:
-    """beta, h and lag by every way, and the verdict."""
-    a = p.answers
-    lines = [f"speed law     beta {a['speed law']}   h_fast {a['h_fast']}   h_slow {a['h_slow']} W/m2K"]
-    lines += [f"cooling {d}  beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K" for d in DISKS]
+    """The headline, beta, h and lag by every way, and the verdict."""
+    a, both, gone = p.answers, p.both.estimates, p.withheld
+    pair = "beta {}   h_fast {}   h_slow {} W/m2K"
+    lines = {
+        "both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"])),
+        "speed law": ("speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])),
+    }
+    for d in DISKS:
+        lines[f"cooling {d}"] = (f"cooling {d}", f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K")
     for d, fit in p.joint.items():
-        lines.append(
-            f"joint {d}    beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {fit.estimates['lag_s']} s"
-        )
-    return "\n".join([*lines, p.crosscheck.sentence])
+        lag = fit.estimates["lag_s"]
+        lines[f"joint {d}"] = (f"joint {d}", f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s")
+    said = [f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()]
+    return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
 
 
 @dataclass(frozen=True)

@@ -51,13 +51,13 @@ def table_columns() -> list[str]:
     out = ["test", "log"]
     for name, (_, estimate) in COLUMNS.items():
         out += [name, f"u_{name}"] if estimate else [name]
-    return [*out, "agree", "warnings", "error"]
+    return [*out, "agree", "status", "warnings", "error"]
 
 
 def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
     """One row from the content of a beta.json; without it (a log that failed) the numbers stay empty."""
     row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
-    row |= {"test": log.removeprefix("EHL_"), "log": log, "error": error, "agree": "", "warnings": 0}
+    row |= {"test": log.removeprefix("EHL_"), "log": log, "error": error, "agree": "", "status": "", "warnings": 0}
     if data is None:
         return row
     for name, (keys, estimate) in COLUMNS.items():
@@ -67,6 +67,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         row[name] = found["value"] if estimate else np.nan if found is None else found
         if estimate:
             row[f"u_{name}"] = found["u"]
+    row["status"] = data["status"]
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
     row["warnings"] = sum(found["code"] != AGREE for found in data["findings"])
     return row

@@ -15,7 +15,7 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import open_table, shown
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, look, note, sentences
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
@@ -196,7 +196,7 @@ def compensate_log(
             refine = False
             findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag else []
         other = next(iter(records))
-        findings += [look("compensate.one_disk", subject=d, other=other) for d in DISKS if d not in records]
+        findings += [note("compensate.one_disk", subject=d, other=other) for d in DISKS if d not in records]
     traces: dict[str, DiskTraces] = {}
     fits: Mapping[str, DiskFit] = {}
     if refine and way.removes_lag and kind == "ehl" and {"fast", "slow"} <= set(records):

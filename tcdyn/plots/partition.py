@@ -75,7 +75,8 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, colour: str, label: 
 
 def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     """beta by every way with its 95 % interval; a simulation's truth as a line."""
-    rows = [*p.ways.items(), ("joint, both disks", p.both.estimates["beta"])]
+    rows = [("joint, both disks", p.both.estimates["beta"])] if "both beta" not in p.withheld else []
+    rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
     for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
         ax.errorbar(

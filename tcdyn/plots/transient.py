@@ -1,4 +1,4 @@
-"""Pictures of the transient fits: answer over the window, both forms, profiles, and where the junctions are."""
+"""Pictures of the transient fits: answer over the window, both forms, profiles, other structures, junctions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95, Estimate
+from calibration.words import percent, structure
+from tcdyn.partition.alternatives import Alternatives
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
@@ -121,6 +123,20 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     ax.set_ylim(-0.6, len(names) - 0.4)
     ax.set_xlabel("compensated less commuted,\nin standard uncertainties of the difference [1]")
     return ax
+
+
+def draw_structures(found: Alternatives, ax: Axes) -> Axes:
+    """beta of both disks under every structure, likeliest on top, with 95 % bars and the range over all of them."""
+    ax.axvspan(found.low95, found.high95, color=PALE, zorder=0, label="95 % over all of them")
+    y = range(len(found.tried) - 1, -1, -1)
+    for at, a, likely in zip(y, found.tried, found.probability):
+        tone = str(round(0.65 * (1 - likely**0.25), 3))  # a likely one is black, a lost one grey
+        ax.errorbar(a.beta.value, at, xerr=Z95 * a.beta.u, fmt="D", color=tone, capsize=2, markersize=4)
+    ax.axvline(found.assumed.beta.value, color=TRUTH, linewidth=0.8)
+    names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
+    ax.set_yticks(list(y), names, fontsize=8)
+    ax.set_ylim(-0.7, len(found.tried) - 0.3)
+    return dressed(ax, "heat partition β by the joint fit of both disks [1]", "", legend=True)
 
 
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:

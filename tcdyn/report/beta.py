@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.disk import DISKS
-from calibration.estimate import rounded
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.tables import (
@@ -15,12 +14,13 @@ from tcdyn.partition.tables import (
     interval_table,
     junctions_table,
     referee_table,
+    structures_table,
     test_table,
     ways_table,
 )
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import TRUTH, figure
-from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_window_study
+from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
 from tcdyn.report.page import Section, write_page
 
 ASSUMED = (
@@ -35,6 +35,7 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
     """Sections for one test, most wanted first."""
     return [
         *answer_sections(p, name, truth),
+        structure_section(p, name),
         *uncertainty_sections(p, name),
         *transient_sections(p, name),
         profile_section(p, name),
@@ -77,6 +78,20 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
             "of different size, so that equal answers stay visible.",
         ),
     ]
+
+
+def structure_section(p: Partition, name: str) -> Section:
+    """The fit of both disks if the test were built otherwise."""
+    picture, (ax,) = figure(height_in=5.2)
+    draw_structures(p.structures, ax)
+    return Section(
+        f"{name}: does β hold if the test is built otherwise?",
+        "The joint fit of both disks again, each time with one departure that the fits do not assume; the probability "
+        "weighs how well it explains both disks and whether the exponent that it implies is the speed law's.",
+        table=structures_table(p),
+        figure=picture,
+        caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over all of them.",
+    )
 
 
 def uncertainty_sections(p: Partition, name: str) -> list[Section]:
@@ -179,9 +194,7 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
 
 def verdict(p: Partition) -> str:
     """The answer first, then whether the ways to it agree."""
-    beta = p.answers["speed law"]
-    low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
-    return f"β = {beta} by the speed law (95 %: {low} to {high}). {p.crosscheck.sentence}"
+    return f"{p.headline.sentence.replace('beta =', 'β =', 1)} {p.crosscheck.sentence}"
 
 
 def assumed(p: Partition) -> list[str]:

@@ -61,14 +61,16 @@ def study_rig(
     truth: RigTruth | None = None,
     rig: Rig | None = None,
     disturbed: Callable[[pd.DataFrame], pd.DataFrame] = lambda frame: frame,
+    seen: Callable[[dict[str, Any]], None] = lambda told: None,
 ) -> StudyRig:
     """Draw rig ``seed`` and run test ``name`` on it; ``lag_error_s`` overrides the drawn error of both common lags.
 
-    ``disturbed`` makes of the log what else happens to it.
+    ``disturbed`` makes of the log what else happens to it, when ``seen`` has the truth of the test.
     """
     rig = rig or load_rig()
     true = truth or draw_truth(seed, rig, uncertain=uncertain)
     frame, told = simulate_ehl(name, seed, true, options)
+    seen(told)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
     log = Log(disturbed(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
     return StudyRig(rig, true, prepare(log, rig, records), told, records, log)

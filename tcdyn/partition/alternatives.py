@@ -1,0 +1,318 @@
+"""Other structures of a test than the fits assume: does the fit of both disks move under them, and which do the data
+ask for? And which numbers cannot be true.
+
+With columns X of the whitened data by a standard deviation of a structure and the fit's own Jacobian J and posterior
+covariance C, what J leaves of X, K = X'X - X'J C J'X, gives the structure's size, its evidence (Bayes factor against
+what was assumed) and the refitted answer in one step, so that no log is filtered again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special, stats
+from scipy.optimize import brentq
+
+from calibration import Array
+from calibration.disk import DISKS
+from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note
+from tcdyn.fitting import Optimum, free_directions, minimise, wave_factor
+from tcdyn.partition.effects import Unmeasured
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.joint import ENOUGH, LOG_H, SHARE, BothFit, DiskFit, joint_problem
+from tcdyn.partition.structures import structures
+
+H_OF = {  # the heat transfer coefficients that a way finds beside beta
+    "speed law": ("h_fast", "h_slow"),
+    **{f"{kind} {d}": (f"h {kind} {d}",) for kind in ("cooling", "joint") for d in DISKS},
+}
+WAYS = tuple(H_OF)
+EXPONENT_U = 5.0  # an exponent known worse than this is not known
+OFF_SCALE, OFF_SCALE_Z = 0.1, 5.0  # of the frictional power against the heat that both disks show, to be told
+UNITS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
+    "friction in pounds-force": 4.448,
+    "friction in kilograms-force": 9.807,
+    "speeds in rad/s": 9.549,
+    "speeds in revolutions per second": 60.0,
+    "friction in kilonewtons": 1000.0,
+}
+SAME_UNIT = 0.08
+SETTLED_LOG_ODDS, ROUNDS = 3.0, 2
+SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
+NAMED_LOG_ODDS, FITS_Z = 8.0, 3.0
+STEADY_U, STEADY_BETA = 2.0, 0.02  # the headline holds within these
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """The fit of both disks under another structure.
+
+    ``size`` of each of its parameters, in prior standard deviations; ``log_odds``: logarithm of its Bayes factor
+    against the assumed structure; ``delta_chi2``: by how much chi-squared falls; ``referee_z``: how far the exponent
+    that it implies lies from the speed law's range, in standard deviations.
+    """
+
+    name: str
+    beta: Estimate
+    exponent: Estimate
+    size: tuple[Estimate, ...]
+    log_odds: float
+    delta_chi2: float
+    referee_z: float
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """All structures, best supported first, the assumed one ("as assumed") among them; ``probability`` of each.
+
+    ``low95`` to ``high95``: 95 % range of beta over all of them, each weighed by its probability.
+    """
+
+    tried: tuple[Alternative, ...]
+    probability: tuple[float, ...]
+    low95: float
+    high95: float
+    assumed: Alternative
+
+    @property
+    def named(self) -> Alternative | None:
+        """The structure that the data ask for, if one is far likelier than what was assumed and agrees with the speed
+        law."""
+        best = max(self.tried, key=lambda a: a.log_odds)
+        return best if best.log_odds > NAMED_LOG_ODDS and abs(best.referee_z) < FITS_Z else None
+
+    @property
+    def holds(self) -> bool:
+        """Whether the headline stays where it is under every structure that the data leave open."""
+        beta, best = self.assumed.beta, self.tried[0]
+        near = abs(best.beta.value - beta.value) <= STEADY_U * max(beta.u, best.beta.u)
+        return near and 0.5 * (self.high95 - self.low95) <= STEADY_BETA
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The structure that the data ask for; a note where the headline holds all the same."""
+        if (best := self.named) is None:
+            return ()
+        said = note if self.holds else look
+        return (said("structures.other", name=best.name, log_odds=best.log_odds, beta=best.beta.value, u=best.beta.u),)
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """As ``beta.json`` keeps them."""
+        return [
+            {
+                "name": a.name,
+                "beta": a.beta.model_dump(),
+                "delta_chi2": a.delta_chi2,
+                "log_odds": a.log_odds,
+                "probability": p,
+                "exponent": a.exponent.model_dump(),
+            }
+            for a, p in zip(self.tried, self.probability)
+        ]
+
+
+def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> Alternatives:
+    """The fit of both disks under every structure, and the range of beta over all of them.
+
+    Slow waves of the residuals count as in the fits' own uncertainties: evidence is weighed with those that are left
+    when all structures are free at once, an answer's uncertainty with those that its own structure leaves. What the
+    data seem to ask for is fitted again where it leads, since a large departure is not linear.
+    """
+    ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
+    columns, none = structures(test, joint, both.theta), np.zeros((ends[-1], 0))
+    solve = _Linear.at(both.optimum, ends)
+    waves = solve(np.hstack([*columns.values()]), solve.waves(both.optimum.residual)).waves
+    log_ratio = float(np.log(test.speed_ratio))
+    toward = np.zeros((2, len(both.optimum.theta)))
+    toward[0, SHARE], toward[1, [LOG_H, 4 + LOG_H]] = 1.0, [1 / log_ratio, -1 / log_ratio]
+    law_u = test.exponent_half_range / np.sqrt(3)
+    nothing, stated = solve(none, waves), solve(none, both.inflation)
+    tried = []
+    for name, x in {"as assumed": none, **columns}.items():
+        found = solve(x, waves)
+        if found.log_odds > SETTLED_LOG_ODDS:
+            found = _settled(test, joint, both, name, found, waves, ends)
+        wide = found.covariance(max(found.waves, waves)) if x.size else stated.covariance(both.inflation)
+        usual = stated.covariance(both.inflation)
+        beta, n = (
+            Estimate.normal(e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w)))
+            for e, t in zip((both.estimates["beta"], both.estimates["exponent"]), toward)
+            for v, w in [(t @ wide @ t, t @ usual @ t)]
+        )
+        z = (n.value - test.speed_exponent) / float(np.hypot(n.u, law_u))
+        tried.append(Alternative(name, beta, n, found.sizes, found.log_odds, found.delta_chi2, z))
+    prior = [np.log(SOUND), *[np.log((1 - SOUND) / (len(tried) - 1))] * (len(tried) - 1)]
+    referee = [stats.norm.logpdf(a.referee_z) - np.log(np.hypot(a.exponent.u, law_u)) for a in tried]
+    weights = special.softmax([a.log_odds + p + r for a, p, r in zip(tried, prior, referee)])
+    order = np.argsort(-weights)
+    low, high = mixture_range([a.beta for a in tried], weights)
+    ranked = tuple(tried[k] for k in order)
+    return Alternatives(ranked, tuple(float(weights[k]) for k in order), low, high, tried[0])
+
+
+def _settled(
+    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: _Refit, waves: float,
+    ends: NDArray[np.int64],
+) -> _Refit:  # fmt: skip
+    """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
+    theta, best, size = both.theta + found.step[:8], both.optimum, len(both.optimum.theta)
+    for _ in range(ROUNDS):
+        parts = np.split(structures(test, joint, theta)[name], ends[:-1])
+        extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
+        sides = [
+            replace(joint[d].side, of=(*joint[d].side.of, *extra), effect=np.hstack([joint[d].side.effect, x]))
+            for d, x in zip(DISKS, parts)
+        ]
+        problem = joint_problem(sides)
+        start = np.zeros(len(problem.names))
+        start[:8] = theta
+        again = minimise(problem, start, tolerance=ENOUGH)
+        theta = again.theta[:8]
+    own = [problem.names.index(what.name) for what in extra]
+    rest = np.delete(np.arange(len(problem.names)), own)
+    order = rest[[np.delete(problem.names, own).tolist().index(n) for n in best.problem.names]]
+    solve = _Linear.at(again, ends, order)
+    there = solve(again.jacobian[: ends[-1], own], waves)
+    fall = (best.cost - again.cost) / waves
+    values = [Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes)]
+    step = again.theta[order] - best.theta
+    assert len(step) == size
+    return replace(
+        there, step=step, sizes=tuple(values), log_odds=0.5 * fall - there.volume, delta_chi2=fall,
+        waves=solve.waves(again.residual),
+    )  # fmt: skip
+
+
+def mixture_range(parts: Sequence[Estimate], weights: Array, level: float = 0.95) -> tuple[float, float]:
+    """The central range of a mixture of normal distributions.
+
+    >>> [round(x, 3) for x in mixture_range([Estimate.normal(0.0, 1.0)], np.ones(1))]
+    [-1.96, 1.96]
+    """
+    values, u = np.array([e.value for e in parts]), np.array([e.u for e in parts])
+    low, high = float((values - 9 * u).min()), float((values + 9 * u).max())
+
+    def below(x: float) -> float:
+        return float(weights @ stats.norm.cdf((x - values) / u))
+
+    tail = 0.5 * (1 - level)
+    ends = [float(brentq(lambda x, p=p: below(x) - p, low, high)) for p in (tail, 1 - tail)]
+    return ends[0], ends[1]
+
+
+@dataclass(frozen=True)
+class _Refit:
+    """The fit with more columns: ``step`` (P,) of its parameters, ``sizes`` of the columns, ``volume``: half the log
+    determinant of what they add to the information; ``covariance`` (P, P) for white noise scaled by a factor."""
+
+    step: Array
+    covariance: Callable[[float], Array]
+    sizes: tuple[Estimate, ...]
+    volume: float
+    log_odds: float
+    delta_chi2: float
+    waves: float
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows."""
+
+    residual: Array
+    jacobian: Array
+    precision: Array
+    off_prior: Array
+    directions: Array
+    ends: NDArray[np.int64]
+
+    @classmethod
+    def at(cls, best: Optimum, ends: NDArray[np.int64], which: NDArray[np.int64] | None = None) -> _Linear:
+        """About an optimum, by the parameters ``which`` of it."""
+        k = np.arange(len(best.theta)) if which is None else which
+        off = best.theta - best.problem.prior_mean
+        free = free_directions(best.problem.fixed[:, k])
+        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends)
+
+    def waves(self, residual: Array) -> float:
+        """Slow waves in the residuals of the worse disk, as the fits count them."""
+        parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
+        return max(wave_factor(r.reshape(-1, 3)) for r in parts)
+
+    def __call__(self, columns: Array, waves: float) -> _Refit:
+        """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
+        rows = np.ones(len(self.residual))
+        rows[: self.ends[-1]] = 1 / np.sqrt(waves)
+        r, j = rows * self.residual, rows[:, None] * self.jacobian
+        x = np.zeros((len(r), columns.shape[1]))
+        x[: self.ends[-1]] = columns / np.sqrt(waves)
+        d = self.directions
+        inside = d.T @ (j.T @ j + np.diag(self.precision)) @ d
+        scale = 1 / np.sqrt(np.diag(inside))
+        cov = d @ (scale[:, None] * np.linalg.inv(inside * np.outer(scale, scale)) * scale) @ d.T
+        start = -cov @ (j.T @ r + self.precision * self.off_prior)
+        left = r + j @ start
+        follow = cov @ (j.T @ x)
+        seen = np.eye(x.shape[1]) + x.T @ x - (x.T @ j) @ follow
+        b, inverse = x.T @ left, np.linalg.inv(seen)
+        size, chi2, volume = -inverse @ b, float(b @ inverse @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
+
+        def covariance(scaled: float) -> Array:
+            own = np.asarray(cov + follow @ inverse @ follow.T)
+            return own if scaled == waves else self(columns, scaled).covariance(scaled)
+
+        return _Refit(
+            step=start - follow @ size,
+            covariance=covariance,
+            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(inverse))),
+            volume=volume,
+            log_odds=0.5 * chi2 - volume,
+            delta_chi2=chi2,
+            waves=self.waves((left + x @ size - j @ (follow @ size)) / rows),
+        )
+
+
+def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:
+    """Keys of what no disk can do: beta outside 0 to 1, h not above zero, an exponent that nothing tells; with a number
+    goes the whole way that it stands in.
+
+    >>> some = {way: Estimate.normal(0.7, 0.01) for way in WAYS}
+    >>> some |= {h: Estimate.normal(700.0, 9.0) for hs in H_OF.values() for h in hs}
+    >>> sorted(withheld(some | {"joint slow": Estimate.normal(1.4, 0.1)}, {}))
+    ['h joint slow', 'joint slow']
+    """
+    out: set[str] = set()
+    for way, hs in H_OF.items():
+        if not 0 <= answers[way].value <= 1 or any(answers[h].value <= 0 for h in hs):
+            out |= {way, *hs}
+    if both:
+        if not 0 <= both["beta"].value <= 1 or min(both["h_fast"].value, both["h_slow"].value) <= 0:
+            out |= {f"both {name}" for name in both}
+        if both["exponent"].u > EXPONENT_U:
+            out.add("both exponent")
+    return frozenset(out)
+
+
+def impossible(
+    answers: Mapping[str, Estimate], both: Mapping[str, Estimate], draws: Mapping[str, Array]
+) -> list[Finding]:
+    """Ways that are withheld, and a frictional power that is not the heat that both disks show, with likely units.
+
+    The shares that the joint fits of either disk find by themselves add to true power over logged power.
+    """
+    found = []
+    gone = withheld(answers, both)
+    ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
+    if ways:
+        found.append(look("answers.impossible", ways=ways))
+    scale = 1 + answers["joint fast"].value - answers["joint slow"].value
+    u = float(np.std(draws["joint fast"] - draws["joint slow"]))
+    if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):
+        near = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0}
+        units = [name for name in sorted(near, key=near.__getitem__) if near[name] < max(SAME_UNIT, 2 * u / abs(scale))]
+        found.append(look("power.scale", scale=scale, u=u, units=units[:2]))
+    return found

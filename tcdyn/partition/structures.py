@@ -1,0 +1,193 @@
+"""Departures of a test from the structure that the fits assume: what readings show more by a standard deviation each.
+
+None of them is covered by a statement of rig.toml. They are linear about the fit of both disks, and known beforehand to
+a standard deviation only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration import Array
+from calibration.disk import DISKS, OUTER_ROW
+from tcdyn.chain import Chain
+from tcdyn.conduction.rim import Rim, lag_bank
+from tcdyn.partition.effects import effects, sampled
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
+from tcdyn.partition.window import FIT_MESH, REST, Perturbation, RimMeans, cached_gains, power_seen
+
+STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
+PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
+SHIFT_SD_M, SHIFT_STEP_M = 0.35e-3, 0.25e-3  # of the flux along the track: 0.5 mm of each disk
+WIDER_SD = 0.5  # of the flux's half-width
+FACES_SD = 1.0  # of the washers' conductance
+STEM_SD = 0.02  # of a junction's excess over ambient that its wires take away
+ELSEWHERE_SD = 0.1  # of the frictional heat that enters neither disk, or of the friction's scale
+PER_100_K_SD = 0.07  # of the conductivity
+AIR_SD_K = 5.0  # of what the running surface loses heat to, oil or air, against the logged ambient
+LAG_SD_S = 0.3  # of one junction: a bubble in its cement
+COOL_degC = 20.0  # where stated properties are taken to hold
+ACROSS = np.linspace(0.05, 0.95, 7)  # places across the running surface whose mean is its temperature
+
+
+@dataclass(frozen=True)
+class About:
+    """One disk about its part of the fit of both: its rim driven by the power that the fit sees, answers there.
+
+    ``base`` and ``power`` (R, 3): what a, c, e are predicted to show, and by a share of one; ``surface`` (R,): mean
+    temperature of the running surface [degC], its power not lagged; ``chain``: through which all is seen.
+    """
+
+    test: EhlTest
+    fit: DiskFit
+    share: float
+    h_W_m2K: float
+    rim: RimMeans
+    chain: Chain
+    base: Array
+    power: Array
+    surface: Array
+
+    @classmethod
+    def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> About:
+        """The disk of ``fit`` at ``theta`` (4,)."""
+        rim, share, h = fit.side.heated(lags(theta)), float(theta[SHARE]), float(np.exp(theta[LOG_H]))
+        chain, window = with_lags(test.disks[fit.disk].mean_chain, lags(theta)), fit.side.window
+        rest, power = rim.answer(h)
+        first = int(np.searchsorted(test.time_s, window.time_s[0]))
+        true, held = power_seen(test, slice(first, first + len(window.time_s)), None)
+        bank = window.blocks @ lag_bank(true, test.dt_s, rim.rates_1_s, **held)
+        inputs = np.column_stack([window.blocks @ true, rim.inputs[:, REST]])
+        unlagged = replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[REST]]))
+        at_surface, heat = unlagged.answer(h, extra=tuple((0.0, float(x)) for x in ACROSS * rim.setup.width_m))
+        surface = (at_surface + share * heat)[:, 3:].mean(axis=1)
+        return cls(test, fit, share, h, rim, chain, rest + share * power, power, surface)
+
+    def moved(self, p: Perturbation) -> Array:
+        """What a, c, e show more of a disk that departs by ``p``, (R, 3) [K]."""
+        rest, power = self.rim.answer(self.h_W_m2K, p)
+        return np.asarray(rest + self.share * power - self.base)
+
+    def film(self, air_K: Array) -> Array:
+        """What a, c, e show more when the air at the running surface alone is warmer by ``air_K`` (R,), (R, 3) [K]."""
+        window = self.fit.side.window
+        air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
+        bank = window.blocks @ lag_bank(air, self.test.dt_s, self.rim.rates_1_s)
+        s = self.rim.setup
+        points = tuple((s.junctions[c].depth_m, s.junctions[c].z_m) for c in OUTER_ROW)
+        gains = cached_gains(
+            Rim.from_setup(s), self.h_W_m2K, points, self.rim.half_width_m, tuple(self.rim.rates_1_s), self.rim.profile,
+            "hertz", FIT_MESH, split_ambient=True,
+        )  # fmt: skip
+        return np.asarray((window.blocks @ air)[:, None] * gains.direct[4] + bank @ gains.gains[4].T)
+
+    def lossier(self, ratio: Array) -> Array:
+        """The same when h is higher by ``ratio`` (R,) of itself: h (1 + ratio) (T - T_A) is an air that is colder by
+        ratio (T - T_A)."""
+        return self.film(-ratio * (self.surface - self.rim.inputs[:, 4]))
+
+    def later(self) -> tuple[Array, list[str]]:
+        """What a, c, e show more when one junction of six is ``LAG_SD_S`` slower, (6, R, 3), and their names."""
+        disk = self.test.disks[self.fit.disk]
+        free = replace(disk, lag_covariance_s2=LAG_SD_S**2 * 1.2 * np.eye(6))  # 1.2: less the mean of six
+        known = effects(self.test, free, self.fit.side.window, self.share, self.h_W_m2K)
+        rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
+        return known.change[rows], [known.of[k].name.removeprefix("lag ") for k in rows]
+
+
+def _h_step(a: About) -> Array:
+    return STEP_SD * a.lossier((a.fit.side.window.at_s >= a.test.events.unload_s).astype(float))
+
+
+def _h_of_T(a: About) -> Array:
+    return PER_K_SD * a.lossier(a.surface - _at_parting(a, a.surface))
+
+
+def _at_parting(a: About, x: Array) -> float:
+    since = a.fit.side.window.at_s - a.test.events.unload_s
+    return float(x[(since > -10.0) & (since < 0.0)].mean())
+
+
+def _flux_shift(a: About) -> Array:
+    """By the places of d and f round b the sign of a shift is each disk's own."""
+    one, other = (a.moved(Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+    return np.asarray((one - other) * SHIFT_SD_M / (2 * SHIFT_STEP_M))
+
+
+def _flux_wider(a: About) -> Array:
+    return a.moved(Perturbation(half_width=WIDER_SD))
+
+
+def _faces(a: About) -> Array:
+    return a.moved(Perturbation(washer=FACES_SD))
+
+
+def _stem(a: About) -> Array:
+    """Every junction reads less by a part of its excess over ambient; the inner row then drives the rim too cold."""
+    air = a.rim.inputs[:, [4]]
+    excess = [a.rim.inputs[:, [k]] - air for k in (1, 2, 3)]
+    gains = a.rim.gains(a.h_W_m2K)
+    driven = sum(
+        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[4]) @ gains.gains[k].T for k, x in zip((1, 2, 3), excess)
+    )
+    return np.asarray(STEM_SD * (driven - (a.base - air)))
+
+
+def _elsewhere(a: About) -> Array:
+    return -ELSEWHERE_SD * a.share * a.power
+
+
+def _k_of_T(a: About) -> Array:
+    """As if the whole rim had the conductivity of its own mean temperature at each instant, less where it is hot."""
+    small = 0.1
+    hotter = 0.01 * (a.base.mean(axis=1, keepdims=True) - COOL_degC)
+    return np.asarray(-PER_100_K_SD * hotter * a.moved(Perturbation(conductivity=small)) / small)
+
+
+def _film_air(a: About) -> Array:
+    return a.film(np.full(len(a.base), AIR_SD_K))
+
+
+# name: column of a disk, and how far the disks may differ: half the difference's standard deviation over the mean's
+STRUCTURES: dict[str, tuple[Callable[[About], Array], float]] = {
+    "h_step": (_h_step, 1 / 3),
+    "h_of_T": (_h_of_T, 0.0),
+    "flux_shift": (_flux_shift, 1.0),
+    "flux_wider": (_flux_wider, 0.0),
+    "faces": (_faces, 0.0),
+    "stem": (_stem, 0.0),
+    "elsewhere": (_elsewhere, 0.0),
+    "k_of_T": (_k_of_T, 0.0),
+    "film_air": (_film_air, 0.0),
+}
+
+
+def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array) -> dict[str, Array]:
+    """Whitened columns (N, m) of both disks' data by a prior standard deviation of each structure's parameters.
+
+    ``theta`` (8,) is where the fit of both disks stands.
+    """
+    about = [About.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
+    weights = [a.fit.side.window.weight for a in about]
+
+    def alone(k: int, change: Array) -> Array:
+        parts = [np.zeros(w.size) for w in weights]
+        parts[k] = (change * weights[k]).ravel()
+        return np.concatenate(parts)
+
+    out: dict[str, Array] = {}
+    for name, (column, differ) in STRUCTURES.items():
+        fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
+        out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
+    for k, a in enumerate(about):
+        change, channels = a.later()
+        out |= {
+            f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
+            for c, x in zip(channels, change)
+            if c not in test.disks[DISKS[k]].left_out
+        }
+    return out

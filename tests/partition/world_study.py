@@ -1,0 +1,252 @@
+"""Tests of drawn rigs in worlds that break one assumption of the fits each, by a solver of its own.
+
+The disk from bore to running surface, finite volumes in (r, z), a two-stage L-stable step; nothing of it is that of
+fits or synthetic rig. `python -m tests.partition.world_study COUNT SEED [WORLD ...]` prints for each world whether the
+range over the structures holds the truth, how wide it is, which structure is best, and what is said.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from joblib import Parallel, delayed
+from scipy.interpolate import CubicSpline
+from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse.linalg import splu
+
+from calibration import Array
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
+from calibration.rig import load_rig
+from tcdyn.simulate.measure import log_disk
+from tcdyn.simulate.truth import DiskTruth, draw_truth, rng_for
+from tests.partition.study_rigs import QUICK, StudyRig, study_rig
+
+RADIAL, AXIAL = 44, 36
+GAMMA = 1 - 2**-0.5
+SHAFT_W_m2K = 260.0  # of the bore to a shaft that stays near ambient
+REFRESH_S = 0.4  # between new coefficients where they follow the temperature
+
+
+@dataclass(frozen=True)
+class World:
+    """What is otherwise than the fits assume; ``later`` multiplies the first lag of one channel."""
+
+    h_after: float = 1.0
+    h_per_K: float = 0.0
+    shift_m: float = 0.0
+    wider: float = 1.0
+    faces: float = 1.0
+    oil_K: float = 0.0
+    stem: float = 0.0
+    later: dict[str, float] = field(default_factory=dict)
+    k_per_K: float = 0.0
+    elsewhere: float = 0.0
+
+    @property
+    def follows(self) -> bool:
+        """Whether a coefficient follows the temperature."""
+        return bool(self.h_per_K or self.k_per_K)
+
+
+WORLDS: dict[str, tuple[World, str]] = {
+    "as assumed": (World(), "as assumed"),
+    "h -5 %": (World(h_after=0.95), "h_step"),
+    "h -25 %": (World(h_after=0.75), "h_step"),
+    "h +0.4 %/K": (World(h_per_K=0.004), "h_of_T"),
+    "flux 0.5 mm": (World(shift_m=0.5e-3), "flux_shift"),
+    "flux 1 mm": (World(shift_m=1e-3), "flux_shift"),
+    "flux x2": (World(wider=2.0), "flux_wider"),
+    "faces x3": (World(faces=3.0), "faces"),
+    "oil +8 K": (World(oil_K=8.0), "film_air"),
+    "oil -8 K": (World(oil_K=-8.0), "film_air"),
+    "stem 3 %": (World(stem=0.03), "stem"),
+    "bubble x1.3": (World(later={"fast_e": 1.3}), "lag of fast_e"),
+    "bubble x2": (World(later={"fast_e": 2.0}), "lag of fast_e"),
+    "bubble x2 of b": (World(later={"slow_b": 2.0}), "lag of slow_b"),
+    "k -10 %": (World(k_per_K=-0.001), "k_of_T"),
+    "15 % elsewhere": (World(elsewhere=0.15), "elsewhere"),
+}
+
+
+def temperatures(
+    disk: DiskTruth, world: World, time_s: Array, power_W: Array, ambient: Array, h: float, half_width_m: float,
+    unload_s: float,
+) -> Callable[[Array], Array]:  # fmt: skip
+    """True junction temperatures of a disk, as a function of times (M,) -> (M, 6).
+
+    ``power_W`` (N,) enters it; the parting is at ``unload_s``, where the power, held before it, ends.
+    """
+    s = disk.setup
+    r = np.linspace(s.bore_radius_m**2, s.outer_radius_m**2, 6)  # a few cells of equal area are enough inside
+    edges_r = np.unique(np.concatenate([np.sqrt(r[:3]), np.linspace(np.sqrt(r[2]), s.outer_radius_m, RADIAL)]))
+    edges_z = np.linspace(0.0, s.width_m, AXIAL + 1)
+    at_r, at_z = 0.5 * (edges_r[1:] + edges_r[:-1]), 0.5 * (edges_z[1:] + edges_z[:-1])
+    dz, n_r = np.diff(edges_z), len(at_r)
+    cells = np.arange(n_r * AXIAL).reshape(n_r, AXIAL)
+    area = np.pi * np.diff(edges_r**2)
+    capacity = (s.density_kg_m3 * s.specific_heat_J_kgK * np.outer(area, dz)).ravel()
+    x = np.clip((edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1)
+    heat = np.zeros(cells.size)
+    heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))
+    film_area = 2 * np.pi * s.outer_radius_m * dz
+    washer = world.faces * s.washer_conductivity_W_mK / s.washer_thickness_m
+
+    def assembled(h_now: float, k: float) -> tuple[csc_matrix, Array, Array]:
+        """Conductances (n, n), and by kelvin of ambient and of the oil at the surface (n,) each."""
+        in_r = np.outer(2 * np.pi * k / np.log(at_r[1:] / at_r[:-1]), dz)
+        in_z = np.outer(k * area, 2 / (dz[1:] + dz[:-1]))
+        ij = [(cells[:-1], cells[1:], in_r), (cells[:, :-1], cells[:, 1:], in_z)]
+        i, j, g = (np.concatenate([np.ravel(part[q]) for part in ij]) for q in range(3))
+        ground, film = np.zeros(cells.size), np.zeros(cells.size)
+        film[cells[-1]] = film_area / (1 / h_now + (s.outer_radius_m - at_r[-1]) / k)
+        for face in (0, -1):
+            ground[cells[:, face]] += area / (1 / washer + 0.5 * dz[0] / k)
+        to_shaft = 2 * np.pi * s.bore_radius_m * dz
+        ground[cells[0]] += to_shaft / (1 / SHAFT_W_m2K + (at_r[0] - s.bore_radius_m) / k)
+        own = np.arange(cells.size)
+        matrix = coo_matrix(
+            (np.concatenate([-g, -g, g, g, ground + film]),
+             (np.concatenate([i, j, i, j, own]), np.concatenate([j, i, i, j, own]))),
+        ).tocsc()  # fmt: skip
+        return matrix, ground, film
+
+    shifted = world.oil_K
+    k0 = s.conductivity_W_mK
+    reference: list[float] = []
+
+    def state_of(y: Array, after: bool) -> tuple[float, float]:
+        surface, mean = float(y[cells[-1]].mean()), float(y[cells].mean())
+        h_now = h * (world.h_after if after else 1.0)
+        if world.h_per_K and reference:
+            h_now *= max(1 + world.h_per_K * (surface - reference[0]), 0.2)
+        return h_now, k0 * (1 + world.k_per_K * (mean - 20.0))
+
+    def load(t: Array | float, ground: Array, film: Array, on: bool) -> Array:
+        air = np.interp(t, time_s, ambient)
+        power = np.interp(t, time_s, held) if on else 0.0
+        return heat * power * (1 - world.elsewhere) + ground * air + film * (air + shifted)
+
+    # readings before the parting are held up to it: the power there is its last full one
+    loaded = time_s < unload_s - 0.05
+    held = np.where(loaded, power_W, power_W[loaded][-1])
+    on_s = float(time_s[np.flatnonzero(power_W > 0.5 * power_W.max())[0]])
+    held = np.where(time_s < on_s, 0.0, held)
+    pieces = [(0.0, on_s, 5.0, False), (on_s, on_s + 20, 0.1, True), (on_s + 20, unload_s - 8, 1.0, True),
+              (unload_s - 8, unload_s, 0.05, True), (unload_s, unload_s + 1.5, 1 / 200, False),
+              (unload_s + 1.5, float(time_s[-1]), 1 / 40, False)]  # fmt: skip
+    y = np.full(cells.size, float(ambient[0]))
+    read = _reader(disk, at_r, at_z)
+    found_t, found = [], []
+    for start, stop, step, on in pieces:
+        after = start >= unload_s
+        count = max(int(np.ceil((stop - start) / step)), 1)
+        dt, since = (stop - start) / count, 0.0
+        piece_t, piece = [start], [read(y)]
+        for n in range(count):
+            if n == 0 or (world.follows and since >= REFRESH_S):
+                matrix, ground, film = assembled(*state_of(y, after))
+                solver = splu((diags(capacity) + GAMMA * dt * matrix).tocsc())
+                since = 0.0
+            t = start + n * dt
+            first = solver.solve(load(t + GAMMA * dt, ground, film, on) - matrix @ y)
+            mid = y + (1 - GAMMA) * dt * first
+            second = solver.solve(load(t + dt, ground, film, on) - matrix @ mid)
+            y = mid + GAMMA * dt * second
+            since += dt
+            piece_t.append(t + dt)
+            piece.append(read(y))
+        if world.h_per_K and start < unload_s <= stop + 1e-9:
+            reference.append(float(y[cells[-1]].mean()))
+        found_t.append(np.array(piece_t))
+        found.append(np.array(piece))
+
+    def at(times: Array) -> Array:
+        out = np.empty((len(times), len(CHANNELS)))
+        for part_t, part in zip(found_t, found):
+            here = (times >= part_t[0] - 1e-9) & (times <= part_t[-1] + 1e-9)
+            out[here] = CubicSpline(part_t, part)(times[here])
+        air = np.interp(times, time_s, ambient)[:, None]
+        return out - world.stem * (out - air)
+
+    return at
+
+
+def _reader(disk: DiskTruth, at_r: Array, at_z: Array) -> Callable[[Array], Array]:
+    """The six junctions a..f of a field (n,) by cubic splines."""
+    s = disk.setup
+    places = [(s.outer_radius_m - s.junctions[c].depth_m, s.junctions[c].z_m) for c in CHANNELS]
+    weights = []
+    eye_r, eye_z = np.eye(len(at_r)), np.eye(len(at_z))
+    for rho, z in places:
+        weights.append(np.outer(CubicSpline(at_r, eye_r)(rho), CubicSpline(at_z, eye_z)(z)).ravel())
+    table = np.array(weights)
+    return lambda y: table @ y
+
+
+def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
+    """Rig ``seed`` in the world ``name``: its log with the temperatures of that world, its records as calibrated."""
+    world, _ = WORLDS[name]
+    true = draw_truth(seed, load_rig(), uncertain=True)
+    told: dict[str, Any] = {}
+
+    def otherwise(frame: pd.DataFrame) -> pd.DataFrame:
+        traces = told["traces"]
+        t = traces["time_s"].to_numpy()
+        added = {}
+        for d in DISKS:
+            share = told["beta"] if d == "fast" else 1 - told["beta"]
+            power = share * told["sliding_speed_m_s"] * traces["friction_N"].to_numpy()
+            disk = true.disk(d)
+            at = temperatures(
+                disk, world, t, power, traces["ambient_degC"].to_numpy(), told[f"h_{d}"], told["half_width_m"],
+                told["unload_s"],
+            )  # fmt: skip
+            slower = {
+                c: replace(x, tau1_s=x.tau1_s * world.later.get(f"{d}_{c}", 1.0)) for c, x in disk.channels.items()
+            }
+            lagging = replace(disk, channels=slower)
+            log, _ = log_disk(at, QUICK.duration_s, lagging, rng_for(seed, "world", d), true.imperfections, True)
+            added |= {f"{d}_{c}_degC": log[:, k] for k, c in enumerate(sorted(disk.channels))}
+        return frame.assign(**added)
+
+    return study_rig(seed, test, truth=true, disturbed=otherwise, seen=told.update)
+
+
+def one(seed: int, name: str) -> dict[str, Any]:
+    """What is found of one rig in one world."""
+    warnings.simplefilter("ignore")
+    out: dict[str, Any] = {"seed": seed, "world": name}
+    try:
+        made = world_rig(seed, name)
+        p = made.analyse()
+    except InputError as problem:
+        return out | {"refused": str(problem)}
+    s, both = p.structures, p.both.estimates["beta"]
+    gap = both.value - made.told["beta"]
+    best = max(s.tried, key=lambda a: a.log_odds)
+    return out | {
+        "error": gap, "z": gap / both.u, "held": s.low95 <= made.told["beta"] <= s.high95,
+        "half_width": 0.5 * (s.high95 - s.low95), "best": best.name, "odds": best.log_odds,
+        "right": best.name == WORLDS[name][1] or best.name == "as assumed" == WORLDS[name][1],
+        "named": s.named.name if s.named else "", "status": p.status, "holds": s.holds,
+        "codes": " ".join(f.code for f in p.findings if f.grade.value != "note"), "referee": s.tried[0].referee_z,
+    }  # fmt: skip
+
+
+def study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:
+    """A row for each rig in each world."""
+    jobs = [(seed, name) for name in names for seed in range(first, first + count)]
+    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(*job) for job in jobs))
+
+
+if __name__ == "__main__":
+    table = study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(WORLDS))
+    print(table.drop(columns=["seed"]).round(4).to_string())
+    print("held", table["held"].mean(), "of", table["held"].count())
