@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Literal
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import CHANNELS, DISKS, MOST_LEFT_OUT
 from calibration.errors import InputError
 
 Kind = Literal["oven", "immersion", "ehl", "hole"]
@@ -81,12 +81,17 @@ def recognise(names: Iterable[str]) -> str | None:
 
 
 def match_columns(
-    names: tuple[str, ...], kind: str, where: str, mapping: Mapping[str, str] | None = None
+    names: tuple[str, ...],
+    kind: str,
+    where: str,
+    mapping: Mapping[str, str] | None = None,
+    without: Collection[str] = (),
 ) -> dict[str, str]:
     """Canonical name -> name in the file, in canonical order.
 
     ``mapping`` is rig.toml's ``[columns]``. A mapped name that the file lacks is no error while the canonical name
-    itself is there. For the hole kind every further column ending in ``_degC`` is a channel.
+    itself is there. ``without``: columns that are left unread. For the hole kind every further column ending in
+    ``_degC`` is a channel.
 
     Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
     """
@@ -101,7 +106,7 @@ def match_columns(
                 remedy=f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}",
             )
     chosen: dict[str, str] = {}
-    wanted = layout.columns
+    wanted = tuple(c for c in layout.columns if c not in without)
     if kind == "hole":
         taken = set(mapping.values()) | set(wanted)
         wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in taken)
@@ -114,7 +119,7 @@ def match_columns(
     if "time_s" not in chosen and "time" in names:
         _check_once(names, "time", where)
         chosen = {"time_s": "time", **chosen}
-    missing = [c for c in layout.required if c not in chosen]
+    missing = [c for c in layout.required if c not in chosen and c not in without]
     if missing:
         raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping)
     channels = [c for c in chosen if c.endswith("_degC") and c not in layout.columns]
@@ -201,4 +206,5 @@ def _missing(
         remedy += f"; the file has {', '.join(map(repr, names))}"
     is_are = "column is" if len(missing) == 1 else "columns are"
     what = f"{', '.join(missing)}: {is_are} missing" + (f" ({'; '.join(mapped)})" if mapped else "")
-    return InputError(what, where=where, expected=layout.name, remedy=remedy)
+    alone = len(missing) <= MOST_LEFT_OUT and not near and all(m in EHL_CHANNELS for m in missing)
+    return InputError(what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else "")

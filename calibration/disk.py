@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from calibration import Array
 from calibration.errors import InputError
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -17,6 +19,8 @@ CHANNELS = ("a", "b", "c", "d", "e", "f")
 INNER_ROW = ("d", "b", "f")  # 6 mm deep: the boundary of the rim model, in the order of z
 OUTER_ROW = ("a", "c", "e")  # nearer the surface: what the rim model is compared with
 DISKS = ("fast", "slow")
+LEFT_OUT = "left out"  # in tables, where a channel has no numbers
+MOST_LEFT_OUT, LEAST_INNER = 2, 2  # of a disk's six channels; of its inner row, whose profile needs them
 FilterShape = Literal["cascade", "butterworth"]  # of the signal conditioning; the simulator has poles of its own
 FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
@@ -103,6 +107,69 @@ class DiskSetup:
     def diffusivity_m2_s(self) -> float:
         """alpha = K / (rho c) [m2/s]."""
         return self.conductivity_W_mK / (self.density_kg_m3 * self.specific_heat_J_kgK)
+
+    def stand_ins(self, left_out: Collection[str]) -> dict[str, dict[str, float]]:
+        """For each channel left out the channels that stand in for it, with their weights, which add to one.
+
+        d and f lie alike about the centre plane and stand in for each other; b is read on the straight line between
+        them. The others of the outer row stand in evenly: only so that there are numbers, nothing is compared with it.
+
+        >>> from calibration.rig import load_rig
+        >>> load_rig().disk_setup("fast").stand_ins("bc")
+        {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
+        """
+        low, middle, high = (self.junctions[c].z_m for c in INNER_ROW)
+        part = round((middle - low) / (high - low), 12)
+        inner = {"d": {"f": 1.0}, "b": {"d": 1.0 - part, "f": part}, "f": {"d": 1.0}}
+        rest = [c for c in OUTER_ROW if c not in left_out]
+        return {c: inner.get(c) or dict.fromkeys(rest, 1.0 / len(rest)) for c in left_out}
+
+    def made_of(self, left_out: Collection[str]) -> Array:
+        """How much of each channel's readings (row) is that of each channel used (column), (6, 6) in the order a..f."""
+        out = np.eye(len(CHANNELS))
+        for c, weights in self.stand_ins(left_out).items():
+            out[CHANNELS.index(c)] = [weights.get(s, 0.0) for s in CHANNELS]
+        return out
+
+    def with_stand_ins(self, left_out: Collection[str]) -> DiskSetup:
+        """The disk whose inner row left out lies as deep, and for d and f at the angle, of what stands in for it."""
+        j = dict(self.junctions)
+        for c, weights in self.stand_ins([c for c in left_out if c in INNER_ROW]).items():
+            (first, *more), depth_m = weights, sum(w * self.junctions[s].depth_m for s, w in weights.items())
+            j[c] = replace(j[c], depth_m=depth_m, angle_deg=(j[c] if more else j[first]).angle_deg)
+        return replace(self, junctions=j)
+
+
+def still_told(left_out: Collection[str]) -> bool:
+    """Whether a disk without these of its channels still tells beta: one of a, c, e and two of d, b, f at least.
+
+    >>> still_told("ac"), still_told("bd"), still_told("ace")
+    (True, False, False)
+    """
+    outer, inner = (sum(c not in left_out for c in row) for row in (OUTER_ROW, INNER_ROW))
+    return len(left_out) <= MOST_LEFT_OUT and outer > 0 and inner >= LEAST_INNER
+
+
+def left_out_of(names: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Channels left out of each disk, from names such as "fast_c". Raises InputError for another name, or too many.
+
+    >>> left_out_of(["slow_f", "slow_c_degC"])
+    {'fast': (), 'slow': ('c', 'f')}
+    """
+    wanted = {name.removesuffix("_degC"): name for name in names}
+    known = {f"{disk}_{c}": (disk, c) for disk in DISKS for c in CHANNELS}
+    if unknown := [name for short, name in wanted.items() if short not in known]:
+        raise InputError(
+            f"without: there is no channel {unknown[0]!r}", expected="fast_a to fast_f or slow_a to slow_f"
+        )
+    out = {disk: tuple(c for c in CHANNELS if f"{disk}_{c}" in wanted) for disk in DISKS}
+    for disk, channels in out.items():
+        if not still_told(channels):
+            raise InputError(
+                f"without {', '.join(f'{disk}_{c}' for c in channels)} too little is left of the {disk} disk",
+                expected="at most two of its six left out, and one of a, c, e and two of d, b, f kept",
+            )
+    return out
 
 
 class RigTable(BaseModel):

@@ -7,7 +7,7 @@ class InputError(ValueError):
     """Input that cannot be used, said in one sentence that names the place and the remedy.
 
     ``parameters``: what the sentence names as a caller in Python would write it ("window_s=4.2"); a command line
-    puts its own options there.
+    puts its own options there. ``column``: the one column that it is about, where the rest could go on without it.
 
     >>> str(InputError("speed_fast_rpm is missing", where="D4.csv", expected="an EHL log",
     ...                remedy="map the column in rig.toml [columns]"))
@@ -15,10 +15,11 @@ class InputError(ValueError):
     """
 
     def __init__(
-        self, what: str, *, where: str = "", expected: str = "", remedy: str = "", parameters: tuple[str, ...] = ()
-    ) -> None:
+        self, what: str, *, where: str = "", expected: str = "", remedy: str = "", parameters: tuple[str, ...] = (),
+        column: str = "",
+    ) -> None:  # fmt: skip
         self.what, self.where, self.expected, self.remedy = what, where, expected, remedy
-        self.parameters = parameters
+        self.parameters, self.column = parameters, column
         parts = [what]
         if expected:
             parts.append(f"expected {expected}")
@@ -29,5 +30,6 @@ class InputError(ValueError):
     def at(self, where: str) -> InputError:
         """The same, at a place that was not known where it was raised."""
         return InputError(
-            self.what, where=self.where or where, expected=self.expected, remedy=self.remedy, parameters=self.parameters
-        )
+            self.what, where=self.where or where, expected=self.expected, remedy=self.remedy,
+            parameters=self.parameters, column=self.column,
+        )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -180,15 +180,9 @@ class LogPieces:
 
 
 def iter_log(
-    path: str | Path,
-    kind: Kind,
-    rig: Rig | None = None,
-    disk: str | None = None,
-    *,
-    rows: int = PIECE_ROWS,
-    allow_compensated: bool = False,
-    parted: bool = True,
-) -> LogPieces:
+    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *,
+    rows: int = PIECE_ROWS, allow_compensated: bool = False, parted: bool = True, without: Collection[str] = (),
+) -> LogPieces:  # fmt: skip
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
     Put together they are ``read_log``'s frame. The file is read twice. The first time, here, keeps its time and
@@ -203,7 +197,7 @@ def iter_log(
     if kind == "oven":
         raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
     file = Path(path)
-    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
+    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated, without=without)
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
     others = [name for name in names if name != "time_s" and name not in levels]
@@ -243,24 +237,20 @@ def iter_log(
 
 
 def read_log(
-    path: str | Path,
-    kind: Kind,
-    rig: Rig | None = None,
-    disk: str | None = None,
-    *,
-    allow_compensated: bool = False,
-    parted: bool = True,
-) -> Log:
+    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *,
+    allow_compensated: bool = False, parted: bool = True, without: Collection[str] = (),
+) -> Log:  # fmt: skip
     """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
 
     CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
-    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: EHL disks must part.
+    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: EHL disks must part;
+    ``without``: columns that are left unread.
 
     Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
     """
     file = Path(path)
     if kind != "oven":
-        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated, parted=parted)
+        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated, parted=parted, without=without)
         whole: dict[str, Array] = {}
         told = pieces.findings
         for piece in pieces:
@@ -277,8 +267,9 @@ def read_log(
 
 
 def open_log(
-    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False
-) -> tuple[Table, dict[str, str]]:
+    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False,
+    without: Collection[str] = (),
+) -> tuple[Table, dict[str, str]]:  # fmt: skip
     """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
@@ -292,7 +283,7 @@ def open_log(
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    names = match_columns(table.names, kind, table.where, mapping)
+    names = match_columns(table.names, kind, table.where, mapping, without)
     logger = used.tables(disk or "").logger
     if logger.millivolts:
         couples = {own for name, own in names.items() if is_couple(name)}

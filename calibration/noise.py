@@ -187,7 +187,7 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
         return np.inf
     finite = sample[np.isfinite(sample)]
     if not len(finite):
-        raise InputError(f"column {name} holds no numbers", where=place.where, expected="degrees Celsius")
+        raise InputError(f"column {name} holds no numbers", where=place.where, expected="degrees Celsius", column=name)
     low, high = np.quantile(finite, [0.02, 0.98])
     if low > 250.0 and high < 800.0:
         raise InputError(
@@ -204,6 +204,7 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
             where=place.where,
             expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
             remedy="check the unit and the wiring of this channel",
+            column=name,
         )
     told = sample[np.isfinite(sample) & ~wild]
     return float(white_noise_sd(told, 1)) if place.dt_s is not None and len(told) >= LEAST_TOLD else np.inf

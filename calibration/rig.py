@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from calibration.columns import DISK_CHANNELS, EHL_CHANNELS
 from calibration.disk import (
     CHANNELS,
     INNER_ROW,
@@ -86,6 +87,19 @@ class RigTables(RigTable):
                     f"thermocouples.{name}: depth_mm is {j[name].depth_mm:g}; expected at most that of b, "
                     f"{j['b'].depth_mm:g}: a, c, e lie between the running surface and the row d, b, f"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _a_column_for_each(self) -> RigTables:
+        for junctions in (EHL_CHANNELS, DISK_CHANNELS):
+            taken: dict[str, str] = {}
+            for name in junctions:
+                other = taken.setdefault(self.columns.get(name, name), name)
+                if other != name:
+                    raise ValueError(
+                        f"columns: {self.columns.get(name, name)!r} is named for two junctions, {other} and {name}; "
+                        "give each its own column"
+                    )
         return self
 
     def setup(self, name: str) -> DiskSetup:

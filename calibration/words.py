@@ -540,6 +540,14 @@ def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: 
     return said + (f"; a swap of {', '.join(blind)} could not have been told" if blind else "")
 
 
+def _left_out(subject: str, why: str, stand_ins: Sequence[str], kept: Sequence[str], **_: Any) -> str:
+    if stand_ins:
+        cost = f"{' and '.join(stand_ins)} stand{'s' if len(stand_ins) == 1 else ''} in for it at the rim's inner edge"
+    else:
+        cost = f"of the outer row {' and '.join(kept)} {'is' if len(kept) == 1 else 'are'} left"
+    return f"{subject} is left out: {why}; {cost}, and intervals are wider"
+
+
 def _stated_depth(subject: str, channel: str, deeper_mm: float, u_mm: float, **_: Any) -> str:
     way = "deeper" if deeper_mm > 0 else "nearer the surface"
     size = Estimate.normal(abs(deeper_mm), u_mm)
@@ -664,6 +672,7 @@ PARTITION: dict[str, Words] = {
     "speeds.ratio": "the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {stated:.3f}: the log is "
     "used",
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
+    "channel.left_out": _left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",
     "record.other_disk": _other_disk,
     "sensors.suspect": _suspected,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
+from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup, left_out_of
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
@@ -26,6 +27,7 @@ Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3  # of the differences that tell the noise of a trace
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
+STAND_IN_K, STAND_IN_M = 1.0, 0.3e-3  # d, b or f left out: what reads in its place may be off, steadily and by heat
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
 
@@ -59,7 +61,8 @@ class DiskTraces(DiskChannels):
     standard uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody
     measured, rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b
     (see :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of the
-    channels' lags, with its standard uncertainty ``common_lag_u_s`` [s].
+    channels' lags, with its standard uncertainty ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns, here
+    and in ``setup``, others stand in, known to ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient.
     """
 
     name: str
@@ -72,6 +75,7 @@ class DiskTraces(DiskChannels):
     uncertainty: UncertaintyTable
     inner_K: Array
     findings: tuple[Finding, ...] = ()
+    left_out: tuple[str, ...] = ()
     common_lag_s: float = field(init=False)
     common_lag_u_s: float = field(init=False)
 
@@ -79,6 +83,23 @@ class DiskTraces(DiskChannels):
         lag, u = np.mean([c.lag_s for c in self.chains]), np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
         object.__setattr__(self, "common_lag_s", float(lag))
         object.__setattr__(self, "common_lag_u_s", float(u))
+
+    @property
+    def out(self) -> NDArray[np.bool_]:
+        """Which channels are left out (6,)."""
+        return np.isin(CHANNELS, self.left_out)
+
+    @property
+    def depth_u_m(self) -> Array:
+        """Standard uncertainty (6,) of the depths [m], for an inner channel left out of its stand-in."""
+        inner = np.isin(CHANNELS, INNER_ROW) & self.out
+        return np.where(inner, STAND_IN_M, self.uncertainty.depth_mm * 1e-3)
+
+    @property
+    def drives(self) -> Array:
+        """By how much each of d, b, f errs with d, b, f of the rim's edge, (3, 3): itself, and where it stands in."""
+        inner = [CHANNELS.index(c) for c in INNER_ROW]
+        return np.asarray(self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner]))
 
     @property
     def noise_K(self) -> Array:
@@ -93,19 +114,7 @@ class DiskTraces(DiskChannels):
     @property
     def mean_chain(self) -> Chain:
         """The chain with the mean of the channels' parameters."""
-        most = max(1, *(len(c.taus_s) for c in self.chains))
-        taus = np.mean([sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in self.chains], axis=0)
-        pairs = [c.pair for c in self.chains if c.pair is not None]
-        if pairs and len(pairs) < len(self.chains):
-            raise InputError(f"channels of the {self.name} disk differ: some have a complex pair, some none")
-        return replace(
-            self.chains[0],
-            taus_s=tuple(float(x) for x in taus),
-            pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs]))) if pairs else None,
-            cement_s=float(np.mean([c.cement_s for c in self.chains])),
-            zero_s=float(np.mean([c.zero_s for c in self.chains])),
-            delay_s=float(np.mean([c.delay_s for c in self.chains])),
-        )
+        return mean_of(self.chains, self.name)
 
     def static_u(self, temperature_degC: Array) -> Array:
         """As of the lines alone, with the logger's rounding and what its sampling folds upon the temperature."""
@@ -113,8 +122,25 @@ class DiskTraces(DiskChannels):
 
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
         """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
-        named = dict(zip(CHANNELS, self.measured_degC[rows].T))
+        named = {c: y for c, y in zip(CHANNELS, self.measured_degC[rows].T) if c not in self.left_out}
         return tuple(extrapolated(where, named, dict(zip(CHANNELS, self.lines))))
+
+
+def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
+    """The chain with the mean of the parameters of ``chains``, which are those of one ``disk``."""
+    most = max(1, *(len(c.taus_s) for c in chains))
+    taus = np.mean([sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in chains], axis=0)
+    pairs = [c.pair for c in chains if c.pair is not None]
+    if pairs and len(pairs) < len(chains):
+        raise InputError(f"channels of the {disk} disk differ: some have a complex pair, some none")
+    return replace(
+        chains[0],
+        taus_s=tuple(float(x) for x in taus),
+        pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs]))) if pairs else None,
+        cement_s=float(np.mean([c.cement_s for c in chains])),
+        zero_s=float(np.mean([c.zero_s for c in chains])),
+        delay_s=float(np.mean([c.delay_s for c in chains])),
+    )
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
@@ -191,20 +217,25 @@ def disk_traces(
     rows: Rows = slice(None),
     where: str = "",
     lag: bool = True,
+    left_out: Sequence[str] = (),
 ) -> DiskTraces:
     """Readings of one disk in ``frame`` (a log's) through static lines, spikes bridged, with their noise.
 
     ``prefix`` of its columns, ``{disk}_`` unless told; ``rows``: where the static lines' uncertainty is stated;
-    ``lag``: False for readings whose lag does not matter, the record's chain and filter with it.
+    ``lag``: False for readings whose lag does not matter, the record's chain and filter with it; ``left_out``: channels
+    whose columns are not looked at and need not be there.
     Raises InputError for the record of another disk, and as :func:`disk_channels` does.
     """
-    setup = rig.disk_setup(disk)
+    left_out = left_out_of(f"{disk}_{c}" for c in left_out)[disk]
+    setup = rig.disk_setup(disk).with_stand_ins(left_out)
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
     channels = disk_channels(record, setup, f"{disk}_" if prefix is None else prefix, lag)
     found: list[Finding] = []
     columns, marks, rounding = [], [], []
-    for name, line in zip(channels.columns, channels.lines):
+    used = ~np.isin(CHANNELS, left_out)
+    names = [*compress(channels.columns, used)]
+    for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
         step = rounding_sd(raw)  # of a logger that hides the noise of a trace; zero where the noise is seen
         hidden = step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER))
@@ -213,22 +244,31 @@ def disk_traces(
         marked = ~np.isfinite(values)
         columns.append(bridged(values, ~marked))
         marks.append(marked)
-    if coarse := [ch for ch, error in zip(CHANNELS, rounding) if error > 0]:
+    if coarse := [ch for ch, error in zip(compress(CHANNELS, used), rounding) if error > 0]:
         found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
     y, missing = np.column_stack(columns), np.column_stack(marks)
     dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
     chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(CHANNELS)
     noise, [(y, moved)] = noise_and_white(
-        [np.where(missing, np.nan, y)], [dt_s], setup.conditioning, white_K, chains, SPIKES["traces"]
+        [np.where(missing, np.nan, y)], [dt_s], setup.conditioning, white_K, [*compress(chains, used)], SPIKES["traces"]
     )
     missing |= moved
     if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))
-    for name, share in zip(channels.columns, missing.mean(axis=0)):
+    for name, share in zip(names, missing.mean(axis=0)):
         if share > MANY_MISSING:
             found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * float(share)))
     found += noise.findings(disk)
+    weights = setup.made_of(left_out)
+    if left_out:  # others stand in
+        shares = weights[:, used]
+        y, missing, rounding = y @ shares.T, missing @ (shares.T > 0), list(shares @ rounding)
+        noise = noise.for_more(used, np.sqrt(shares**2 @ noise.level_K**2))
+        covariance = weights @ channels.lag_covariance_s2 @ weights.T
+        chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
+        channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
+    static_u_K = np.hypot(channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K))
     return DiskTraces(
         **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
         name=disk,
@@ -237,10 +277,11 @@ def disk_traces(
         missing=missing,
         noise=noise,
         rounding_K=np.array(rounding),
-        static_u_K=np.hypot(channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K)),
+        static_u_K=np.where(used, static_u_K, STAND_IN_K),
         uncertainty=rig.tables(disk).uncertainty,
         inner_K=np.zeros((len(y), len(INNER_ROW))),
         findings=tuple(found),
+        left_out=left_out,
     )
 
 

@@ -153,6 +153,7 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
                 where=place.where,
                 expected="degrees Celsius",
                 remedy="for type J write millivolts = true into rig.toml [logger]",
+                column=str(name) if warm >= 16.0 else "",
             )
     rise = high - low
     usual = _upper_median(rise)
@@ -162,6 +163,7 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
                 f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
                 where=place.where,
                 remedy="check its wiring, or leave the channel out by repairing the disk",
+                column=str(name),
             )
     # white noise from second differences and their median, so that events do not count
     noise = columns.apply(lambda x: float(white_noise_sd(x.dropna(), 2, centred=False)) if x.count() >= 10 else 0.0)
@@ -228,10 +230,11 @@ def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -
     """
     if hot.sum() < 20:
         return []
-    depth_mm = {c: tables.thermocouples[c].depth_mm for c in CHANNELS}
-    readings = course[[f"{prefix}{c}_degC" for c in CHANNELS]].set_axis(list(CHANNELS), axis=1)
+    there = [c for c in CHANNELS if f"{prefix}{c}_degC" in course]
+    depth_mm = {c: tables.thermocouples[c].depth_mm for c in there}
+    readings = course[[f"{prefix}{c}_degC" for c in there]].set_axis(there, axis=1)
     lead = (readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()).to_dict()
-    pairs = [(s, d) for s in CHANNELS for d in CHANNELS if depth_mm[d] - depth_mm[s] >= 2.5]
+    pairs = [(s, d) for s in there for d in there if depth_mm[d] - depth_mm[s] >= 2.5]
     wrong = [(s, d) for s, d in pairs if lead[s] < lead[d] - max(0.5, 0.02 * abs(lead[d]))]
     if not wrong:
         return []

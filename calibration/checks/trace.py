@@ -110,6 +110,7 @@ class ColumnCheck:
                 f"{place.at(name, spikes.first)}: {100 * spikes.count / seen:.0f} % of the samples are spikes",
                 where=place.where,
                 remedy="check the slip ring and the wiring of this channel",
+                column=name,
             )
         if spikes.count:
             found.append(note("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first)))
@@ -121,6 +122,7 @@ class ColumnCheck:
                 where=place.where,
                 expected=f"runs of at most {LONGEST_NAN_S} s and {100 * MOST_MISSING:.0f} % in all",
                 remedy="cut the log there, or repair the channel",
+                column=name,
             )
         if absent.count:
             longest = {"longest": absent.length, "longest_s": absent.length * place.dt_s, **place.of(absent.start)}
@@ -138,5 +140,5 @@ class ColumnCheck:
         else:
             return []
         if name not in ROOM_AND_BATH:
-            raise InputError(f"{found.sentence}: a dead channel", where=place.where, remedy=remedy)
+            raise InputError(f"{found.sentence}: a dead channel", where=place.where, remedy=remedy, column=name)
         return [found]

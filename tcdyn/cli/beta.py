@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from calibration.disk import left_out_of
 from calibration.files.write import write_text
 from calibration.finding import doubts
 from calibration.rig import load_rig
@@ -31,6 +32,9 @@ Bearing = Annotated[
     Path | None,
     typer.Option(help="CSV of a pure-rolling test: load_N, friction_N, speed_slow_rpm; half is added to friction"),
 ]
+Without = Annotated[
+    list[str] | None, typer.Option(help="channel to leave out, such as fast_c; may be given more than once")
+]
 WindowS = Annotated[float, typer.Option("--window-s", help="cooling used by the h-only fit")]
 Seed = Annotated[int, typer.Option(help="seed of the budget's Monte Carlo")]
 
@@ -42,9 +46,10 @@ def beta(
     out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     bearing: Bearing = None,
+    without: Without = None,
     window_s: WindowS = 5.0,
     sensor_check: Annotated[
-        bool, typer.Option(help="stop at dead or swapped channels, warn of misplaced junctions")
+        bool, typer.Option(help="leave out dead channels, stop at swapped ones, warn of misplaced junctions")
     ] = True,
     seed: Seed = 0,
     json_: Json = False,
@@ -65,7 +70,7 @@ def beta(
     with stages(quiet or json_, verbose) as progress:
         run = estimate_beta(
             log, load_rig(rig) if rig else None, records, window_s=window_s, seed=seed, sensor_check=sensor_check,
-            bearing=rolling, progress=progress,
+            bearing=rolling, without=without or (), progress=progress,
         )  # fmt: skip
         text = dump(run.to_dict())
         if out is not None:
@@ -98,6 +103,7 @@ def campaign(
     ] = None,
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")] = None,
     bearing: Bearing = None,
+    without: Without = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     json_: Json = False,
@@ -120,7 +126,9 @@ def campaign(
         spare_inputs([*logs, rig, bearing, *record], out=out / name)
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
-    settings = CampaignSettings(own_rig, records, window_s, seed, read_bearing(bearing) if bearing else None)
+    rolling = read_bearing(bearing) if bearing else None
+    left_out_of(without or ())
+    settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), quiet or json_) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)

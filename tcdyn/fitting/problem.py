@@ -189,8 +189,9 @@ def wave_factor(z: Array, sums: int = 25) -> float:
     """Variance of slow waves in standardised residuals ``z`` (N, C) over that of white noise: never below one.
 
     The mean square of sums over an N/``sums``-th of the record each, which any slow misfit fills and white noise
-    of unit variance does not.
+    of unit variance does not. Columns that hold nothing, of a channel left out, do not count.
     """
     m = max(len(z) // sums, 1)
+    z = z[:, z.any(axis=0)]
     waves = np.add.reduceat(z, np.arange(0, len(z) - m + 1, m), axis=0)[:-1] / np.sqrt(m)
     return max(1.0, float(np.mean(waves**2)))

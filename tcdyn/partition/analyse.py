@@ -167,6 +167,7 @@ def analyse(
                     expected="six living junctions where rig.toml says",
                     remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
                     parameters=("sensor_check=False",),
+                    column=finding.numbers["columns"][0] if finding.numbers["kind"] == "dead" else "",
                 )
         findings += suspected
     progress("steady lines")
@@ -198,7 +199,7 @@ def analyse(
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
-        {d: one.done for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
+        {d: one.shown for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
 
 

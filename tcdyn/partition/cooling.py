@@ -40,6 +40,12 @@ class Cooled:
     late: DiskWindow
     noise_K: float
 
+    @property
+    def shown(self) -> Compensated:
+        """What was compensated, empty where a channel is left out."""
+        own = np.where(self.disk.out, np.nan, 0.0)
+        return replace(self.done, temperature=self.done.temperature + own, sd=self.done.sd + own)
+
 
 @dataclass(frozen=True)
 class CoolingFit:
@@ -136,7 +142,7 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
     """
     since = window.at_s - unload_s
     inside, before = (since >= 0) & (since < window_s), (since >= -MATCH_S) & (since < -0.1)
-    weight = window.counts[inside][:, None].astype(float)
+    weight = window.counts[inside][:, None].astype(float) * window.used
 
     def model(h: float) -> tuple[Array, Array]:
         rest, power = window.rim.answer(h)
@@ -174,7 +180,7 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
         share=line.at(h),
         beta=line.at(h) if window.disk == "fast" else 1.0 - line.at(h),
         window_s=window_s,
-        misfit_K=float(np.sqrt((weight * residual**2).sum() / (3 * weight.sum()))),
+        misfit_K=float(np.sqrt((weight * residual**2).sum() / weight.sum())),
         by_effect=by_effect,
         power=power,
         h_noise=float(np.sqrt((weight * s * s).sum()) * noise_K / curvature),

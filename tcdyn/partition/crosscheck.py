@@ -238,10 +238,7 @@ def cross_check(
 
 
 def tensions(
-    test: EhlTest,
-    joint: Mapping[str, DiskFit],
-    both: BothFit,
-    sensors: SensorCheck | None = None,
+    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, sensors: SensorCheck | None = None
 ) -> tuple[Tension, ...]:
     """Every stated value with the number of standard deviations by which the data would move it.
 
@@ -260,6 +257,7 @@ def tensions(
         (note("stated.value", subject=disk, name=what.name, source=what.source), z)
         for what, disk, z in both.pulls
         if not (what.source == "junction depth" and disk in depths)
+        and not (disk and what.name.rpartition(" ")[2] in test.disks[disk].left_out)
     ]
     for name, fit in joint.items():
         disk, lag = test.disks[name], fit.estimates["lag_s"]

@@ -93,7 +93,7 @@ def stated_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 
     apart = np.clip(np.diag(centre @ disk.lag_covariance_s2 @ centre.T), 0.0, None)
     lag_u_s = np.hypot(np.sqrt(apart), other_lags_s)
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
-    return np.concatenate([static_u_K[order], np.full(len(ROWS), u.depth_mm * 1e-3), lag_u_s[order], steel])
+    return np.concatenate([static_u_K[order], disk.depth_u_m[order], lag_u_s[order], steel])
 
 
 def departures(depth_step_m: float) -> list[tuple[Perturbation, float]]:
@@ -102,20 +102,20 @@ def departures(depth_step_m: float) -> list[tuple[Perturbation, float]]:
     return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
 
 
-def stated_effects(moved: Array, driven: Array, lasts: Array, rates_K_s: Array) -> Array:
+def stated_effects(moved: Array, driven: Array, lasts: Array, rates_K_s: Array, drives: Array) -> Array:
     """What R means of a, c, e (or a, c, e, d, b, f) show more by a unit of everything in ``STATED``, (Q, R, P).
 
     ``moved`` (10, R, P): what they show more by a unit of each of the ``departures``; ``driven`` (10, R, 3): what the
     outer row answers to an input that is higher by a lasting kelvin, by its rise of temperature with radius, and by its
     rate, each for d, b, f, and to a kelvin of ambient; ``lasts`` (R,): how much of a lasting error the means show;
-    ``rates_K_s`` (R, P): how fast each rises. A junction of the inner row that reads too high drives the prediction
-    up, one that lies deeper reads too low for the model's inner radius.
+    ``rates_K_s`` (R, P): how fast each rises; ``drives`` (3, 3): which inputs d, b, f each errs with. A junction of the
+    inner row that reads too high drives the prediction up, one that lies deeper reads too low for its inner radius.
     """
     place = np.eye(len(ROWS))[:, None, : moved.shape[2]]
     static, lag, depth = place * lasts[:, None], -place * rates_K_s, moved[: len(ROWS)].copy()
-    static[3:, :, :3] -= driven[:3]
-    depth[3:, :, :3] += driven[3:6]
-    lag[3:, :, :3] += driven[6:9]
+    static[3:, :, :3] -= np.tensordot(drives, driven[:3], 1)
+    depth[3:, :, :3] += np.tensordot(drives, driven[3:6], 1)
+    lag[3:, :, :3] += np.tensordot(drives, driven[6:9], 1)
     ambient = np.zeros_like(moved[:1])
     ambient[0, :, :3] = driven[9]
     return np.concatenate([static, depth, lag, moved[len(ROWS) :], ambient])
@@ -131,10 +131,8 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     rim, blocks, dt = window.rim, window.blocks, test.dt_s
     rest, power = rim.answer(h_W_m2K)
     base, g = rest + share * power, rim.gains(h_W_m2K)
-    moved = []
-    for p, size in departures(DEPTH_STEP_M):
-        there = rim.answer(h_W_m2K, p)
-        moved.append((there[0] + share * there[1] - base) / size)
+    there = [(*rim.answer(h_W_m2K, p), size) for p, size in departures(DEPTH_STEP_M)]
+    moved = np.array([(rest + share * power - base) / size for rest, power, size in there])
     width = max(int(round(SMOOTH_RATE_S / dt)), 1)
     smooth = ndimage.uniform_filter1d(window.readings[:, INNER], width, axis=0, mode="nearest")
     errors = np.hstack([inner_gradient(window, share, h_W_m2K), np.gradient(smooth, dt, axis=0)])
@@ -143,7 +141,8 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
         i = 1 + k % 3
         bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
         driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
-    known = stated_effects(np.array(moved), driven, np.ones(len(base)), np.gradient(base, window.at_s, axis=0))
+    rates = np.gradient(base, window.at_s, axis=0)
+    known = stated_effects(moved, driven, np.ones(len(base)), rates, disk.drives)
     late = -share * np.gradient(power, window.at_s, axis=0)
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
@@ -181,7 +180,7 @@ class DiskFeatures:
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
-    e, d, b, f.
+    e, d, b, f; ``drives`` as of ``DiskTraces``.
     """
 
     disk: str
@@ -195,6 +194,7 @@ class DiskFeatures:
     noise: Array
     bend: Array
     seen: NDArray[np.bool_]
+    drives: Array
 
     def driven(self, order: Order, power: int = 0) -> RimMeans:
         """The rim driven by ``power``, inner row and ambient, position i of a..f read by column ``order[i]``."""
@@ -227,7 +227,7 @@ class DiskFeatures:
         lasts = (self.event == "steady").astype(float)
         slow = [lasts, lasts, lasts, *(gradient[0] + share * gradient[1]).T, *rates[:, 3:].T, lasts]  # the rim follows
         static = driven.gains(h_W_m2K).static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4]]
-        known = stated_effects(np.array(moved), np.array(slow)[:, :, None] * static[:, None], lasts, rates)
+        known = stated_effects(np.array(moved), np.array(slow)[:, :, None] * static[:, None], lasts, rates, self.drives)
         both = [slower.through(POWER, h_W_m2K, bore=b) - driven.through(POWER, h_W_m2K, bore=b) for b in (False, True)]
         later = share * np.hstack(both) / LAG_STEP_S
         loading = later * (self.event == "loading")[:, None]
@@ -258,7 +258,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         slope=slope,
         noise=noise,
         bend=bend,
-        seen=np.column_stack([np.ones((len(early), 3), dtype=bool), np.repeat(np.array(early)[:, None], 3, axis=1)]),
+        seen=np.repeat(np.column_stack([np.full(len(early), True), early]), 3, axis=1) & ~disk.out[[*OUTER, *INNER]],
+        drives=disk.drives,
     )
 
 

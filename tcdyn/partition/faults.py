@@ -85,14 +85,15 @@ class Verdict:
     size: Estimate | None
 
 
-def hypotheses(sides: tuple[tuple[str, ...], ...]) -> Iterator[list[Fault]]:
+def hypotheses(sides: tuple[tuple[str, ...], ...], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
     """A sound disk and all faults that are looked for, by the order of their columns.
 
-    ``sides`` are the groups of channels by angle.
+    ``sides`` are the groups of channels by angle; channels ``left_out`` have no faults.
     """
-    as_wired = [Fault("none"), *(Fault(kind, (c,)) for c in CHANNELS for kind in ("misplaced", "offset"))]
+    used = [c for c in CHANNELS if c not in left_out]
+    as_wired = [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in ("misplaced", "offset"))]
     yield as_wired + [Fault("side", sides[1])] * (len(sides) == 2 and min(len(s) for s in sides) > 1)
-    for pair in combinations(CHANNELS, 2):
+    for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]
 
 
@@ -200,7 +201,7 @@ def independent_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order)
 
 @dataclass(frozen=True)
 class DepthTest:
-    """Six junctions a..f of a disk against their stated depths.
+    """The junctions a..f of a disk, six or those used, against their stated depths.
 
     ``pull`` (6,): departure in standard deviations, standard normal on a sound disk, with correlation ``correlation``
     (6, 6); ``deeper_m``: how much deeper each lies than stated by this test alone, its own stated depth, known to
@@ -229,7 +230,8 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     cov = covariance(f, disk, known, AS_WIRED) + np.outer(off, off)
     left = (f.inputs[:, LEVELS][:, PLACES] - at)[f.seen]
     sd_m = disk.uncertainty.depth_mm * 1e-3
-    effects = sd_m * known[[NAMES.index(f"depth {c}") for c in CHANNELS]]
+    used = [c for c in CHANNELS if c not in disk.left_out]
+    effects = sd_m * known[[NAMES.index(f"depth {c}") for c in used]]
     toward = np.linalg.solve(cov, effects.T).T
     gram = toward @ effects.T
     told = np.clip(np.diag(gram), LEAST_TOLD, 1 - 1e-9)
@@ -237,6 +239,6 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     root = np.sqrt(np.diag(gram))
     deeper = {
         c: Estimate.normal(sd_m * float(s / t), sd_m * float(np.sqrt((1 - t) / t)))
-        for c, s, t in zip(CHANNELS, score, told)
+        for c, s, t in zip(used, score, told)
     }
     return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m)

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from calibration.disk import CHANNELS, DISKS, DiskSetup
+from calibration.disk import CHANNELS, DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.effects import LEVELS, DiskFeatures, disk_features
@@ -137,7 +137,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in DISKS], ignore_index=True)
     verdicts = {}
     for d in DISKS:
-        own = table[table["disk"] == d]
+        own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
         wrong, alike = int((own["steady"] == "illogical").sum()), ["-".join(pair) for pair in blind[d]]
         sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
@@ -156,7 +156,7 @@ def _judged(
     f: DiskFeatures, disk: DiskTraces, groups: tuple[tuple[str, ...], ...]
 ) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
     """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups))
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups, disk.left_out))
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
@@ -179,7 +179,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     """A channel of one disk exchanged with one of the other, where likelier than both disks' faults ``apart``."""
     fast, slow = (features[d] for d in DISKS)
     found = []
-    for i, j in product(range(len(CHANNELS)), repeat=2):
+    for i, j in product(*(np.flatnonzero(~test.disks[d].out) for d in DISKS)):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
             mixed = deepcopy(f)
@@ -200,7 +200,7 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     steady = f.inputs[f.event == "steady"][0, LEVELS]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual, fall = float(np.median(rise)), float(np.median(falls))
-    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K)
+    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
     out = []
     for i in np.flatnonzero(dead):
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
@@ -277,11 +277,12 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     i, j = np.triu_indices(len(CHANNELS), 1)
     pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]
     wanted = [demand(s, *pair) for pair in pairs]
+    out = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
     for name, (level, u) in levels.items():
-        gap, spread = level[i] - level[j], np.hypot(u[i], u[j])
+        gap, spread = np.where(out, np.nan, level[i] - level[j]), np.hypot(u[i], u[j])
         table[f"{name}_difference_K"], table[f"{name}_u_K"] = gap, spread
-        table[name] = [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
+        table[name] = np.where(out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)])
     return table

@@ -178,6 +178,7 @@ def disk_line(
 ) -> DiskLine:
     """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (3,) of a, c, e."""
     window = lagged_window(test, disk, rows, profile)
+    weights = weights * window.used
     steady = window.at_s < test.events.unload_s - END_GAP_S
     rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
@@ -192,7 +193,9 @@ def disk_line(
     h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
     slope = (moved[1] - moved[0]) / (h_high - h_low)
     s = power[low] * w
-    spread = 2.0 * ((s / window.weight[steady]) ** 2).sum()  # twice: the boundary is noisy as well
+    spread = (
+        2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()
+    )  # twice: the boundary is noisy as well
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
     return DiskLine(found, found.line, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))

@@ -185,5 +185,9 @@ def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array) -> dic
         out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
     for k, a in enumerate(about):
         change, channels = a.later()
-        out |= {f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None] for c, x in zip(channels, change)}
+        out |= {
+            f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
+            for c, x in zip(channels, change)
+            if c not in test.disks[DISKS[k]].left_out
+        }
     return out

@@ -157,7 +157,7 @@ class DiskWindow:
 
     ``readings`` (N, 6) [degC] as they were seen at ``time_s`` (N,); ``blocks`` (R, N) averages over blocks of
     ``counts`` (R,) samples about ``at_s`` (R,); ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over the noise of a block
-    mean of what was seen [1/K].
+    mean of what was seen [1/K], zero for a channel that is left out.
     """
 
     disk: str
@@ -169,6 +169,11 @@ class DiskWindow:
     y: Array
     weight: Array
     rim: RimMeans
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which of the outer row are looked at (3,)."""
+        return np.asarray(self.weight.any(axis=0))
 
 
 def deeper_than_b_m(setup: DiskSetup) -> Array:
@@ -232,7 +237,7 @@ def disk_window(
     counts = np.diff(np.append(starts, len(t)))
     each = np.repeat(1.0 / counts, counts), np.arange(first, len(t)), np.append(starts, len(t)) - first
     blocks = sparse.csr_array(each, shape=(len(starts), len(t)))
-    seen = 1.0 - blocks @ disk.missing[rows][:, OUTER].astype(float)
+    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, OUTER].astype(float), LEAST_SEEN)
     power, held = power_seen(test, rows, chain)
     rates = node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
@@ -245,7 +250,7 @@ def disk_window(
         at_s=blocks @ t,
         counts=counts,
         y=blocks @ temperatures[:, OUTER],
-        weight=np.sqrt(counts[:, None] * np.maximum(seen, LEAST_SEEN)) / noise_K[None, OUTER],
+        weight=np.sqrt(counts[:, None] * seen) / noise_K[None, OUTER] * ~disk.out[OUTER],
         rim=RimMeans(
             disk.setup,
             test.half_width_m,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import DISKS
+from calibration.disk import DISKS, INNER_ROW, OUTER_ROW, left_out_of, still_told
 from calibration.errors import InputError
 from calibration.files import read_numbers, sha256
-from calibration.finding import Finding, look
+from calibration.finding import Finding, look, note
 from calibration.lines.transducers import BearingFriction, fit_bearing_friction
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
@@ -65,11 +65,13 @@ def prepare(
     rig: Rig,
     records: Mapping[str, DiskRecord],
     friction_added: Callable[[float, float], FrictionAdded] | None = None,
+    left_out: Mapping[str, str] | None = None,
 ) -> EhlTest:
     """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
 
     ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
-    friction (section 2.10), which the transducer on the slow shaft does not see.
+    friction (section 2.10), which the transducer on the slow shaft does not see. ``left_out``: channels that the
+    analysis goes on without, such as "fast_c", and why; empty where that was asked for.
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
@@ -91,7 +93,10 @@ def prepare(
     load, friction = (
         contact_force(t, frame[f"{force}_N"].to_numpy(dtype=float), events) for force in ("load", "friction")
     )
-    found = [*gathered(log.findings), *events.findings]
+    left_out = left_out or {}
+    out = left_out_of(left_out)
+    found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
+    found += events.findings
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
     rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
@@ -127,7 +132,7 @@ def prepare(
     disks = {}
     for d in DISKS:
         found += others[d]
-        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where)
+        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
         disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
@@ -163,11 +168,22 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
 
 
+def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -> Finding:
+    """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
+    disk, _, channel = name.rpartition("_")
+    stand_ins = rig.disk_setup(disk).stand_ins(out[disk])[channel] if channel in INNER_ROW else {}
+    cost: dict[str, Any] = {"stand_ins": [*stand_ins], "kept": [c for c in OUTER_ROW if c not in out[disk]]}
+    if why:
+        return look("channel.left_out", subject=name, why=why, **cost)
+    return note("channel.left_out", subject=name, why="as asked for", **cost)
+
+
 def estimate_beta(
     log: str | Path,
     rig: Rig | None,
     records: Mapping[str, DiskRecord],
     *,
+    without: Sequence[str] = (),
     window_s: float = WINDOW_S,
     seed: int = 0,
     sensor_check: bool = True,
@@ -176,19 +192,32 @@ def estimate_beta(
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
-    ``rig`` None is the one that the records were made with; ``window_s``: cooling used by the h-only fit [s];
-    ``bearing``: the pure-rolling test whose friction is added (section 2.10). Raises InputError for a log, rig or
-    record that does not fit, naming the log.
+    ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
+    ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
+    (section 2.10). A channel that is dead, missing, or lost for long is left out too, with a finding, as long as the
+    rest still tells beta. Raises InputError for a log, rig or record that does not fit, naming the log.
     """
-    progress("reading the log")
     rig = rig or rig_of(records)
-    table = read_log(log, "ehl", rig)
-    test = prepare(table, rig, records, bearing.added if bearing else None)
-    try:
-        found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
-    except InputError as problem:
-        raise problem.at(table.path.name) from None
-    return BetaRun(table, found)
+    left_out_of(without)
+    left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
+    first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
+    while True:
+        try:
+            progress("reading the log")
+            table = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+            test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+            try:
+                found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+            except InputError as problem:
+                raise problem.at(table.path.name) from None
+            return BetaRun(table, found)
+        except InputError as problem:
+            lost = problem.column.removesuffix("_degC")
+            disk, _, channel = lost.rpartition("_")
+            if lost in left_out or disk not in DISKS or not still_told((*left_out_of(left_out)[disk], channel)):
+                raise (first or problem if problem.column else problem) from None
+            first, left_out[lost] = first or problem, problem.what
+            progress(f"going on without {lost}")
 
 
 def summary_of(p: Partition) -> str:

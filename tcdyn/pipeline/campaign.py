@@ -39,13 +39,14 @@ TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """What all logs of a campaign are analysed with."""
+    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such as "fast_c"."""
 
     rig: Rig
     records: Mapping[str, DiskRecord]
     window_s: float = WINDOW_S
     seed: int = 0
     bearing: BearingFile | None = None
+    without: tuple[str, ...] = ()
 
     def fingerprint(self) -> dict[str, Any]:
         """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
@@ -56,6 +57,7 @@ class CampaignSettings:
             "bearing_sha256": self.bearing.sha256 if self.bearing else None,
             "window_s": self.window_s,
             "seed": self.seed,
+            "without": sorted(self.without) or None,
         }
 
 
@@ -175,10 +177,8 @@ def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
 
 
 def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
-    run = estimate_beta(
-        path, settings.rig, settings.records, window_s=settings.window_s, seed=settings.seed,
-        bearing=settings.bearing,
-    )  # fmt: skip
+    s = settings
+    run = estimate_beta(path, s.rig, s.records, window_s=s.window_s, seed=s.seed, bearing=s.bearing, without=s.without)
     test = run.partition.test
     data = run.to_dict()
     found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
@@ -188,17 +188,19 @@ def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
         **settings.fingerprint(),
         "friction_coefficient": test.friction_N / test.load_N,
         "bearing_N": test.added.value_N if settings.bearing else None,
-        "bulk_degC": {d: float(np.mean(list(steady[d].values()))) for d in DISKS},
+        "bulk_degC": {d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS},
         "steady_degC": steady,
     }
     return dict(json.loads(json.dumps(data)))
 
 
-def steady_degC(test: EhlTest) -> dict[str, dict[str, float]]:
-    """Mean reading of each junction over the steady stretch [degC]; their mean is the bulk temperature (6.4.1)."""
+def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
+    """Mean reading of each junction when steady [degC], None of one left out; their mean is the bulk one (6.4.1)."""
     rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
-    return {d: {c: float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS}
+    return {
+        d: {c: None if c in test.disks[d].left_out else float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS
+    }
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> LogOutcome | None:

@@ -64,7 +64,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         found: Any = data
         for key in keys:
             found = found[key]
-        row[name] = found["value"] if estimate else found
+        row[name] = found["value"] if estimate else np.nan if found is None else found
         if estimate:
             row[f"u_{name}"] = found["u"]
     row["status"] = data["status"]

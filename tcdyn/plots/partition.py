@@ -19,7 +19,7 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
     done = p.compensated[disk]
-    for ch in SHOWN:
+    for ch in [c for c in SHOWN if c not in p.test.disks[disk].left_out]:
         i = CHANNELS.index(ch)
         ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
         x, u = done.temperature[near, i], done.sd[near, i]
@@ -161,7 +161,7 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     t = p.test.time_s
     step = max(len(t) // 6000, 1)
     for disk in DISKS:
-        for ch in SHOWN:
+        for ch in [c for c in SHOWN if c not in p.test.disks[disk].left_out]:
             y = p.test.disks[disk].readings_degC[::step, CHANNELS.index(ch)]
             ax.plot(
                 t[::step], y, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch],

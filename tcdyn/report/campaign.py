@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
+from calibration.disk import LEFT_OUT
 from calibration.estimate import rounded, with_u
 from calibration.finding import Finding, note
 from tcdyn.pipeline.campaign import CampaignRun
@@ -183,7 +185,7 @@ def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
     columns: dict[str, list[str]] = {}
     for disk in ("fast", "slow"):
         for name, title in ((f"{disk}_a_degC", "a"), (f"{disk}_bulk_degC", "bulk")):
-            columns[f"{disk} disk, {title} [°C]"] = [f"{v:.1f}" for v in good[name]]
+            columns[f"{disk} disk, {title} [°C]"] = [LEFT_OUT if np.isnan(v) else f"{v:.1f}" for v in good[name]]
         columns[f"{disk} disk, hottest surface [°C]"] = _pm(good, f"{disk}_surface_max_degC")
     return pd.DataFrame({"test": good["test"].to_list(), **columns})
 

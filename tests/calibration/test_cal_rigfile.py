@@ -40,6 +40,18 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
         ("[thermocouples]\nc = { depth_mm = 7 }", r"thermocouples\.c: depth_mm is 7; expected at most that of b, 6"),
         ("[slow.thermocouples]\nb = { z_mm = 1 }", r"slow: thermocouples: z_mm of d, b, f is 2, 1, 7\.53"),
         ("[uncertainty]\nspeed_exponent_low = 0.9", r"uncertainty: speed_exponent_low 0\.9 lies above speed_.* 0\.8"),
+        (
+            '[columns]\nfast_a_degC = "TC1"\nfast_b_degC = "TC1"',
+            "columns: 'TC1' is named for two junctions, fast_a_degC and fast_b_degC",
+        ),
+        (
+            '[columns]\nfast_a_degC = "slow_a_degC"',
+            "columns: 'slow_a_degC' is named for two junctions, fast_a_degC and slow_a_degC",
+        ),
+        (
+            '[slow.columns]\na_degC = "T1"\nf_degC = "T1"',
+            "slow: columns: 'T1' is named for two junctions, a_degC and f",
+        ),
         ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
     ],
 )
@@ -49,3 +61,12 @@ def test_what_the_analysis_would_refuse_is_refused_with_the_file(tmp_path: Path,
     with pytest.raises(InputError, match=words) as problem:
         load_rig(path)
     assert "Value error" not in str(problem.value)
+
+
+def test_columns_may_be_exchanged_or_shared_by_logs_of_different_disks(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        '[columns]\nfast_a_degC = "fast_b_degC"\nfast_b_degC = "fast_a_degC"\n'
+        '[fast.columns]\na_degC = "T1"\n[slow.columns]\na_degC = "T1"\n'
+    )
+    assert load_rig(path).columns("slow")["a_degC"] == "T1"

@@ -40,10 +40,15 @@ class StudyRig:
     test: EhlTest
     told: dict[str, Any]
     records: dict[str, DiskRecord]
+    log: Log
 
     def analyse(self, **options: Any) -> Partition:
         """All ways to beta of this test."""
         return analyse(self.test, **options)
+
+    def without(self, *channels: str) -> EhlTest:
+        """The test with channels such as "fast_c" left out."""
+        return prepare(self.log, self.rig, self.records, left_out=dict.fromkeys(channels, ""))
 
 
 def study_rig(
@@ -68,7 +73,7 @@ def study_rig(
     seen(told)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
     log = Log(disturbed(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
-    return StudyRig(rig, true, prepare(log, rig, records), told, records)
+    return StudyRig(rig, true, prepare(log, rig, records), told, records, log)
 
 
 def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float | None) -> DiskRecord:
