@@ -25,6 +25,7 @@ from tcdyn.partition.cooling import (
     cooling_fit,
     cooling_shift,
     refined_chains,
+    slowed,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
@@ -115,7 +116,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    test = at_one_radius(test)
+    test = _followed(at_one_radius(test))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -137,6 +138,9 @@ def analyse(
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
+    if test.slowing:
+        test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
+        joint, both = joint_fits(test, speed.starts, joint_s, profile)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
@@ -162,8 +166,15 @@ def analyse(
     )  # fmt: skip
 
 
+def _followed(test: EhlTest) -> EhlTest:
+    """The test with the film of slowing disks, by the speed law."""
+    length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
+    return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
+
+
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
+    test = _followed(test)
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]

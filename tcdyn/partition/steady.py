@@ -12,9 +12,9 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import Unmeasured, effects, inner_gradient
+from tcdyn.partition.effects import Unmeasured, effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, deeper_than_b_m, inner_gradient, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3

@@ -18,7 +18,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.modal import RimGains, rim_gains
+from tcdyn.conduction.modal import INPUTS, RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.traces import DiskTraces
@@ -34,7 +34,8 @@ ROWS = (*OUTER_ROW, *INNER_ROW)
 OUTER = [CHANNELS.index(c) for c in OUTER_ROW]
 INNER = [CHANNELS.index(c) for c in INNER_ROW]
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
-POWER, REST = slice(0, 1), slice(1, 5)  # of the rim's inputs
+POWER, REST = slice(0, 1), slice(1, 6)  # of the rim's inputs
+FILM, FILM_BY_N = slice(5, 6), slice(6, 7)  # where speeds change
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,9 @@ class RimMeans:
     """What drives the rim of one disk, and the filter banks of it, as R means over windows of a test.
 
     ``inputs`` (R, 5) and ``banks`` (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a
-    share of one), the lags of the banks at ``rates_1_s`` (K,).
+    share of one), the lags of the banks at ``rates_1_s`` (K,). Where the speeds change there are two more, air at the
+    running surface alone: what the changed film comes to, and by how much a standard uncertainty of its exponent
+    changes that (see :func:`tcdyn.partition.cooling.slowed`).
     """
 
     setup: DiskSetup
@@ -88,7 +91,8 @@ class RimMeans:
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
         mesh = BORE_MESH if bore else FIT_MESH
-        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, mesh)
+        film = len(self.banks) > len(INPUTS)
+        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, mesh, film)
 
     def through(
         self,
@@ -128,9 +132,18 @@ def cached_gains(
     rates: tuple[float, ...],
     profile: Profile,
     mesh: Mesh,
+    film: bool,
 ) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction."""
-    return rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile=profile, mesh=mesh)
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction.
+
+    With ``film`` two more inputs, both air at the running surface alone.
+    """
+    split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, mesh=mesh, split_ambient=film)
+    if not film:
+        return split
+    whole = [np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]]) for x in (split.gains, split.direct)]
+    inputs = (*INPUTS, "film", "film by n")
+    return RimGains(inputs, points, split.rates, *whole, whole[0].sum(axis=2) + whole[1])
 
 
 @dataclass(frozen=True)
@@ -218,7 +231,11 @@ def disk_window(
     power, held = power_seen(test, rows, chain)
     rates = node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
-    feeds = [*(temperatures[:, INNER] + disk.inner_K[rows]).T, test.ambient_degC[rows]]
+    feeds = [
+        *(temperatures[:, INNER] + disk.inner_K[rows]).T,
+        test.ambient_degC[rows],
+        *film_seen(test, disk, rows, chain),
+    ]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
@@ -243,6 +260,24 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
     """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
+
+
+def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
+    """Rise of temperature with radius at d, b, f in every sample, (N, 3) [K/m], from the model itself."""
+    rest, power = window.rim.gradient(h_W_m2K)
+    return sampled(window, rest + share * power)
+
+
+def sampled(window: DiskWindow, of_blocks: Array) -> Array:
+    """What was worked out on block means (R, M), straight between them, (N, M)."""
+    return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
+
+
+def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
+    """What the changed film comes to and its change by its exponent, each (N,) [K], as the ``chain`` would show them;
+    nothing where the disk kept its speed."""
+    film = [] if disk.name not in test.film else [*test.film[disk.name][rows].T]
+    return film if chain is None else [chain.response(x, test.dt_s) for x in film]
 
 
 def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.events import Events, contact_force, find_events
+from tcdyn.contact import Events, contact_force
+from tcdyn.partition.events import find_events
 
 DT = 1 / 75
 
