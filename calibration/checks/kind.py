@@ -104,18 +104,16 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
 
 
 def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
-    """Whether load and friction both stand at their upper level where ``contact`` (N,) is off and only there."""
+    """Whether load and friction both stand at their upper level where ``contact`` (N,) is off, and only there."""
     if contact.all() or not contact.any():
         return False
     against = []
     for name in ("load_N", "friction_N"):
         force = course[name].to_numpy(dtype=float)
         low, high = (float(np.nanmedian(force[contact == state])) for state in (True, False))
-        within = [float(np.nanmedian(np.abs(force[contact == state] - x))) for state, x in ((True, low), (False, high))]
         upper = force > 0.5 * (low + high)
-        against.append(
-            high - low > 5 * max(within) and float(np.mean(upper[~contact])) > 0.8 > 0.2 > np.mean(upper[contact])
-        )
+        apart = float(np.mean(upper[~contact])) - float(np.mean(upper[contact]))
+        against.append(high > abs(low) and apart > 0.8)  # of a force with its sign turned the larger level is negative
     return all(against)
 
 

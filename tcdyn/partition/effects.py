@@ -159,11 +159,9 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(3)[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    u = stated_u(disk, static)
     film = rim.through(FILM_BY_N, h_W_m2K)
-    u = np.concatenate(
-        [u, [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]]
-    )
+    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    u = np.concatenate([stated_u(disk, static), own])
     change = np.concatenate([known, [late, share * power], split, [film]])
     asked = np.flatnonzero(u > 0)
     return Effects(tuple((*STATED, *OWN)[q] for q in asked), u[asked, None, None] * change[asked])
@@ -175,7 +173,8 @@ class DiskFeatures:
 
     ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f, ambient [degC], and the power when the chain is
     ``LAG_STEP_S`` slower, and where speeds change the film's two; ``slope`` (W, 6) mean rate of each channel [K/s],
-    less that of the base; ``noise`` (W,) white noise left of one; ``bend`` (W, 6) how far a trend before the event may have bent since [K].
+    less that of the base; ``noise`` (W,) white noise left of one; ``bend`` (W, 6) how far a trend before the event may
+    have bent since [K].
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
@@ -213,7 +212,7 @@ class DiskFeatures:
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then by a standard
-        uncertainty of the film's exponent, then a second of common lag, a second of later load, and the share, (Q, D)."""
+        uncertainty of the film's exponent, a second of common lag, a second of later load, and the share, (Q, D)."""
         driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
         gradient = driven.gradient(h_W_m2K)
         rest, power = self.answer(order, h_W_m2K)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from calibration.noise import white_noise_sd
 from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.traces import DiskTraces
 
@@ -110,20 +109,18 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     else:
         found.append(look("loading.disagree", subject="contact", late_s=by_switch - load_on))
     again = _again(t, contact, levels, last)
-    alone = frame.copy()
-    for a, b in again:
-        alone.loc[alone.index[a : b + 1], [*levels]] = np.nan
-    switch_s = 0.5 * float(t[off] + t[min(off + 1, len(t) - 1)])
-    unload, u, parting, said = _parting(t, alone, switch_s, float(load_on))
+    switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
+    about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
+    unload, u, parting, said = _parting(t, _alone(frame, [*levels], again), switch_s, about_s, float(load_on))
     found += said
     half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
-    kinks = (float(unload),) if 2 * half_s < TWO_KINKS_S else (float(unload - half_s), float(unload + half_s))
+    kinks = [unload] if 2 * half_s < TWO_KINKS_S else [unload - half_s, unload + half_s]
     touches = tuple((float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1])
     if touches:
         length = sum(b - a for a, b in touches)
         found.append(note("contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length))
-    kinks += tuple(x for touch in touches for x in touch)
-    return Events(float(load_on), float(unload), float(u), float(parting), kinks, tuple(found), touches)
+    kinks = [float(x) for x in (*kinks, *(x for touch in touches for x in touch))]
+    return Events(float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches)
 
 
 def _contact(frame: pd.DataFrame) -> NDArray[np.bool_]:
@@ -143,7 +140,8 @@ def _levels(force: Array) -> Array | None:
         if upper.all() or not upper.any():
             return None
         low, high = float(slow[~upper].median()), float(slow[upper].median())
-    if high - low < CLEAR * float(white_noise_sd(filled.to_numpy())) or high <= low:
+    noise = 1.4826 * float((filled - calm).abs().median())
+    if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
         return None
     return np.asarray((calm - low) / (high - low))
 
@@ -191,17 +189,28 @@ def _again(
     return [(max(a - 2, last + 1), min(b + 2, len(t) - 1)) for a, b in runs]
 
 
+def _alone(frame: pd.DataFrame, columns: list[str], again: list[tuple[int, int]]) -> pd.DataFrame:
+    """The forces as if the disks had not touched again: straight lines in their place."""
+    if not again:
+        return frame
+    rows = np.concatenate([np.arange(a, b + 1) for a, b in again])
+    out = frame.reset_index(drop=True)
+    out.loc[rows, columns] = out[columns].drop(rows).reindex(out.index).interpolate().loc[rows]
+    return out
+
+
 def _parting(
-    t: Array, frame: pd.DataFrame, switch_s: float, contact_s: float
+    t: Array, frame: pd.DataFrame, switch_s: float, about_s: float, contact_s: float
 ) -> tuple[float, float, float, list[Finding]]:
     """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and what was noticed.
 
     Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3); those that agree are
     averaged. A switch that differs from the friction by more is not believed: the friction is the heat. A friction too
-    noisy to show its fall leaves the word to the load cell. ``contact_s``: when the contact began, by the switch.
+    noisy to show its fall leaves the word to the load cell. ``contact_s``: when the contact
+    began; ``about_s``: where the three together see it end.
     """
     dt = float(np.median(np.diff(t)))
-    falls = [_far_fall(t, frame[c].to_numpy(dtype=float), switch_s, contact_s) for c in ("friction_N", "load_N")]
+    falls = [_far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s) for c in ("friction_N", "load_N")]
     named = [(name, fall) for name, fall in zip(("friction", "load cell"), falls) if fall is not None]
     if not named:
         return switch_s, INDICATOR_U_S, 0.0, [look("parting.switch_alone")]

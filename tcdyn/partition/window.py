@@ -141,9 +141,11 @@ def cached_gains(
     split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, mesh=mesh, split_ambient=film)
     if not film:
         return split
-    whole = [np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]]) for x in (split.gains, split.direct)]
-    inputs = (*INPUTS, "film", "film by n")
-    return RimGains(inputs, points, split.rates, *whole, whole[0].sum(axis=2) + whole[1])
+    gains, direct, static = (
+        np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]])
+        for x in (split.gains, split.direct, split.static)
+    )
+    return RimGains((*INPUTS, "film", "film by n"), points, split.rates, gains, direct, static)
 
 
 @dataclass(frozen=True)
