@@ -252,7 +252,7 @@ def _again(said: str) -> tuple[float, float]:
         out = np.nan, np.nan
     if not (0.02 <= out[0] < np.inf and 0.05 <= out[1] < np.inf):
         raise InputError(
-            f"--again {said!r}",
+            f"--again is {said!r}",
             expected="length@time after the parting, both in seconds and not shorter than 0.02@0.05",
             remedy="for example --again 0.2@1",
         )
