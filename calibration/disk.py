@@ -108,6 +108,11 @@ class DiskSetup:
         """alpha = K / (rho c) [m2/s]."""
         return self.conductivity_W_mK / (self.density_kg_m3 * self.specific_heat_J_kgK)
 
+    @property
+    def deeper_than_b_m(self) -> Array:
+        """How much deeper d, b and f are stated to lie than b, (3,) [m]."""
+        return np.array([self.junctions[c].depth_m - self.junctions["b"].depth_m for c in INNER_ROW])
+
     def stand_ins(self, left_out: Collection[str]) -> dict[str, dict[str, float]]:
         """For each channel left out the channels that stand in for it, with their weights, which add to one.
 

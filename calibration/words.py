@@ -663,12 +663,20 @@ PARTITION: dict[str, Words] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} time(s)): taken as a "
     "switch that fails, not as an unloading",
     "contact.bounced": "the contact switch bounced ({count} changes shorter than {shorter_s} s were bridged)",
+    "contact.inverted": "the contact switch is inverted: it says 0 where load and friction say that the disks touch; "
+    "it is read the other way round",
+    "contact.again": "the disks touched again after the parting ({count} time(s), first {after_s:.2f} s after it, "
+    "{length_s:.2f} s in all): the logged friction is taken as heat there",
+    "loading.disagree": "contact switch and forces disagree on the loading by {late_s:+.2f} s; the forces are believed",
     "parting.switch_alone": "neither friction nor load shows a clear fall at unloading: the contact switch alone gives "
     "the instant",
     "parting.no_friction": "the friction shows no clear fall at unloading: load cell and contact switch give the "
     "instant",
     "parting.disagree": "contact switch and {subject} disagree on the parting by {late_s:+.3f} s; the {subject} is "
     "used",
+    "speeds.change": "the {subject} disk did not keep its speed after the parting ({percent:.0f} % of it after "
+    "{after_s:.3g} s): its heat transfer coefficient follows, h ~ u^{exponent:.3g}",
+    "speeds.missing": "the speed of the {subject} disk after the parting is not in the log: taken as unchanged",
     "speeds.ratio": "the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {stated:.3f}: the log is "
     "used",
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",

@@ -1,17 +1,64 @@
-"""Two crowned disks in contact: Hertz's ellipse, their speeds, and the press fit that holds each on its shaft."""
+"""Two crowned disks in contact: Hertz's ellipse, when they touch, the force between them and their speeds; and the
+press fit that holds each on its shaft."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import brentq
+from scipy.signal import savgol_filter
 from scipy.special import ellipe, ellipk
 
+from calibration import Array
 from calibration.errors import InputError
+from calibration.finding import Finding
+from calibration.noise import SPIKES, find_spikes, white_noise_sd
 
 YOUNG_Pa = 207e9
 POISSON = 0.3
+SMOOTH_S = 4.0  # straight line of this length; longer where the noise asks for it, up to
+LONGEST_SMOOTH_S = 40.0
+NOISE_LEFT = 0.002  # of the force at the parting: a fifth of the transducer's own uncertainty
+SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
+STRAIGHT_FALL = 0.8  # the 90-10 % time of a straight fall over the whole of it
+LEAST_ZERO = 10  # samples of an unloaded stretch that give a zero
+SPEED_WINDOW_S = 1.0
+STOPPED = 0.02  # of the speed before: what comes back from below it had not stopped
+LEAST_CHANGE = 0.02  # of a speed
+CHANGE_WITHIN_S = 20.0
+
+
+@dataclass(frozen=True)
+class Events:
+    """Loading and unloading of one EHL test.
+
+    ``load_on_s`` and ``unload_s`` are in the log's own time [s]; ``unload_u_s`` is the standard uncertainty of the
+    instant at which the frictional heat ended; ``parting_s`` is how long the friction took to fall from 90 to 10 %;
+    ``kinks_s``: where the temperatures bend [s]: at the parting's middle, or both ends of a slow one, and at the ends
+    of ``again``, (start, stop) of each time that the disks touched after it.
+    """
+
+    load_on_s: float
+    unload_s: float
+    unload_u_s: float
+    parting_s: float
+    kinks_s: tuple[float, ...]
+    findings: tuple[Finding, ...] = ()
+    again: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class FrictionAdded:
+    """What the transducer does not see of the contact's friction, its standard uncertainty, and what to say of it."""
+
+    value_N: float
+    u_N: float
+    findings: tuple[Finding, ...] = ()
+
+
+NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -98,6 +145,80 @@ def _axis_ratio(curvature_ratio: float) -> float:
 def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
     """Speed of the running surface, u = 2 pi n R / 60 [m/s]."""
     return 2.0 * np.pi * speed_rpm / 60.0 * radius_m
+
+
+def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
+    """Force while the disks touch [N], zero elsewhere; ``raw_N`` as logged, both of shape (N,).
+
+    When they touch again it is the logged force, the mean of each two samples between which it is held. The zero is
+    the median before loading and after unloading, drifting straight between the two (section 2.9). Under load the force
+    is a running straight line, spikes left out, that never looks across a switching instant: an average smeared over
+    the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long as
+    ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).
+    """
+    on, off = events.load_on_s, events.unload_s
+    quiet = events.parting_s + SETTLE_S
+    touched = np.any([(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0)
+    zero = _zero(t, np.where(touched, np.nan, raw_N), on - SETTLE_S, off + quiet)
+    inside = (t > on + SETTLE_S) & (t < off - quiet)
+    level = _line_through((raw_N - zero)[inside], float(np.median(np.diff(t))))
+    force = np.interp(t, t[inside], level)
+    ramp_s = events.parting_s / STRAIGHT_FALL
+    if ramp_s > 4 * float(np.median(np.diff(t))):
+        share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
+    else:
+        share = (t < off).astype(float)
+    logged = pd.Series(raw_N - zero).interpolate(limit_direction="both").rolling(2).mean().shift(-1).to_numpy()
+    touching = np.any([(t >= a) & (t < b) for a, b in events.again] or [t < t[0]], axis=0)
+    return np.where(touching, logged, np.where(t >= on, force * share, 0.0))
+
+
+def _line_through(raw: Array, dt_s: float) -> Array:
+    """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
+    rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
+    filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
+    left = 2 * float(white_noise_sd(filled)) / max(NOISE_LEFT * abs(float(np.median(filled))), 1e-12)
+    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, len(filled))
+    window = max(2 * int((count - 1) // 2) + 1, 1)
+    return np.asarray(savgol_filter(filled, window, min(1, window - 1), mode="interp"))
+
+
+def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
+    """The transducer's zero at each instant, from the unloaded stretches."""
+    seen = np.isfinite(raw)
+    early, late = seen & (t < before_s), seen & (t > after_s) & (t < after_s + 60.0)
+    points = [(float(np.mean(t[m])), float(np.nanmedian(raw[m]))) for m in (early, late) if m.sum() >= LEAST_ZERO]
+    if not points:
+        return np.zeros_like(t)
+    return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]))
+
+
+def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: float) -> Array | None:
+    """A logged speed after ``from_s`` as a share of ``level_rpm``, one before; arrays (N,).
+
+    Noise, spikes and dropouts taken out; all one where it changes by less than two per cent in the first 20 s; None
+    where most of them are missing.
+
+    >>> t = np.arange(0.0, 60.0, 1 / 75)
+    >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)
+    >>> slowing[2500] = 0.0  # a dropout
+    >>> speed_course(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
+    array([1.   , 0.368])
+    """
+    out, after = np.ones_like(time_s), np.flatnonzero(time_s >= from_s)
+    x = pd.Series(speed_rpm[after] / level_rpm)
+    comes_back = x[::-1].fillna(0.0).cummax()[::-1] > 5 * STOPPED
+    x = x.mask((x < STOPPED) & comes_back)
+    near = time_s[after] < from_s + CHANGE_WITHIN_S
+    if len(after) < 5 or x[near].notna().mean() < 0.5:
+        return None
+    calm = x.interpolate(limit_direction="both").rolling(5, center=True, min_periods=1).median().to_numpy()
+    dt_s = float(np.median(np.diff(time_s)))
+    window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(calm) - 1) // 2) + 1)
+    smooth = savgol_filter(calm, window, 2) if window > 3 else calm
+    if np.abs(smooth[near] - 1).max() >= LEAST_CHANGE:
+        out[after] = np.clip(smooth, 0.0, None)
+    return out
 
 
 def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:

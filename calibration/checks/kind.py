@@ -37,6 +37,8 @@ def check_kind(
     states: dict[str, Flags] = {}
     for name, values in switches.items():
         levels, said = _two_level(values, name, place)
+        if name == "contact" and _inverted(course, levels[course.index] > 0.5):
+            levels, said = 1.0 - levels, [*said, look("contact.inverted", subject="contact")]
         found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
@@ -100,6 +102,20 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
         raise InputError(f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1")
     found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
     return (values == levels[1]).astype(float), found
+
+
+def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
+    """Whether load and friction both stand at their upper level where ``contact`` (N,) is off, and only there."""
+    if contact.all() or not contact.any():
+        return False
+    against = []
+    for name in ("load_N", "friction_N"):
+        force = course[name].to_numpy(dtype=float)
+        low, high = (float(np.nanmedian(force[contact == state])) for state in (True, False))
+        upper = force > 0.5 * (low + high)
+        apart = float(np.mean(upper[~contact])) - float(np.mean(upper[contact]))
+        against.append(high > abs(low) and apart > 0.8)  # of a force with its sign turned the larger level is negative
+    return all(against)
 
 
 def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding]:

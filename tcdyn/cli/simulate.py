@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import pandas as pd
 import typer
 from rich.console import Console
@@ -114,6 +115,12 @@ def ehl(
     test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
     seed: Seed = 0,
     beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
+    brake: Annotated[
+        float | None, bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6)
+    ] = None,
+    again: Annotated[
+        list[str] | None, typer.Option(help="contact after the parting, seconds@seconds after it; repeatable")
+    ] = None,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -122,10 +129,11 @@ def ehl(
 ) -> None:
     """One EHL test of both disks: warm running, loading, unloading, cooling.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1
     """
     truth = _log_truth(out, seed, rig, uncertain, clean)
-    _write(out, json_, quiet, *simulate_ehl(test, seed, truth, EhlOptions(beta=beta)))
+    options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
+    _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
 
 
 @app.command()
@@ -233,6 +241,22 @@ def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict
 def _disk(name: str) -> str:
     check_choice("--disk", name, DISKS)
     return name
+
+
+def _again(said: str) -> tuple[float, float]:
+    """Length and time after the parting [s] of a contact given as 0.2@1."""
+    length, _, after = said.partition("@")
+    try:
+        out = float(length), float(after)
+    except ValueError:
+        out = np.nan, np.nan
+    if not (0.02 <= out[0] < np.inf and 0.05 <= out[1] < np.inf):
+        raise InputError(
+            f"--again is {said!r}",
+            expected="length@time after the parting, both in seconds and not shorter than 0.02@0.05",
+            remedy="for example --again 0.2@1",
+        )
+    return out
 
 
 def _fluid(name: str) -> FluidName:

@@ -100,6 +100,18 @@ class Rim:
         return cls(**{**fields, **changes})
 
 
+@dataclass(frozen=True)
+class HertzBeside:
+    """Hertzian flux (3.32) of half-width ``half_width_m``, its centre ``shift_m`` beside the centre plane [m]."""
+
+    half_width_m: float
+    shift_m: float
+
+    def __call__(self, z_m: Array) -> Array:
+        """Flux density at places ``z_m`` from the centre plane, of any scale."""
+        return np.asarray(np.clip(1 - ((z_m - self.shift_m) / self.half_width_m) ** 2, 0.0, None))
+
+
 def points_of(setup: DiskSetup, names: str = "ace") -> tuple[Point, ...]:
     """(depth, z) of the named junctions, e.g. ``points_of(setup, "ace")`` [m]."""
     return tuple((setup.junctions[n].depth_m, setup.junctions[n].z_m) for n in names)

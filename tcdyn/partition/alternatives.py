@@ -40,8 +40,7 @@ UNITS = {  # by how much the true power is above the logged one when numbers sta
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-SAME_UNIT = 0.08
-SETTLED_LOG_ODDS, ROUNDS = 3.0, 2
+SAME_UNIT, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3.0, 2
 SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
 NAMED_LOG_ODDS, FITS_Z = 8.0, 3.0
 STEADY_U, STEADY_BETA = 2.0, 0.02  # the headline holds within these
@@ -277,11 +276,7 @@ def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> f
 
 
 def power_scale(fast: float, slow: float) -> float:
-    """Heat that both disks show over the logged frictional power, by beta of either disk's joint fit.
-
-    >>> power_scale(0.7, 0.7), round(power_scale(4.448 * 0.7, 1 - 4.448 * 0.3), 3)
-    (1.0, 4.448)
-    """
+    """Heat that both disks show over the logged frictional power, by beta of either disk's joint fit."""
     return 1 + fast - slow
 
 
@@ -292,8 +287,7 @@ def impossible(
 
     The shares that the joint fits of either disk find by themselves add to true power over logged power.
     """
-    found = []
-    gone = withheld(answers, both)
+    found, gone = list[Finding](), withheld(answers, both)
     ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
     if ways:
         found.append(look("answers.impossible", ways=ways))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -34,11 +34,12 @@ from tcdyn.partition.cooling import (
     cooling_fit,
     cooling_shift,
     refined_chains,
+    slowed,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
-from tcdyn.partition.profile import joint_profiles, profiles_file
+from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.steady import (
     EQUAL_WEIGHTS,
@@ -50,9 +51,7 @@ from tcdyn.partition.steady import (
 )
 from tcdyn.partition.window import DiskWindow, stretch_of
 
-SCHEMA = "tcdyn.beta/1"
 WINDOW_S = 5.0
-NOTHING: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))  # an estimate that is withheld
 
 
 @dataclass(frozen=True)
@@ -151,7 +150,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    test = at_one_radius(test)
+    test = _followed(at_one_radius(test))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -174,6 +173,9 @@ def analyse(
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
+    if test.slowing:
+        test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
+        joint, both = joint_fits(test, speed.starts, joint_s, profile)
     progress("other structures")
     structures = alternatives(test, joint, both)
     progress("compensation")
@@ -220,81 +222,15 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
     return again if again.sound else found
 
 
+def _followed(test: EhlTest) -> EhlTest:
+    """The test with the film of slowing disks, by the speed law."""
+    length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
+    return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
+
+
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
+    test = _followed(test)
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]
-
-
-def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
-    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s.
-
-    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
-    """
-    test = p.test
-    gone = p.withheld
-    a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
-    both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
-    depths = {} if p.sensors is None else p.sensors.depths
-    return {
-        "schema": SCHEMA,
-        "source": source,
-        "test": {
-            "load_N": test.load_N,
-            "friction_N": test.friction_N,
-            "sliding_speed_m_s": test.sliding_speed_m_s,
-            "entraining_speed_m_s": test.entraining_speed_m_s,
-            "half_width_m": test.half_width_m,
-            "load_on_s": test.events.load_on_s,
-            "unload_s": test.events.unload_s,
-        },
-        "steady": {
-            "beta": a["speed law"],
-            "h_fast": a["h_fast"],
-            "h_slow": a["h_slow"],
-            **{f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]} for d in DISKS},
-            "exponent": a["exponent"],
-        },
-        "transient": {
-            d: {"beta": a[f"cooling {d}"], "h": a[f"h cooling {d}"], "window_s": p.cooling[d].window_s} for d in DISKS
-        },
-        "joint": {
-            **{
-                d: {
-                    "beta": a[f"joint {d}"],
-                    "h": a[f"h joint {d}"],
-                    "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
-                }
-                for d in DISKS
-            },
-            "both": both,
-            "profiles": profiles_file(p.profiles),
-        },
-        "headline": {
-            "beta": both["beta"],
-            "way": "joint both",
-            "sentence": p.headline.sentence,
-            "range95": None if p.status == "withheld" else [p.structures.low95, p.structures.high95],
-        },
-        "status": p.status,
-        "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
-        "crosscheck": p.crosscheck.to_dict(),
-        "budget": [asdict(row) for row in p.budget.rows],
-        "surface": {
-            "fast_max_degC": a["surface fast"],
-            "slow_max_degC": a["surface slow"],
-            "delta_T_us": a["delta_T_us"],
-        },
-        "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
-        "sensors": {} if p.sensors is None else p.sensors.said,
-        "junctions": {
-            d: {
-                c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
-                for (c, e), z in zip(t.deeper_m.items(), t.pull)
-            }
-            for d, t in depths.items()
-        },
-        "findings": [found.to_dict() for found in p.findings],
-        "warnings": list(p.warnings),
-    }

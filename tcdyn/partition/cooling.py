@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,13 +16,42 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.steady import DiskLine, FitShift, SteadyLine
-from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window
+from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine
+from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01
+PLACES = 12  # across the running surface
+LEAST_SPEED = 0.01  # of that under load
+AMBIENT = 4  # of the rim's inputs
+
+
+def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
+    """The test with ``film`` set for the disks that did not keep their speed after the parting.
+
+    The film's loss there is h (u/u_0)^n (T_s - T_A): that of the film under load with air at the running surface alone
+    that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the running surface by the model itself at
+    the share and h [W/m2K] ``at`` of each disk, so air and surface are found in turn. The second column is what a
+    standard uncertainty of n, even over its range, changes in it. A test whose speeds stay is left as it is.
+    """
+    if not test.slowing:
+        return test
+    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
+    for _ in range(ROUNDS):
+        test = replace(test, film={d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing})
+    return test
+
+
+def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
+    window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
+    surface = tuple((0.0, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * disk.setup.width_m)
+    rest, power = (x[:, len(OUTER) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=surface))
+    warmer = rest + share * power - window.rim.inputs[:, AMBIENT]
+    superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
+    film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
+    return np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
 
 
 @dataclass(frozen=True)
@@ -96,13 +125,13 @@ def compensated(
     test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float, profile: Profile = "modal"
 ) -> Cooled:
     """The six traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
-    start = test.time_s[rows][0]
+    start, end = test.time_s[rows][[0, -1]]
     done = smooth(
         disk.measured_degC[rows],
         test.dt_s,
         chains,
         noise_sd=disk.noise_K,
-        events_s=tuple(float(kink - start) for kink in test.events.kinks_s),
+        events_s=tuple(float(kink - start) for kink in test.events.kinks_s if kink < end),
         event_u_s=test.events.unload_u_s,
         lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,

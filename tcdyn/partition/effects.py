@@ -17,6 +17,8 @@ from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import (
+    FILM,
+    FILM_BY_N,
     INNER,
     NOMINAL,
     OUTER,
@@ -26,8 +28,10 @@ from tcdyn.partition.window import (
     Perturbation,
     RimMeans,
     between,
-    deeper_than_b_m,
+    film_seen,
+    inner_gradient,
     power_seen,
+    sampled,
 )  # fmt: skip
 from tcdyn.traces import DiskTraces
 
@@ -51,7 +55,7 @@ SLOWEST_PER_S = 0.02
 BEND_S = 40.0  # a disk under load warms up with about this time constant
 THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 FEATURE_DEPTH_M = 0.1e-3
-COLUMNS = ("power", *CHANNELS, "ambient", "slower power")
+COLUMNS = ("power", *CHANNELS, "ambient", "slower power", "film", "film by n")
 LEVELS = slice(1, 7)  # of the columns: a..f, their level or change since the base
 
 
@@ -74,6 +78,7 @@ OWN = (
     Unmeasured("parting", "parting", True),
     Unmeasured("friction", "friction", True),
     *(Unmeasured(f"split {c}", "chain") for c in OUTER_ROW),
+    Unmeasured("film exponent", "film exponent", True),
 )
 
 
@@ -152,22 +157,12 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(3)[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    u = stated_u(disk, static)
-    u = np.concatenate([u, [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3]])
-    change = np.concatenate([known, [late, share * power], split])
+    film = rim.through(FILM_BY_N, h_W_m2K)
+    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    u = np.concatenate([stated_u(disk, static), own])
+    change = np.concatenate([known, [late, share * power], split, [film]])
     asked = np.flatnonzero(u > 0)
     return Effects(tuple((*STATED, *OWN)[q] for q in asked), u[asked, None, None] * change[asked])
-
-
-def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Rise of temperature with radius at d, b, f in every sample, (N, 3) [K/m], from the model itself."""
-    rest, power = window.rim.gradient(h_W_m2K)
-    return sampled(window, rest + share * power)
-
-
-def sampled(window: DiskWindow, of_blocks: Array) -> Array:
-    """What was worked out on block means (R, M), straight between them, (N, M)."""
-    return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
 
 
 @dataclass(frozen=True)
@@ -175,8 +170,9 @@ class DiskFeatures:
     """Window means of one disk, W windows, each after one ``event``: "steady", "unloading" or "loading".
 
     ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f, ambient [degC], and the power when the chain is
-    ``LAG_STEP_S`` slower; ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white
-    noise left of one; ``bend`` (W, 6) how far a trend before the event may have bent since [K].
+    ``LAG_STEP_S`` slower, and where speeds change the film's two; ``slope`` (W, 6) mean rate of each channel [K/s],
+    less that of the base; ``noise`` (W,) white noise left of one; ``bend`` (W, 6) how far a trend before the event may
+    have bent since [K].
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
@@ -198,24 +194,24 @@ class DiskFeatures:
 
     def driven(self, order: Order, power: int = 0) -> RimMeans:
         """The rim driven by ``power``, inner row and ambient, position i of a..f read by column ``order[i]``."""
-        feeds = [power, *(1 + order[i] for i in INNER), 7]
+        feeds = [power, *(1 + order[i] for i in INNER), 7, *range(9, self.inputs.shape[1])]
         return RimMeans(self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds])
 
     def answer(self, order: Order, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
         """Model of a, c, e, d, b, f without heat and per share of one, (..., W, 6) each for h of shape (...)."""
-        driven, deeper = self.driven(order), deeper_than_b_m(self.setup)
+        driven, deeper = self.driven(order), self.setup.deeper_than_b_m
         rest, power = driven.answer(h_W_m2K, p)
         if np.any(deeper):
             static = np.reshape([driven.gains(float(h), p).static[1:4] for h in np.ravel(h_W_m2K)], (-1, 3, 3))
             static = deeper[:, None] * static.reshape(*np.shape(h_W_m2K), 3, 3)
             by_rest, by_power = driven.gradient(h_W_m2K, p)
             rest, power = rest + by_rest @ static, power + by_power @ static
-        inner = driven.through(POWER, h_W_m2K, p, bore=True)
-        return np.concatenate([rest, 0 * inner], axis=-1), np.concatenate([power, inner], axis=-1)
+        film, inner = (driven.through(which, h_W_m2K, p, bore=True) for which in (FILM, POWER))
+        return np.concatenate([rest, film], axis=-1), np.concatenate([power, inner], axis=-1)
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
-        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then of a second of
-        common lag, a second of later load, and of the share, (Q, D)."""
+        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then by a standard
+        uncertainty of the film's exponent, a second of common lag, a second of later load, and the share, (Q, D)."""
         driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
         gradient = driven.gradient(h_W_m2K)
         rest, power = self.answer(order, h_W_m2K)
@@ -231,7 +227,8 @@ class DiskFeatures:
         both = [slower.through(POWER, h_W_m2K, bore=b) - driven.through(POWER, h_W_m2K, bore=b) for b in (False, True)]
         later = share * np.hstack(both) / LAG_STEP_S
         loading = later * (self.event == "loading")[:, None]
-        return np.concatenate([known, [later, loading, power]])[:, self.seen]
+        film = np.hstack([driven.through(FILM_BY_N, h_W_m2K, bore=b) for b in (False, True)])
+        return np.concatenate([known, [film, later, loading, power]])[:, self.seen]
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
@@ -277,7 +274,8 @@ def _stretch(
     chains = chain, chain.with_lag_shift(LAG_STEP_S)
     y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
-    feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower], axis=1)
+    film = film_seen(test, disk, rows, chain)
+    feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower, *film], axis=1)
     weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
     rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
     base = between(t, *base_s)

@@ -1,65 +1,35 @@
-"""When the disks met and parted, from contact switch, friction and load together, and the force between the two."""
+"""When the disks met and parted, from contact switch, friction and load together."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from calibration.noise import SPIKES, find_spikes, white_noise_sd
+from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.traces import DiskTraces
 
-SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5
+HELD_S = 5.0  # disks that part for less than a bounce and then touch for this long had not parted
+LOADING_AGREE_S = 0.5
+CLEAR = 6.0  # noises of a force between its two levels: below it is no witness
+HYSTERESIS = 0.1  # of the way between the levels, about its middle
+INVERTED = 0.8  # of the samples in which load and friction agree
+TOUCH_S = 0.04
+TOUCH_LEAST, TOUCH_CLEAR = 0.05, 0.15  # of the way between the levels: where a later touch begins, and what it reaches
 AGREE_S = 0.1
 MISSING = 3.5  # sampling intervals: a wider gap at the fall leaves its instant open
 NEAR_S = 1.0  # from the switch: nearer than this the force's fall is looked for about the switch
 STEP_REACH_S = 60.0  # as far from the switch as the force's step is looked for
 INDICATOR_U_S = 0.05 / 12**0.5  # section 5.3: the signals differ by 0.05 s
-STRAIGHT_FALL = 0.8  # the 90-10 % time of a straight fall over the whole of it
 TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
-SMOOTH_S = 4.0  # straight line of this length; longer where the noise asks for it, up to
-LONGEST_SMOOTH_S = 40.0
-NOISE_LEFT = 0.002  # of the force at the parting: a fifth of the transducer's own uncertainty
-LEAST_ZERO = 10  # samples of an unloaded stretch that give a zero
-
-
-@dataclass(frozen=True)
-class Events:
-    """Loading and unloading of one EHL test.
-
-    ``load_on_s`` and ``unload_s`` are in the log's own time [s]; ``unload_u_s`` is the standard uncertainty of the
-    instant at which the frictional heat ended; ``parting_s`` is how long the friction took to fall from 90 to 10 %;
-    ``kinks_s``: where the temperatures bend at the parting [s], its middle, or both ends of a slow one.
-    """
-
-    load_on_s: float
-    unload_s: float
-    unload_u_s: float
-    parting_s: float
-    kinks_s: tuple[float, ...]
-    findings: tuple[Finding, ...] = ()
-
-
-@dataclass(frozen=True)
-class FrictionAdded:
-    """What the transducer does not see of the contact's friction, its standard uncertainty, and what to say of it."""
-
-    value_N: float
-    u_N: float
-    findings: tuple[Finding, ...] = ()
-
-
-NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -68,7 +38,9 @@ class EhlTest:
 
     ``power_W`` is the whole frictional power F u_s; surface speeds under load: u_f / u_s their ratio, u_f - u_s sliding
     (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
-    ``exponent_half_range`` how far n may lie from ``speed_exponent``.
+    ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
+    not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
+    see :func:`tcdyn.partition.cooling.slowed`.
     """
 
     time_s: Array
@@ -87,32 +59,35 @@ class EhlTest:
     disks: Mapping[str, DiskTraces]
     findings: tuple[Finding, ...]
     added: FrictionAdded = NOTHING_ADDED
+    slowing: Mapping[str, Array] = field(default_factory=dict)
+    film: Mapping[str, Array] = field(default_factory=dict)
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     """Find the loaded stretch of an EHL log and the instant of parting, to better than a sample where possible.
 
-    The contact switch names the samples; the friction's fall through half its level places the end of the heat
-    between them, averaged with switch and load cell where they agree. Raises InputError without a contact or
-    without an unloading.
+    Contact switch, load and friction vote on when the disks touched; the friction's fall through half its level places
+    the end of the heat between the samples, averaged with switch and load cell where they agree. Raises InputError
+    without a contact or without an unloading.
     """
-    t = frame["time_s"].to_numpy(dtype=float)
-    contact = frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5
-    starts, stops, bounced = _stretches(t, contact)
-    found: list[Finding] = []
-    starts, stops, dropped_s = _through_dropouts(t, frame["load_N"].to_numpy(dtype=float), contact, starts, stops)
-    if dropped_s:
-        found.append(look("contact.dropout", subject="contact", first_s=dropped_s[0], count=len(dropped_s)))
-    if not len(starts):
+    t, contact = frame["time_s"].to_numpy(dtype=float), _contact(frame)
+    if not contact.any():
         raise InputError(
             "contact never goes to 1",
             where=where,
             expected="a loaded stretch",
             remedy="is this a log of an unloaded run?",
         )
-    longest = int(np.argmax([t[b] - t[a] for a, b in zip(starts, stops)]))
-    first, last = starts[longest], stops[longest]
-    if last == len(t) - 1:
+    levels = {c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N")}
+    force = sum((np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None), np.zeros(len(t)))
+    found: list[Finding] = []
+    voting = np.abs(force) > 1.5
+    if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED:
+        contact = ~contact
+        found.append(look("contact.inverted", subject="contact"))
+    touching = _runs(t, force + (contact - 0.5) > 0)
+    first, last = max(touching, key=lambda run: t[run[1]] - t[run[0]], default=(0, 0))
+    if last == len(t) - 1 or contact.all():
         raise InputError(
             f"no unloading: contact is still 1 at the last row (time_s {t[-1]:.3f})",
             where=where,
@@ -125,27 +100,117 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             where=where,
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
-    if bounced:
-        found.append(note("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
-    unload, u, parting, said = _parting(t, frame, 0.5 * float(t[last] + t[last + 1]), float(t[first]))
+    found += _failures(t, contact, first, last)
+    own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [(first, last)]
+    (on, _), (_, off) = own[0], own[-1]
+    load_on, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, on))
+    if abs(by_switch - load_on) <= LOADING_AGREE_S:
+        load_on = by_switch
+    else:
+        found.append(look("loading.disagree", subject="contact", late_s=by_switch - load_on))
+    again = _again(t, contact, levels, last)
+    switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
+    about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
+    unload, u, parting, said = _parting(t, _alone(frame, [*levels], again), switch_s, about_s, float(load_on))
     found += said
-    load_on = 0.5 * (t[first - 1] + t[first]) if first else t[0]
     half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
-    kinks = (float(unload),) if 2 * half_s < TWO_KINKS_S else (float(unload - half_s), float(unload + half_s))
-    return Events(float(load_on), float(unload), float(u), float(parting), kinks, tuple(found))
+    kinks = [unload] if 2 * half_s < TWO_KINKS_S else [unload - half_s, unload + half_s]
+    touches = tuple((float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1])
+    if touches:
+        length = sum(b - a for a, b in touches)
+        found.append(note("contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length))
+    kinks = [float(x) for x in (*kinks, *(x for touch in touches for x in touch))]
+    return Events(float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches)
+
+
+def _contact(frame: pd.DataFrame) -> NDArray[np.bool_]:
+    return np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+
+
+def _levels(force: Array) -> Array | None:
+    """A force (N,) on a scale where zero is apart and one is loaded; None where it hardly rises above its noise."""
+    if np.isfinite(force).sum() < LEAST_ZERO:
+        return None
+    filled = pd.Series(force).interpolate(limit_direction="both")
+    calm = filled.rolling(5, center=True, min_periods=1).median()
+    slow = filled.rolling(51, center=True, min_periods=1).median()
+    low, high = float(slow.min()), float(slow.max())
+    for _ in range(5):
+        upper = slow > 0.5 * (low + high)
+        if upper.all() or not upper.any():
+            return None
+        low, high = float(slow[~upper].median()), float(slow[upper].median())
+    noise = 1.4826 * float((filled - calm).abs().median())
+    if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
+        return None
+    return np.asarray((calm - low) / (high - low))
+
+
+def _above(level: Array, at: float, by: float) -> NDArray[np.bool_]:
+    """Whether ``level`` (N,) is above ``at``: it has come above ``at + by`` and not fallen below ``at - by`` since."""
+    state = pd.Series(np.where(level > at + by, 1.0, np.where(level < at - by, 0.0, np.nan)))
+    return np.asarray(state.ffill().fillna(0.0) > 0.5)
+
+
+def _runs(t: Array, state: NDArray[np.bool_], bridged_s: float = BOUNCE_S) -> list[tuple[int, int]]:
+    """First and last rows of each stretch of ``state``, joined over a short gap that a long stretch follows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], state.astype(int), [0]])))
+    runs: list[tuple[int, int]] = []
+    for a, b in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
+        if runs and t[a] - t[runs[-1][1]] < bridged_s and t[b] - t[a] > HELD_S:
+            a = runs.pop()[0]
+        runs.append((a, b))
+    return runs
+
+
+def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> list[Finding]:
+    """Times at which the switch was off between two rows under load."""
+    off = [(a, b) for a, b in _runs(t, ~contact, 0.0) if a > first and b < last]
+    dropped = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]
+    found = list[Finding]()
+    if dropped:
+        found.append(look("contact.dropout", subject="contact", first_s=float(t[dropped[0]]), count=len(dropped)))
+    if bounced := len(off) - len(dropped):
+        found.append(note("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
+    return found
+
+
+def _again(
+    t: Array, contact: NDArray[np.bool_], levels: Mapping[str, Array | None], last: int
+) -> list[tuple[int, int]]:
+    """First and last rows of each touch after row ``last``, in which two of friction, load and switch rise again."""
+    forces = [x for x in levels.values() if x is not None]
+    votes = contact.astype(int) + sum((_above(x, TOUCH_LEAST, 0.0).astype(int) for x in forces), np.zeros(len(t), int))
+    clear = contact | np.any([x > TOUCH_CLEAR for x in forces] or [contact], axis=0)
+    later = votes >= 2
+    apart = np.flatnonzero(~later[last + 1 :])
+    later[: last + 1 + (int(apart[0]) if len(apart) else len(t))] = False
+    runs = [(a, b) for a, b in _runs(t, later) if t[b] - t[a] >= TOUCH_S and clear[a : b + 1].any()]
+    return [(max(a - 2, last + 1), min(b + 2, len(t) - 1)) for a, b in runs]
+
+
+def _alone(frame: pd.DataFrame, columns: list[str], again: list[tuple[int, int]]) -> pd.DataFrame:
+    """The forces as if the disks had not touched again: straight lines in their place."""
+    if not again:
+        return frame
+    rows = np.concatenate([np.arange(a, b + 1) for a, b in again])
+    out = frame.reset_index(drop=True)
+    out.loc[rows, columns] = out[columns].drop(rows).reindex(out.index).interpolate().loc[rows]
+    return out
 
 
 def _parting(
-    t: Array, frame: pd.DataFrame, switch_s: float, contact_s: float
+    t: Array, frame: pd.DataFrame, switch_s: float, about_s: float, contact_s: float
 ) -> tuple[float, float, float, list[Finding]]:
     """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and what was noticed.
 
     Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3); those that agree are
     averaged. A switch that differs from the friction by more is not believed: the friction is the heat. A friction too
-    noisy to show its fall leaves the word to the load cell. ``contact_s``: when the contact began, by the switch.
+    noisy to show its fall leaves the word to the load cell. ``contact_s``: when the contact
+    began; ``about_s``: where the three together see it end.
     """
     dt = float(np.median(np.diff(t)))
-    falls = [_far_fall(t, frame[c].to_numpy(dtype=float), switch_s, contact_s) for c in ("friction_N", "load_N")]
+    falls = [_far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s) for c in ("friction_N", "load_N")]
     named = [(name, fall) for name, fall in zip(("friction", "load cell"), falls) if fall is not None]
     if not named:
         return switch_s, INDICATOR_U_S, 0.0, [look("parting.switch_alone")]
@@ -162,34 +227,6 @@ def _parting(
     instants = [at, *near]
     spread = max(INDICATOR_U_S, float(np.std(instants)))
     return float(np.mean(instants)), float(np.hypot(spread, dt / np.sqrt(12)) / np.sqrt(len(instants))), parting, said
-
-
-def _stretches(t: Array, contact: NDArray[np.bool_]) -> tuple[list[int], list[int], int]:
-    """First and last rows of each contact, short changes bridged."""
-    edges = np.flatnonzero(np.diff(contact.astype(int))) + 1
-    bounds = [0, *edges.tolist(), len(t)]
-    state = contact.copy()
-    bounced = 0
-    for a, b in pairwise(bounds[1:-1]):
-        if t[b - 1] - t[a] < BOUNCE_S and not state[a]:
-            state[a:b] = True
-            bounced += 1
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], state.astype(int), [0]])))
-    return edges[::2].tolist(), (edges[1::2] - 1).tolist(), bounced
-
-
-def _through_dropouts(
-    t: Array, load: Array, contact: NDArray[np.bool_], starts: list[int], stops: list[int]
-) -> tuple[list[int], list[int], list[float]]:
-    """The contacts with those joined between which the load never went, and the instants [s] of such dropouts."""
-    if len(starts) < 2:
-        return starts, stops, []
-    on, off = float(np.nanmedian(load[contact])), float(np.nanmedian(load[~contact]))
-    gaps = [np.nanmedian(load[stop + 1 : start]) for stop, start in zip(stops, starts[1:])]
-    held = [bool(on - off > 0 and gap > off + 0.8 * (on - off)) for gap in gaps]
-    joined_starts = [starts[0], *(b for b, h in zip(starts[1:], held) if not h)]
-    joined_stops = [*(a for a, h in zip(stops, held) if not h), stops[-1]]
-    return joined_starts, joined_stops, [float(t[a + 1]) for a, h in zip(stops, held) if h]
 
 
 def _far_fall(t: Array, force: Array, switch_s: float, contact_s: float) -> tuple[float, float] | None:
@@ -250,44 +287,3 @@ def _crossing(t: Array, level: Array, at: float) -> float | None:
     a, b = level[cut], level[cut + 1]
     part = np.clip((a - at) / (a - b), 0.0, 1.0) if a != b else 0.5
     return float(t[cut] + part * (t[cut + 1] - t[cut]))
-
-
-def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
-    """Force while the disks touch [N], zero elsewhere; ``raw_N`` as logged, both of shape (N,).
-
-    The zero is the median before loading and after unloading, drifting straight between the two (section 2.9). Under
-    load the force is a running straight line, spikes left out, that never looks across a switching instant: an average
-    smeared over the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long
-    as ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).
-    """
-    on, off = events.load_on_s, events.unload_s
-    quiet = events.parting_s + SETTLE_S
-    zero = _zero(t, raw_N, on - SETTLE_S, off + quiet)
-    inside = (t > on + SETTLE_S) & (t < off - quiet)
-    level = _line_through((raw_N - zero)[inside], float(np.median(np.diff(t))))
-    force = np.interp(t, t[inside], level)
-    ramp_s = events.parting_s / STRAIGHT_FALL
-    if ramp_s > 4 * float(np.median(np.diff(t))):
-        share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
-    else:
-        share = (t < off).astype(float)
-    return np.where(t >= on, force * share, 0.0)
-
-
-def _line_through(raw: Array, dt_s: float) -> Array:
-    """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
-    rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
-    filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
-    left = 2 * float(white_noise_sd(filled)) / max(NOISE_LEFT * abs(float(np.median(filled))), 1e-12)
-    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, len(filled))
-    window = max(2 * int((count - 1) // 2) + 1, 1)
-    return np.asarray(savgol_filter(filled, window, min(1, window - 1), mode="interp"))
-
-
-def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
-    """The transducer's zero at each instant, from the unloaded stretches."""
-    early, late = t < before_s, (t > after_s) & (t < after_s + 60.0)
-    points = [(float(np.mean(t[m])), float(np.nanmedian(raw[m]))) for m in (early, late) if m.sum() >= LEAST_ZERO]
-    if not points:
-        return np.zeros_like(t)
-    return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]))

@@ -12,9 +12,9 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import Unmeasured, effects, inner_gradient
+from tcdyn.partition.effects import Unmeasured, effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import DiskWindow, deeper_than_b_m, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, inner_gradient, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
@@ -216,7 +216,7 @@ def at_one_radius(test: EhlTest) -> EhlTest:
     states another depth, the gradient of the model itself, at the speed law's share and h, tells what they would read.
     First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay untouched.
     """
-    off = {d: deeper_than_b_m(test.disks[d].setup) for d in DISKS}
+    off = {d: test.disks[d].setup.deeper_than_b_m for d in DISKS}
     if not any(np.any(o) for o in off.values()):
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))

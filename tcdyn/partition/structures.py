@@ -15,10 +15,10 @@ from calibration import Array
 from calibration.disk import DISKS, OUTER_ROW
 from tcdyn.chain import Chain
 from tcdyn.conduction.rim import Rim, lag_bank
-from tcdyn.partition.effects import effects, sampled
+from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
-from tcdyn.partition.window import FIT_MESH, REST, Perturbation, RimMeans, cached_gains, power_seen
+from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, cached_gains, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
@@ -81,9 +81,9 @@ class About:
         points = tuple((s.junctions[c].depth_m, s.junctions[c].z_m) for c in OUTER_ROW)
         gains = cached_gains(
             Rim.from_setup(s), self.h_W_m2K, points, self.rim.half_width_m, tuple(self.rim.rates_1_s), self.rim.profile,
-            "hertz", FIT_MESH, split_ambient=True,
+            "hertz", FIT_MESH, film=True,
         )  # fmt: skip
-        return np.asarray((window.blocks @ air)[:, None] * gains.direct[4] + bank @ gains.gains[4].T)
+        return np.asarray((window.blocks @ air)[:, None] * gains.direct[FILM][0] + bank @ gains.gains[FILM][0].T)
 
     def lossier(self, ratio: Array) -> Array:
         """The same when h is higher by ``ratio`` (R,) of itself: h (1 + ratio) (T - T_A) is an air that is colder by

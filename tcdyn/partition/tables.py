@@ -1,8 +1,10 @@
-"""The answers of one test as tables: ways to beta, budget, conditions, and how far the cooling fit can be trusted."""
+"""The answers of one test: beta.json, and tables of ways to beta, budget, conditions and the cooling fit's window."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,9 +16,11 @@ from calibration.words import as_known, percent, structure
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.faults import DepthTest
-from tcdyn.partition.profile import intervals
+from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.window import stretch_of
 
+SCHEMA = "tcdyn.beta/1"
+NOTHING: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))  # an estimate that is withheld
 HEADINGS = {
     "beta": "β [1]",
     "h": "h [W/m²K]",
@@ -215,3 +219,76 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
+    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s.
+
+    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
+    """
+    test = p.test
+    gone = p.withheld
+    a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
+    both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
+    depths = {} if p.sensors is None else p.sensors.depths
+    return {
+        "schema": SCHEMA,
+        "source": source,
+        "test": {
+            "load_N": test.load_N,
+            "friction_N": test.friction_N,
+            "sliding_speed_m_s": test.sliding_speed_m_s,
+            "entraining_speed_m_s": test.entraining_speed_m_s,
+            "half_width_m": test.half_width_m,
+            "load_on_s": test.events.load_on_s,
+            "unload_s": test.events.unload_s,
+        },
+        "steady": {
+            "beta": a["speed law"],
+            "h_fast": a["h_fast"],
+            "h_slow": a["h_slow"],
+            **{f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]} for d in DISKS},
+            "exponent": a["exponent"],
+        },
+        "transient": {
+            d: {"beta": a[f"cooling {d}"], "h": a[f"h cooling {d}"], "window_s": p.cooling[d].window_s} for d in DISKS
+        },
+        "joint": {
+            **{
+                d: {
+                    "beta": a[f"joint {d}"],
+                    "h": a[f"h joint {d}"],
+                    "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
+                }
+                for d in DISKS
+            },
+            "both": both,
+            "profiles": profiles_file(p.profiles),
+        },
+        "headline": {
+            "beta": both["beta"],
+            "way": "joint both",
+            "sentence": p.headline.sentence,
+            "range95": None if p.status == "withheld" else [p.structures.low95, p.structures.high95],
+        },
+        "status": p.status,
+        "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
+        "crosscheck": p.crosscheck.to_dict(),
+        "budget": [asdict(row) for row in p.budget.rows],
+        "surface": {
+            "fast_max_degC": a["surface fast"],
+            "slow_max_degC": a["surface slow"],
+            "delta_T_us": a["delta_T_us"],
+        },
+        "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
+        "sensors": {} if p.sensors is None else p.sensors.said,
+        "junctions": {
+            d: {
+                c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
+                for (c, e), z in zip(t.deeper_m.items(), t.pull)
+            }
+            for d, t in depths.items()
+        },
+        "findings": [found.to_dict() for found in p.findings],
+        "warnings": list(p.warnings),
+    }

@@ -18,8 +18,8 @@ from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.modal import RimGains, rim_gains
-from tcdyn.conduction.rim import Flux, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.modal import INPUTS, RimGains, rim_gains
+from tcdyn.conduction.rim import Flux, HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.traces import DiskTraces
 
@@ -34,7 +34,8 @@ ROWS = (*OUTER_ROW, *INNER_ROW)
 OUTER = [CHANNELS.index(c) for c in OUTER_ROW]
 INNER = [CHANNELS.index(c) for c in INNER_ROW]
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
-POWER, REST = slice(0, 1), slice(1, 5)  # of the rim's inputs
+POWER, REST = slice(0, 1), slice(1, 6)  # of the rim's inputs
+FILM, FILM_BY_N = slice(5, 6), slice(6, 7)  # where speeds change
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,9 @@ class RimMeans:
     """What drives the rim of one disk, and the filter banks of it, as R means over windows of a test.
 
     ``inputs`` (R, 5) and ``banks`` (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a
-    share of one), the lags of the banks at ``rates_1_s`` (K,).
+    share of one), the lags of the banks at ``rates_1_s`` (K,). Where the speeds change there are two more, air at the
+    running surface alone: what the changed film comes to, and by how much a standard uncertainty of its exponent
+    changes that (see :func:`tcdyn.partition.cooling.slowed`).
     """
 
     setup: DiskSetup
@@ -92,7 +95,8 @@ class RimMeans:
         width = self.half_width_m * (1 + p.half_width)
         flux = HertzBeside(width, p.shift_m) if p.shift_m else "hertz"
         mesh = BORE_MESH if bore else FIT_MESH
-        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, flux, mesh)
+        film = len(self.banks) > len(INPUTS)
+        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, flux, mesh, film)
 
     def through(
         self,
@@ -133,22 +137,20 @@ def cached_gains(
     profile: Profile,
     flux: Flux,
     mesh: Mesh,
-    split_ambient: bool = False,
+    film: bool = False,
 ) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction."""
-    return rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, split_ambient)
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction.
 
-
-@dataclass(frozen=True)
-class HertzBeside:
-    """Hertzian flux (3.32) of half-width ``half_width_m``, its centre ``shift_m`` beside the centre plane [m]."""
-
-    half_width_m: float
-    shift_m: float
-
-    def __call__(self, z_m: Array) -> Array:
-        """Flux density at places ``z_m`` from the centre plane, of any scale."""
-        return np.asarray(np.clip(1 - ((z_m - self.shift_m) / self.half_width_m) ** 2, 0.0, None))
+    With ``film`` two more inputs, both air at the running surface alone.
+    """
+    split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
+    if not film:
+        return split
+    gains, direct, static = (
+        np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]])
+        for x in (split.gains, split.direct, split.static)
+    )
+    return RimGains((*INPUTS, "film", "film by n"), tuple(points), split.rates, gains, direct, static)
 
 
 @dataclass(frozen=True)
@@ -174,17 +176,6 @@ class DiskWindow:
     def used(self) -> NDArray[np.bool_]:
         """Which of the outer row are looked at (3,)."""
         return np.asarray(self.weight.any(axis=0))
-
-
-def deeper_than_b_m(setup: DiskSetup) -> Array:
-    """How much deeper d, b and f are stated to lie than b, (3,) [m].
-
-    >>> from calibration.rig import load_rig
-    >>> deeper_than_b_m(load_rig().disk_setup("fast"))
-    array([0., 0., 0.])
-    """
-    depth = {c: setup.junctions[c].depth_m for c in INNER_ROW}
-    return np.array([depth[c] - depth["b"] for c in INNER_ROW])
 
 
 def between(time_s: Array, start_s: float, stop_s: float) -> slice:
@@ -241,7 +232,11 @@ def disk_window(
     power, held = power_seen(test, rows, chain)
     rates = node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
-    feeds = [*(temperatures[:, INNER] + disk.inner_K[rows]).T, test.ambient_degC[rows]]
+    feeds = [
+        *(temperatures[:, INNER] + disk.inner_K[rows]).T,
+        test.ambient_degC[rows],
+        *film_seen(test, disk, rows, chain),
+    ]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
@@ -266,6 +261,24 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
     """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
+
+
+def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
+    """Rise of temperature with radius at d, b, f in every sample, (N, 3) [K/m], from the model itself."""
+    rest, power = window.rim.gradient(h_W_m2K)
+    return sampled(window, rest + share * power)
+
+
+def sampled(window: DiskWindow, of_blocks: Array) -> Array:
+    """What was worked out on block means (R, M), straight between them, (N, M)."""
+    return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
+
+
+def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
+    """What the changed film comes to and its change by its exponent, each (N,) [K], as the ``chain`` would show them;
+    nothing where the disk kept its speed."""
+    film = [] if disk.name not in test.film else [*test.film[disk.name][rows].T]
+    return film if chain is None else [chain.response(x, test.dt_s) for x in film]
 
 
 def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:

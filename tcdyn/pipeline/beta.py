@@ -19,21 +19,24 @@ from calibration.log import COMPENSATED, Log, read_log
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
-from tcdyn.contact import equal_radius_m, half_width_m, surface_speed_m_s
-from tcdyn.partition.analyse import WINDOW_S, Partition, analyse, beta_file
-from tcdyn.partition.events import (
+from tcdyn.contact import (
     LEAST_ZERO,
     NOTHING_ADDED,
     SETTLE_S,
-    EhlTest,
     FrictionAdded,
     contact_force,
-    find_events,
+    equal_radius_m,
+    half_width_m,
+    speed_course,
+    surface_speed_m_s,
 )
-from tcdyn.partition.tables import ways_table
+from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
+from tcdyn.partition.events import EhlTest, find_events
+from tcdyn.partition.tables import beta_file, ways_table
 from tcdyn.traces import bridged, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+SLOWER_S = 3.0  # after the parting a changed speed is told
 BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
 
@@ -124,6 +127,16 @@ def prepare(
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
     friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N
     found += added.findings
+    slowing = {}
+    for d, level in zip(DISKS, rpm):
+        course = speed_course(t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level)
+        if course is None:
+            found.append(look("speeds.missing", subject=d))
+        elif np.any(course != 1):
+            slowing[d] = course
+            at = float(min(SLOWER_S, t[-1] - events.unload_s))
+            percent, n = 100 * float(np.interp(events.unload_s + at, t, course)), rig.common.contact.speed_exponent
+            found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
@@ -140,7 +153,7 @@ def prepare(
         time_s=t,
         dt_s=dt,
         events=events,
-        power_W=friction * (speeds[0] - speeds[1]),
+        power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
         ambient_degC=bridged(ambient, np.isfinite(ambient)),
         load_N=load_N,
         friction_N=friction_N,
@@ -153,6 +166,7 @@ def prepare(
         disks=disks,
         findings=tuple(found),
         added=added,
+        slowing=slowing,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,12 +18,17 @@ from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.programme import EhlCondition, ehl_test
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
+AGAIN_RISE_S = 0.01  # a contact after the parting comes and goes in this time
 STUDY_MESH = DiskMesh(radial=32, axial=40)  # three times faster than the default, 0.02 K from it
 
 
 @dataclass(frozen=True)
 class EhlOptions:
-    """Times of a test [s] and what to hold fixed; None leaves a value to the draw."""
+    """Times of a test [s] and what to hold fixed; None leaves a value to the draw.
+
+    ``brake_s``: from the parting both speeds fall to 1/e in this time; ``again_s``: (length, time after the parting) of
+    contacts after it.
+    """
 
     load_on_s: float = 50.0
     unload_s: float = 1050.0
@@ -31,6 +36,8 @@ class EhlOptions:
     parting_s: float = 0.02  # friction falls over this time, centred at the unloading
     loading_s: float = 0.3
     ambient_degC: float = 60.5
+    brake_s: float | None = None
+    again_s: tuple[tuple[float, float], ...] = ()
     beta: float | None = None
     h_fast_W_m2K: float | None = None
     friction_N: float | None = None
@@ -55,22 +62,46 @@ class EhlTruth:
     ambient_degC: float
     phases: tuple[float, ...]
     drift: bool
+    speed_exponent: float
+    brake_s: float | None = None
+    again_s: tuple[tuple[float, float], ...] = ()
 
     @property
-    def breaks_s(self) -> tuple[float, float, float, float]:
-        """Instants at which the friction has a kink."""
+    def breaks_s(self) -> tuple[float, ...]:
+        """Instants at which friction or speed has a kink, those of loading and parting first."""
+        touched = [b for on, off in self.touches_s for b in (on, on + AGAIN_RISE_S, off - AGAIN_RISE_S, off)]
         return (
             self.load_on_s,
             self.load_on_s + self.loading_s,
             self.unload_s - 0.5 * self.parting_s,
             self.unload_s + 0.5 * self.parting_s,
+            *([] if self.brake_s is None else [self.unload_s]),
+            *touched,
         )
+
+    @property
+    def touches_s(self) -> tuple[tuple[float, float], ...]:
+        """Begin and end of the contacts after the parting [s]."""
+        return tuple((self.unload_s + after, self.unload_s + after + length) for length, after in self.again_s)
 
     def contact_share(self, t: Array) -> Array:
         """1 while loaded, 0 while apart, straight lines between; ``t`` (N,) in s."""
-        on, up, off, apart = self.breaks_s
+        on, up, off, apart = self.breaks_s[:4]
         rise = np.clip((t - on) / max(up - on, 1e-12), 0, 1)
-        return np.asarray(rise * (1 - np.clip((t - off) / max(apart - off, 1e-12), 0, 1)))
+        share = rise * (1 - np.clip((t - off) / max(apart - off, 1e-12), 0, 1))
+        for on, off in self.touches_s:
+            share = np.maximum(share, np.clip(np.minimum(t - on, off - t) / AGAIN_RISE_S, 0, 1))
+        return np.asarray(share)
+
+    def speed_share(self, t: Array) -> Array:
+        """Both speeds as a share of what they were under load: one until the parting."""
+        if self.brake_s is None:
+            return np.ones_like(t)
+        return np.asarray(np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s))
+
+    def film_share(self, t: Array) -> Array:
+        """h of either disk as a share of what it was under load, h ~ u^n."""
+        return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:
         """True friction [N]: running-in over some minutes, then a slow wander of half a percent."""
@@ -120,6 +151,9 @@ def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOption
         ambient_degC=ambient,
         phases=phases,
         drift=truth.imperfections.drift,
+        speed_exponent=truth.speed_exponent,
+        brake_s=o.brake_s,
+        again_s=o.again_s,
     )
 
 
@@ -170,11 +204,12 @@ def _disk_temperatures(
     system = build_system(disk, h, drawn.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
-        return share * drawn.test.sliding_speed_m_s * drawn.friction_at(t)
+        return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)
 
     start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
     breaks = sorted({b for b in drawn.breaks_s if 0 < b < o.duration_s})
-    return integrate(system, power, drawn.ambient_at, (0.0, *breaks, o.duration_s), start, o.stepping).at
+    edges = 0.0, *breaks, o.duration_s
+    return integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share).at
 
 
 def _conditions(
@@ -195,9 +230,9 @@ def _conditions(
             "time_s": t,
             "load_N": load,
             "friction_N": friction,
-            "contact": ((t >= on_s) & (t < off_s)).astype(float),
-            "speed_fast_rpm": np.full(n, drawn.test.speed_fast_rpm),
-            "speed_slow_rpm": np.full(n, drawn.test.speed_slow_rpm),
+            "contact": _within(t, [(on_s, off_s), *drawn.touches_s]),
+            "speed_fast_rpm": drawn.test.speed_fast_rpm * drawn.speed_share(t),
+            "speed_slow_rpm": drawn.test.speed_slow_rpm * drawn.speed_share(t),
             "ambient_degC": ambient,
             "oil_degC": oil,
         }
@@ -220,6 +255,11 @@ def _conditions(
     return logged, true
 
 
+def _within(t: Array, stretches: Sequence[tuple[float, float]]) -> Array:
+    """1 inside any of the stretches, else 0; (N,)."""
+    return np.any([(t >= start) & (t < stop) for start, stop in stretches], axis=0).astype(float)
+
+
 def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
     t = traces["time_s"].to_numpy()
     last = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
@@ -239,6 +279,8 @@ def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, 
         "load_on_s": drawn.load_on_s,
         "unload_s": drawn.unload_s,
         "parting_s": drawn.parting_s,
+        "brake_s": drawn.brake_s,
+        "again_s": drawn.again_s,
         "ambient_degC": mean["ambient"],
         "steady_degC": {c: value for c, value in mean.items() if c.startswith(("fast_", "slow_"))},
         "common_lag_s": {d: rig.disk(d).common_lag_s for d in DISKS},

@@ -15,6 +15,8 @@ from calibration import Array
 from tcdyn.simulate.mesh import DiskSystem
 
 Signal = Callable[[Array], Array]  # time [s] -> value, smooth between breaks
+FILM_TOLERANCE = 1e-9  # of a stage's rates: each round with another film than the factors' leaves a tenth or less
+FILM_ROUNDS = 30
 
 # Singly diagonally implicit Runge-Kutta, five stages, order four, stiffly accurate
 # (Hairer & Wanner, Solving ODEs II, table 6.5).
@@ -76,12 +78,14 @@ def integrate(
     edges_s: tuple[float, ...],
     start: Array,
     stepping: Stepping | None = None,
+    film_share: Signal = np.ones_like,
 ) -> Solution:
-    """March C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``.
+    """March C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``; h is ``film_share`` of the system's.
 
     ``edges_s`` (ascending) are the ends and the instants between at which power or ambient may jump or kink;
     inside each piece the signals are read strictly within it. The stage equations
-    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size.
+    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size; what another film changes in S
+    stands on their right side and is iterated.
     """
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
@@ -96,11 +100,12 @@ def integrate(
         stage_t = np.clip(t_steps[:-1, None] + _C * steps[:, None], begin, end)
         nudge = 1e-9 * (end - begin)
         inside = np.clip(stage_t.ravel(), begin + nudge, end - nudge)
-        p, a = power_W(inside).reshape(stage_t.shape), ambient_degC(inside).reshape(stage_t.shape)
         edge_t = np.clip(t_steps, begin + nudge, end - nudge)
-        p_edge, a_edge = power_W(edge_t), ambient_degC(edge_t)
+        signals = power_W, ambient_degC, lambda x: system.film_change(film_share(x))
+        stages = np.stack([s(inside).reshape(stage_t.shape) for s in signals], axis=-1)  # (steps, 5, 3)
+        edges = np.stack([s(edge_t) for s in signals], axis=-1)
         for i in range(len(t_steps)):
-            rate = (_load(system, p_edge[i], a_edge[i]) - system.conductance @ y) / system.capacity
+            rate = _heat(system, y, *edges[i]) / system.capacity
             times.append(t_steps[i])
             values.append(system.sample @ y)
             rates.append(system.sample @ rate)
@@ -109,7 +114,7 @@ def integrate(
             h = float(steps[i])
             if h not in factors:
                 factors[h] = _factorise(diags(system.capacity) + h * _GAMMA * system.conductance)
-            y = _step(system, factors[h], y, h, p[i], a[i])
+            y = _step(system, factors[h], y, h, stages[i])
     return Solution(np.array(times), np.array(values), np.array(rates), tuple(pieces), y)
 
 
@@ -127,12 +132,30 @@ def step_sizes(length_s: float, stepping: Stepping) -> Array:
     return np.array(steps)
 
 
-def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, power: Array, ambient: Array) -> Array:
+def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, signals: Array) -> Array:
+    """One step of ``h`` [s]; ``signals`` (5, 3): power, ambient and change of the film at the stages."""
     stages = np.zeros((5, len(y)))
-    for i in range(5):
+    for i, (power, ambient, film) in enumerate(signals):
         guess = y + h * (_A[i, :i] @ stages[:i]) if i else y
-        stages[i] = factor.solve(_load(system, power[i], ambient[i]) - system.conductance @ guess)
+        heat = _heat(system, guess, power, ambient, film)
+        rate = factor.solve(heat)
+        for _ in range(FILM_ROUNDS if film else 0):
+            before, rate = rate, factor.solve(heat - h * _GAMMA * film * system.surface_m2 * rate)
+            if np.abs(rate - before).max() <= FILM_TOLERANCE * np.abs(rate).max():
+                break
+        stages[i] = rate
     return np.asarray(y + h * (_A[4] @ stages))
+
+
+def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: float) -> Array:
+    """Heat [W] that warms each cell at the state ``y``, of which the ``film`` [W/m2K] beyond the system's takes part.
+
+    The half cell of steel under the surface lets the film have its share of the power, too.
+    """
+    heat = _load(system, power, ambient) - system.conductance @ y
+    if film:
+        heat += film * (system.surface_m2 * (ambient - y) - system.skin_m2K_W * power * system.track)
+    return np.asarray(heat)
 
 
 def _load(system: DiskSystem, power: float, ambient: float) -> Array:

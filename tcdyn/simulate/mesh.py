@@ -33,7 +33,8 @@ class DiskSystem:
 
     ``P`` [W] is the heat that enters the running track; the unknowns are the disk's cells (r slow, z fast), then
     the shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of
-    ``channels``.
+    ``channels``. All this is for the film of ``h_W_m2K``; where another wets the running surface, ``surface_m2`` (n,)
+    is its area by cell, ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it.
     """
 
     capacity: Array
@@ -43,6 +44,15 @@ class DiskSystem:
     source_const: Array
     sample: sparse.csr_matrix
     channels: tuple[str, ...]
+    h_W_m2K: float
+    surface_m2: Array
+    skin_m2K_W: float
+    track: Array
+
+    def film_change(self, share: Array) -> Array:
+        """How much more a square metre of running surface conducts to ambient when h is ``share`` of its own."""
+        one, other = (h / (1 + h * self.skin_m2K_W) for h in (self.h_W_m2K, self.h_W_m2K * share))
+        return np.asarray(other - one)
 
 
 def graded_edges(start: float, end: float, first: float, count: int) -> Array:
@@ -81,15 +91,16 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     skin = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK  # half a surface cell
     surface = h_W_m2K / (1 + h_W_m2K * skin)
     to_ambient = _faces_to_ambient(disk, g)
-    to_ambient[g.cells[-1]] += surface * 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
+    area, track = np.zeros(g.size), np.zeros(g.size)
+    area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
+    track[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m)
+    to_ambient += surface * area
 
     ends = g.shaft[[0, -1]]
     to_bearing = np.zeros(g.size)
     to_bearing[ends] = g.shaft_conductance / (0.5 * np.diff(g.shaft_edges)[[0, -1]])
     constant = np.zeros(g.size)
     constant[ends] = to_bearing[ends] * np.asarray(disk.bearing_offset_K)
-    power = np.zeros(g.size)
-    power[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m) * (1 - surface * skin)
 
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return DiskSystem(
@@ -101,11 +112,15 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
             ]
         ),
         conductance=_laplacian(_links(disk, g), to_ambient + to_bearing, g.size),
-        source_power=power,
+        source_power=track * (1 - surface * skin),
         source_ambient=to_ambient + to_bearing,
         source_const=constant,
         sample=_sampler(disk, g.r, g.z, g.size),
         channels=tuple(sorted(s.junctions)),
+        h_W_m2K=h_W_m2K,
+        surface_m2=area,
+        skin_m2K_W=float(skin),
+        track=track,
     )
 
 

@@ -14,7 +14,7 @@ from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.verify.row import HALF_WIDTHS_mm, VerifyRow, numbers, row, within
+from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, numbers, row, within
 
 TABLE_2_6 = ((1.9, 117.0, 0.40, 0.56), (0.8, 66.5, 0.23, 0.29))  # raw, calibrated
 SPEEDS = {"A": (10.0, 8.06), "B": (13.0, 10.5), "C": (16.0, 12.9), "D": (20.0, 16.3)}  # table 6.1: u_s, u_m

@@ -12,8 +12,7 @@ from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
 from tcdyn.conduction.referees import explicit_growth, explicit_limit_s, penetration_depth_m
 from tcdyn.conduction.rim import MESHES, Mesh, correction_factor, node_rates
 from tcdyn.contact import hertz_contact, surface_speed_m_s
-from tcdyn.verify import studies
-from tcdyn.verify.row import LOADS_N, HALF_WIDTHS_mm, VerifyRow, numbers, row, within
+from tcdyn.verify import LOADS_N, HALF_WIDTHS_mm, VerifyRow, numbers, row, studies, within
 
 TABLE_3_2 = {"I": (0.567, 0.130, 0.024, 0.015), "II": (0.142, 0.046, 0.025, 0.021), "III": (0.078, 0.032, 0.021, 0.017)}
 TABLE_3_3 = {"I": (0.480, 0.112, 0.020, 0.012), "II": (0.121, 0.039, 0.021, 0.017), "III": (0.067, 0.027, 0.018, 0.014)}

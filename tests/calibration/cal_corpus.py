@@ -193,7 +193,8 @@ CORPUS: tuple[Damage, ...] = (
     # switches, loads, speeds
     Damage("no unloading", "ehl", REFUSED, "no unloading", _csv("ehl", lambda f: f.iloc[:2000])),
     Damage("no contact at all", "ehl", REFUSED, "no unloading", _csv("ehl", _map("contact", lambda x: 0 * x))),
-    Damage("contact inverted", "ehl", REFUSED, "inverted", _csv("ehl", _map("contact", lambda x: 1 - x))),
+    Damage("contact inverted", "ehl", FLAGGED, "inverted", _csv("ehl", _map("contact", lambda x: 1 - x))),
+    Damage("contact inverted, and no friction to say so", "ehl", REFUSED, "inverted", _csv("ehl", lambda f: f.assign(contact=1 - f["contact"], friction_N=5.0))),
     Damage("contact pressed at the parting only", "ehl", REFUSED, "momentary", _csv("ehl", _map("contact", lambda x: (np.arange(len(x)) > 2249) * (np.arange(len(x)) < 2275)))),
     Damage("contact in five levels", "ehl", REFUSED, "different values", _csv("ehl", lambda f: f.assign(contact=np.arange(len(f)) % 5 / 4))),
     Damage("contact in volts", "ehl", FLAGGED, "levels 0 and 5", _csv("ehl", _map("contact", lambda x: 5 * x))),

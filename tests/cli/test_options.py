@@ -268,6 +268,8 @@ def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_a
         ("hole data.csv", "--depth-mm", "0 nan"),
         ("simulate immersion --out x.csv", "--duration-s", "5 inf nan"),
         ("simulate ehl --out x.csv", "--beta", "-0.1 nan"),
+        ("simulate ehl --out x.csv", "--brake", "0 -3 nan"),
+        ("simulate ehl --out x.csv", "--again", "0.2 0.2@ nan@1 0.2@0 0@1 x@y"),
     ],
 )
 def test_a_number_that_cannot_be_is_refused_in_one_sentence(

@@ -12,6 +12,7 @@ from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
 from calibration.finding import note
 from calibration.log import read_log
+from tcdyn.contact import FrictionAdded
 from tcdyn.partition.crosscheck import (
     DEPTH_ALARM,
     OTHER_ALARM,
@@ -21,7 +22,7 @@ from tcdyn.partition.crosscheck import (
     largest_pulls,
     tensions,
 )
-from tcdyn.partition.events import EhlTest, FrictionAdded
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.sensors import check_sensors
 from tcdyn.pipeline.beta import prepare

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.events import Events, contact_force, find_events
+from tcdyn.contact import Events, contact_force
+from tcdyn.partition.events import find_events
 
 DT = 1 / 75
 
@@ -146,3 +147,93 @@ def test_the_force_just_before_the_parting_does_not_follow_the_transducers_noise
     assert np.sqrt(np.mean(np.square(off))) < 0.073 * 1.5
     assert abs(np.mean(off)) < 3 * 0.073 / np.sqrt(20)
     assert np.mean(wrong) < 0.073
+
+
+def touched(at_s: float = 81.0, length_s: float = 0.2, switch: bool = True) -> pd.DataFrame:
+    """The log of a test whose disks touch again at ``at_s``."""
+    frame = log()
+    again = frame["time_s"].between(at_s, at_s + length_s)
+    frame.loc[again, "friction_N"] += 12.0
+    frame.loc[again, "load_N"] += 1100.0
+    frame.loc[again, "contact"] = int(switch)
+    return frame
+
+
+@pytest.mark.parametrize("switch", [True, False], ids=["seen by the switch", "unseen by it"])
+@pytest.mark.parametrize(
+    ("after_s", "length_s"), [(0.15, 0.1), (0.15, 0.4), (1.0, 0.1), (1.0, 0.4), (1.0, 6.0), (5.0, 0.1), (5.0, 6.0)]
+)
+def test_disks_that_touch_again_are_heated_by_the_logged_friction(
+    switch: bool, length_s: float, after_s: float
+) -> None:
+    frame = touched(80.0073 + after_s, length_s, switch)
+    events = find_events(frame)
+    assert abs(events.unload_s - 80.0073) < DT  # the parting is the first one
+    ((start, stop),) = events.again
+    assert 0 <= 80.0073 + after_s - start < 4 * DT  # two samples of margin at either end
+    assert 0 <= stop - (80.0073 + after_s + length_s) < 4 * DT
+    assert events.kinks_s[-2:] == (start, stop)
+    assert codes(events) == {"contact.again"}
+    t = frame["time_s"].to_numpy()
+    force = contact_force(t, frame["friction_N"].to_numpy(), events)
+    assert force[t > stop].max() == 0.0
+    # noise of 0.1 N in each of n samples of DT, and of two samples at the ends that the pulse only partly fills
+    n = length_s / DT
+    pulse = force[(t >= start) & (t <= stop)].sum() * DT
+    assert pulse == pytest.approx(12.0 * length_s, abs=12.0 * DT + 3 * 0.1 * DT * np.sqrt(n))
+
+
+def test_a_touch_is_no_part_of_the_transducer_s_zero() -> None:
+    frame = touched(82.0, 17.0)  # most of what follows the parting
+    t = frame["time_s"].to_numpy()
+    force = contact_force(t, frame["friction_N"].to_numpy(), find_events(frame))
+    assert np.mean(force[(t > 70) & (t < 79.9)]) == pytest.approx(20.0, abs=0.05)  # as without it
+
+
+def test_an_inverted_switch_is_read_the_other_way_round() -> None:
+    right, wrong = log(), log()
+    wrong["contact"] = 1 - wrong["contact"]
+    events, told = find_events(right), find_events(wrong)
+    assert (told.load_on_s, told.unload_s, told.unload_u_s) == (events.load_on_s, events.unload_s, events.unload_u_s)
+    assert codes(told) == {"contact.inverted"}
+
+
+def test_forces_with_their_signs_turned_do_not_invert_the_switch() -> None:
+    frame = log()
+    events = find_events(frame.assign(load_N=-frame["load_N"], friction_N=-frame["friction_N"]))
+    assert "contact.inverted" not in codes(events)
+    assert events.load_on_s == pytest.approx(10.0, abs=DT)
+
+
+@pytest.mark.parametrize("late_s", [-8.0, -2.0, 3.0, 15.0])
+def test_a_switch_that_is_seconds_off_at_loading_is_outvoted(late_s: float) -> None:
+    frame = log()
+    frame["contact"] = ((frame["time_s"] >= 10.0 + late_s) & (frame["time_s"] < 80.0073)).astype(int)
+    events = find_events(frame)
+    assert events.load_on_s == pytest.approx(10.0, abs=DT)
+    assert codes(events) == {"loading.disagree"}
+
+
+def test_a_switch_within_half_a_second_of_the_forces_tells_the_loading() -> None:
+    frame = log()
+    frame["contact"] = ((frame["time_s"] >= 9.8) & (frame["time_s"] < 80.0073)).astype(int)
+    events = find_events(frame)
+    assert events.load_on_s == pytest.approx(9.8, abs=DT)
+    assert codes(events) == set()
+
+
+def test_a_switch_that_flickers_throughout_is_outvoted() -> None:
+    frame = log()
+    frame["contact"] = np.random.default_rng(0).integers(0, 2, len(frame))
+    events = find_events(frame)
+    assert events.load_on_s == pytest.approx(10.0, abs=0.5)
+    assert abs(events.unload_s - 80.0073) < 2 * DT
+    assert "contact.bounced" in codes(events)
+
+
+def test_a_switch_that_sticks_for_most_of_the_test_is_outvoted() -> None:
+    frame = log()
+    frame["contact"] = ((frame["time_s"] >= 10.0) & (frame["time_s"] < 15.0)).astype(int)
+    events = find_events(frame)
+    assert abs(events.unload_s - 80.0073) < DT
+    assert "parting.disagree" in codes(events)

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from calibration.disk import DISKS
 from tcdyn.partition import tables
-from tcdyn.partition.analyse import Partition, beta_file
+from tcdyn.partition.analyse import Partition
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import assumed, verdict, write_beta_report
@@ -52,7 +52,7 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
     found, said = partition.findings, partition.crosscheck.sentence
     assert found[-1] is partition.crosscheck.finding
     assert sum(f.code.startswith("ways.") for f in found) == 1
-    kept = beta_file(partition, {})
+    kept = tables.beta_file(partition, {})
     assert kept["findings"][-1]["code"] == partition.crosscheck.finding.code
     assert kept["crosscheck"]["sentence"] == said
     assert said not in kept["warnings"]

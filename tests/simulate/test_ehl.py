@@ -1,5 +1,6 @@
 """EHL logs of the synthetic rig: formats, the thesis's temperatures, events, reproducibility."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, draw_test, simulate_ehl
-from tcdyn.simulate.implicit import steady_state
+from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import build_system
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import CLEAN, draw_truth
@@ -142,3 +143,43 @@ def test_full_length_tests_end_near_the_thesis(test: str, fast_a: float, slow_a:
         _, truth = simulate_ehl(test, seed, options=EhlOptions(mesh=STUDY_MESH))
         assert truth["steady_degC"]["fast_a"] == pytest.approx(fast_a, abs=10)
         assert truth["steady_degC"]["slow_a"] == pytest.approx(slow_a, abs=10)
+
+
+def test_braked_speeds_fall_to_1_e_and_the_disks_cool_more_slowly() -> None:
+    rig = draw_truth(1).with_imperfections(CLEAN)
+    kept, braked = (simulate_ehl("B3", 1, rig, replace(SHORT, brake_s=b))[1] for b in (None, 3.0))
+    traces, off = braked["traces"], braked["unload_s"]
+    t = traces["time_s"].to_numpy()
+    for column in ("speed_fast_rpm", "speed_slow_rpm"):
+        share = traces[column].to_numpy() / traces[column].iloc[0]
+        assert (share[t < off] == 1).all()
+        assert np.interp(off + 3.0, t, share) == pytest.approx(np.exp(-1), abs=1e-5)  # straight between samples
+    warmer = traces["fast_e_degC"].to_numpy() - kept["traces"]["fast_e_degC"].to_numpy()
+    assert np.abs(warmer[t < off]).max() < 1e-9
+    assert (np.diff(warmer[t > off + 1.0]) > 0).all()
+
+
+def test_another_film_in_the_same_system_is_the_system_of_that_film() -> None:
+    """The iterated stages against a factorisation of the very matrix: equal to the iteration's tolerance."""
+    rig = draw_truth(1)
+    one, half = (build_system(rig.fast, h, 1.6e-3, STUDY_MESH) for h in (700.0, 350.0))
+    start = steady_state(one, 500.0, 60.0)
+    level = lambda value: lambda t: np.full_like(t, value)  # noqa: E731
+    ends = [
+        integrate(system, level(500.0), level(60.0), (0.0, 20.0), start, film_share=level(share)).state
+        for system, share in ((one, 0.5), (half, 1.0))
+    ]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+
+
+def test_disks_that_touch_again_are_heated_and_the_log_shows_it() -> None:
+    rig = draw_truth(1).with_imperfections(CLEAN)
+    frame, truth = simulate_ehl("B3", 1, rig, replace(SHORT, again_s=((0.2, 1.0), (0.1, 3.0))))
+    t, off = frame["time_s"].to_numpy(), truth["unload_s"]
+    for column, level in (("friction_N", truth["friction_N"]), ("load_N", truth["load_N"])):
+        # a trapezium of 0.2 s with ramps of 0.01 s, sampled at 75 Hz: to half a sample at each end
+        for start, length in ((1.0, 0.2), (3.0, 0.1)):
+            near = (t > off + start - 0.1) & (t < off + start + 0.4)
+            assert frame[column][near].sum() / 75 == pytest.approx(level * (length - 0.01), abs=level / 75)
+    pulses = np.flatnonzero(np.diff(frame["contact"]) > 0)
+    assert t[pulses[1:]] - off == pytest.approx([1.0, 3.0], abs=1 / 75)
