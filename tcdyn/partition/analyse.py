@@ -39,6 +39,7 @@ from tcdyn.partition.steady import (
     steady_lines,
     surface_temperatures,
 )
+from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
 SCHEMA = "tcdyn.beta/1"
@@ -137,6 +138,13 @@ def analyse(
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
+    test, again = evened(test, both.uneven)
+    lines, speed = steady_lines(test, rows, profile, weights)
+    if again is not None:
+        joint, both = joint_fits(again, speed.starts, joint_s, profile)
+        test, _ = evened(again, both.uneven)
+        lines, speed = steady_lines(test, rows, profile, weights)
+    findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
@@ -160,6 +168,19 @@ def analyse(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
         {d: one.done for d, one in cooled.items()}, windows, sensors, tuple(findings),
     )  # fmt: skip
+
+
+def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, EhlTest | None]:
+    """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt the test with
+    them, to be fitted again with what is to be expected of such a disk."""
+    expected = {d: found[d].expected for d in DISKS}
+    known = {d: replace(found[d], second_K=expected[d].second_K) for d in DISKS}
+    disks = {}
+    for d, disk in test.disks.items():
+        since_s = test.time_s - test.events.unload_s - disk.common_lag_s
+        disks[d] = replace(disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s))
+    uneven = any(known[d].second_K > 0 for d in DISKS)
+    return replace(test, disks=disks, uneven=known), replace(test, uneven=expected) if uneven else None
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
@@ -220,6 +241,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "delta_T_us": a["delta_T_us"],
         },
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
+        "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
         "junctions": {
             d: {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,6 +15,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
+from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
 SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
@@ -68,7 +69,8 @@ class EhlTest:
 
     ``power_W`` is the whole frictional power F u_s; surface speeds under load: u_f / u_s their ratio, u_f - u_s sliding
     (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
-    ``exponent_half_range`` how far n may lie from ``speed_exponent``.
+    ``exponent_half_range`` how far n may lie from ``speed_exponent``; ``uneven``: what is known of each disk round its
+    bore.
     """
 
     time_s: Array
@@ -87,6 +89,7 @@ class EhlTest:
     disks: Mapping[str, DiskTraces]
     findings: tuple[Finding, ...]
     added: FrictionAdded = NOTHING_ADDED
+    uneven: Mapping[str, Unevenness] = field(default_factory=dict)
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:

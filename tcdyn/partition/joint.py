@@ -21,9 +21,10 @@ from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, lag_bank
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import Unmeasured, effects
+from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import FitShift
+from tcdyn.partition.uneven import ROUND, UNKNOWN, Unevenness, Unmeasured, found_in
 from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
@@ -89,7 +90,7 @@ class BothFit:
 
     ``estimates``: beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
     ``pulls``: what nobody measured, of which disk ("" of both), and how many standard deviations the data would move it
-    from its stated value; about standard normal on a sound rig.
+    from its stated value; about standard normal on a sound rig. ``uneven``: each disk round its bore.
     """
 
     theta: Array
@@ -97,6 +98,7 @@ class BothFit:
     estimates: Mapping[str, Estimate]
     pulls: tuple[tuple[Unmeasured, str, float], ...]
     inflation: float
+    uneven: Mapping[str, Unevenness] = field(repr=False, compare=False)
 
 
 def lags(p: Array) -> tuple[float, float]:
@@ -267,8 +269,12 @@ def joint_fits(
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
-    pulls = tuple((*of, z) for of, z in zip(unknown, list(best.pulls.values())[-len(unknown) :]))
-    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation)
+    pulled = zip(unknown, list(best.pulls.values())[-len(unknown) :])
+    pulls = tuple((*of, z) for of, z in pulled if of[0] not in ROUND)
+    left = best.theta[8:], best.covariance[8:, 8:], unknown
+    known = [(d, h, test.uneven.get(d, UNKNOWN)) for d, h in zip(DISKS, (h_fast, h_slow))]
+    uneven = {of[0]: found_in(*left, *of) for of in known}
+    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven)
 
 
 def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
@@ -287,14 +293,7 @@ def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s:
     u, of = np.sqrt(np.diag(noise + per_sd @ per_sd.T)), [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
     values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(
-        disk=disk.name,
-        theta=theta[:4],
-        share=share,
-        beta=beta,
-        h_W_m2K=h,
+        disk=disk.name, theta=theta[:4], share=share, beta=beta, h_W_m2K=h, chain=chain,
         estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
-        chain=chain,
-        shift=FitShift((*side.of, *of), per_sd.T, noise),
-        inflation=inflation,
-        side=side,
-    )
+        shift=FitShift((*side.of, *of), per_sd.T, noise), inflation=inflation, side=side,
+    )  # fmt: skip
