@@ -45,7 +45,7 @@ def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
     >>> layout_junctions("voller")["c"]
     {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
     """
-    if layout not in LAYOUTS:
+    if not isinstance(layout, str) or layout not in LAYOUTS:
         raise ValueError(f"thermocouples.layout is {layout!r}; expected one of {', '.join(LAYOUTS)}")
     names, angles = JunctionTable.model_fields, LAYOUTS[layout]
     places = {c: dict(zip(names, (*place, angles[c]))) for c, place in _PLACES.items()}

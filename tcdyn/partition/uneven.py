@@ -195,7 +195,7 @@ def round_effects(
         None, :, None, :
     ]
     first = first.reshape(len(FIRST), *change.shape[1:])
-    others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of])
+    others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of]).reshape(-1, len(FIRST))
     values, vectors = np.linalg.eigh(known.covariance - others.T @ others)
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T  # near the prior, the prior's own directions
     second = known.second_K * seen(setup, h_W_m2K, static, 2)[:, None, :] * np.ones((2, *change.shape[1:]))

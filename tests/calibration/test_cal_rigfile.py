@@ -40,6 +40,10 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
         ("[thermocouples]\nc = { depth_mm = 7 }", r"thermocouples\.c: depth_mm is 7; expected at most that of b, 6"),
         ("[slow.thermocouples]\nb = { z_mm = 1 }", r"slow: thermocouples: z_mm of d, b, f is 2, 1, 7\.53"),
         ("[uncertainty]\nspeed_exponent_low = 0.9", r"uncertainty: speed_exponent_low 0\.9 lies above speed_.* 0\.8"),
+        (
+            "[thermocouples]\nlayout = 'mine'",
+            r"thermocouples\.layout is 'mine'; expected one of table 6\.2, clarke, vol",
+        ),
         ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
     ],
 )
@@ -49,3 +53,23 @@ def test_what_the_analysis_would_refuse_is_refused_with_the_file(tmp_path: Path,
     with pytest.raises(InputError, match=words) as problem:
         load_rig(path)
     assert "Value error" not in str(problem.value)
+
+
+def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -> None:
+    """Design, section 12: table 6.2 has a, e, f against b, c, d; Clarke and Voller a, c, d against b, e, f."""
+
+    def sides(text: str, disk: str = "fast") -> dict[bool, str]:
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        j = load_rig(path).disk_setup(disk).junctions
+        near = {c: abs((j[c].angle_deg + 90) % 360 - 90) < 60 for c in j}
+        return {side: "".join(c for c in sorted(j) if near[c] == side) for side in (True, False)}
+
+    assert sides("") == {True: "aef", False: "bcd"}
+    assert sides("[thermocouples]\nlayout = 'voller'") == {True: "acd", False: "bef"}
+    assert sides("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {True: "ac", False: "bdef"}
+    assert sides("[slow.thermocouples]\nlayout = 'clarke'") == {True: "aef", False: "bcd"}
+    assert sides("[slow.thermocouples]\nlayout = 'clarke'", "slow") == {True: "acd", False: "bef"}
+    e = load_rig(tmp_path / "rig.toml").disk_setup("slow").junctions["e"]
+    assert (e.depth_m, e.z_m) == pytest.approx((3.0e-3, 7.53e-3))  # Clarke's e is not under the track
+    assert "layout" not in rig_toml(load_rig(tmp_path / "rig.toml"))  # every angle is printed instead
