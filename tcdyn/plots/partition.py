@@ -189,17 +189,20 @@ def draw_uneven(p: Partition, disk: str, ax: Axes) -> Axes:
     for radius in (inner, outer):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
     for c, j in setup.junctions.items():
+        cos, sin = np.cos(np.deg2rad(j.angle_deg)), np.sin(np.deg2rad(j.angle_deg))
         place = outer - 1e3 * j.depth_m
-        toward = np.array([np.cos(np.deg2rad(j.angle_deg)), np.sin(np.deg2rad(j.angle_deg))])
-        ax.plot(*(place * toward), "o", color="white", markeredgecolor=TRUTH, markersize=5, zorder=4)
-        ax.annotate(c, 1.1 * outer * toward, ha="center", va="center", fontsize=9)
-        ax.plot(*np.transpose([place * toward, 1.04 * outer * toward]), color=TRUTH, linewidth=0.5)
+        ax.plot([place * cos, 1.04 * outer * cos], [place * sin, 1.04 * outer * sin], color=TRUTH, linewidth=0.5)
+        ax.plot(place * cos, place * sin, "o", color="white", markeredgecolor=TRUTH, markersize=5, zorder=4)
+        ax.text(1.1 * outer * cos, 1.1 * outer * sin, c, ha="center", va="center", fontsize=9)
     if known.finding(disk) is not None:
-        side = np.array([np.cos(np.deg2rad(at.value)), np.sin(np.deg2rad(at.value))])
-        ax.annotate("", 0.85 * inner * side, -0.5 * inner * side, arrowprops={"arrowstyle": "-|>", "color": TRUTH})
-        for sign in (1, -1):
-            ax.annotate(
-                f"{sign * size.value:+.2g} K", 0.84 * sign * outer * side, ha="center", va="center", fontsize=8,
+        cos, sin = inner * np.cos(np.deg2rad(at.value)), inner * np.sin(np.deg2rad(at.value))
+        ax.arrow(
+            -0.5 * cos, -0.5 * sin, 1.3 * cos, 1.3 * sin, width=0.2, head_width=2.0, length_includes_head=True,
+            color=TRUTH,
+        )  # fmt: skip
+        for out in (0.84 * outer / inner, -0.84 * outer / inner):
+            ax.text(
+                out * cos, out * sin, f"{np.sign(out) * size.value:+.2g} K", ha="center", va="center", fontsize=8,
                 bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
             )  # fmt: skip
         said = f"{size.text('K').replace('+-', '±')} at {at.value:.0f} ± {at.u:.0f}°"

@@ -222,8 +222,8 @@ def assumed(p: Partition) -> list[str]:
     return [
         f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
         f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as is the washer",
-        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; what differs round a disk is its "
-        "first harmonic, at the angles of rig.toml",
+        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; what differs round a disk is "
+        "its first harmonic, at the angles of rig.toml: two groups of junctions, 15 degrees between neighbours",
         f"the speed law h ~ u^n with n = {p.test.speed_exponent:g} of rig.toml, whose range is part of the uncertainty",
     ]
 
