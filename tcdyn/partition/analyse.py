@@ -174,7 +174,7 @@ def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, Ehl
     """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt the test with
     them, to be fitted again with what is to be expected of such a disk."""
     expected = {d: found[d].expected for d in DISKS}
-    known = {d: replace(found[d], second_K=expected[d].second_K) for d in DISKS}
+    known = {d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()}
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s

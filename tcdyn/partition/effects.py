@@ -16,7 +16,7 @@ from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
 from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.uneven import UNKNOWN, Unmeasured, round_effects, sensed
+from tcdyn.partition.uneven import Unmeasured, round_effects, sensed
 from tcdyn.partition.window import (
     INNER,
     NOMINAL,
@@ -28,6 +28,7 @@ from tcdyn.partition.window import (
     RimMeans,
     between,
     deeper_than_b_m,
+    known_round,
     power_seen,
 )  # fmt: skip
 from tcdyn.traces import DiskTraces
@@ -150,7 +151,7 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     change = np.concatenate([known, [late, share * power], split])
     asked = np.flatnonzero(u > 0)
     of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
-    uneven, change = test.uneven.get(disk.name, UNKNOWN), u[asked, None, None] * change[asked]
+    uneven, change = known_round(test, disk.name), u[asked, None, None] * change[asked]
     return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[1:4], since_s))
 
 

@@ -24,8 +24,8 @@ from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import FitShift
-from tcdyn.partition.uneven import ROUND, UNKNOWN, Unevenness, Unmeasured, found_in
-from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, power_seen, stretch_of
+from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
+from tcdyn.partition.window import POWER, REST, RimMeans, disk_window, known_round, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -35,6 +35,7 @@ SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 LEAST_PART = 1e-7  # of the sum of both lags
 LOG_H_STEP = 1e-3
+LARGEST_LOG_H = 14.0  # a search that goes beyond a million W/m2K has lost its way
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 JOINT_WINDOW_S = 10.0
@@ -132,20 +133,18 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
         inputs = np.column_stack([blocks @ power, rim.inputs[:, REST]])
         return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[REST]]))
 
-    def model(p: Array) -> tuple[Array, Array]:
+    def model(p: Array) -> tuple[Array, Array] | None:
         """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),
         (L - 1) L P: the seen power through the same lag once more, less itself."""
+        if not p[LOG_H] < LARGEST_LOG_H:
+            return None
         share, h = p[SHARE], float(np.exp(p[LOG_H]))
         rest, power = heated(lags(p)).answer(h * np.exp([0.0, LOG_H_STEP, -LOG_H_STEP]))
         at, up, down = rest + share * power
         by_tau = [share * (heated((*lags(p), tau)).through(POWER, h) - power[0]) for tau in lags(p)]
         one, two = lags(p)
-        slopes = [
-            power[0],
-            (up - down) / (2 * LOG_H_STEP),
-            by_tau[0] * (one + two) / one,
-            by_tau[1] - by_tau[0] * two / one,
-        ]
+        of_lags = by_tau[0] * (one + two) / one, by_tau[1] - by_tau[0] * two / one
+        slopes = [power[0], (up - down) / (2 * LOG_H_STEP), *of_lags]
         return (at * weight).ravel(), np.stack([(s * weight).ravel() for s in slopes], axis=1)
 
     return Side(
@@ -272,7 +271,7 @@ def joint_fits(
     pulled = zip(unknown, list(best.pulls.values())[-len(unknown) :])
     pulls = tuple((*of, z) for of, z in pulled if of[0] not in ROUND)
     left = best.theta[8:], best.covariance[8:, 8:], unknown
-    known = [(d, h, test.uneven.get(d, UNKNOWN)) for d, h in zip(DISKS, (h_fast, h_slow))]
+    known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
     uneven = {of[0]: found_in(*left, *of) for of in known}
     return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven)
 

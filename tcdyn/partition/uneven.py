@@ -24,9 +24,10 @@ from calibration.finding import Finding, note
 ROWS = (*OUTER_ROW, *INNER_ROW)
 SHAPES = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # priors [K] at the depth of b
 PER_K = {"level": 1.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # at least this share of the level, once it was found
-STEADY_S = 150.0  # of drift and bend
+KEEPS_S = 10.0  # as long after the parting drift and bend go on: the bore does not feel it yet
 FALL_S = 25.0  # by then half of what falls has fallen: a fiftieth after ten seconds, against whole-disk solutions
 SECOND_REL = 0.07  # of the first harmonic: what the same contact makes of the second, against whole-disk solutions
+ANGLE_U_DEG = 3.0  # of each junction: what stands in the rig file is assumed (design, section 12)
 SIGNIFICANT = 3.0
 LEAST_KAPPA_R = 1e-2
 LARGEST_ANGLE_U_DEG = 180.0 / 3**0.5  # of an angle that nobody knows
@@ -44,7 +45,8 @@ class Unmeasured:
 SIDES = ("cos", "sin")
 FIRST = tuple(Unmeasured(f"uneven {shape}, {side}", "uneven bore contact") for shape in SHAPES for side in SIDES)
 SECOND = tuple(Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in SIDES)
-ROUND = (*FIRST, *SECOND)
+ANGLES = tuple(Unmeasured(f"angle {c}", "angles of the junctions") for c in ROWS)
+ROUND = (*SECOND, *ANGLES, *FIRST)
 SENSED = 6  # rows of ``sensed``
 
 
@@ -55,7 +57,8 @@ class Unevenness:
     ``found`` (8,): of ``FIRST``, in standard uncertainties of the prior; ``covariance`` (8, 8) of what it leaves, in
     all; ``by_others``: how that moves with a standard uncertainty of what else nobody measured, (8,) each; ``h_W_m2K``:
     the film that it was found with; ``prior_K`` (4,): that prior, of ``SHAPES``; ``second_K``: standard uncertainty of
-    the second harmonic at the depth of b.
+    the second harmonic at the depth of b; ``about_K`` (2,): the level, cos and sin, about which angles may be wrong;
+    ``span_s``: length of the steady window, over which drift and bend are told.
     """
 
     prior_K: Array = field(default_factory=lambda: np.array(list(SHAPES.values())))
@@ -64,6 +67,8 @@ class Unevenness:
     by_others: Mapping[Unmeasured, Array] = field(default_factory=dict)
     h_W_m2K: float = 0.0
     second_K: float = 0.0
+    about_K: Array = field(default_factory=lambda: np.zeros(2))
+    span_s: float = 150.0
 
     @property
     def _level(self) -> tuple[Array, Array]:
@@ -114,12 +119,12 @@ class Unevenness:
     @property
     def expected(self) -> Unevenness:
         """The prior of a disk of which this was found: where it is beyond doubt, its change and its second harmonic may
-        be shares of it."""
+        be shares of it, and the junctions' angles matter."""
         if self.significance < SIGNIFICANT:
-            return Unevenness()
+            return Unevenness(span_s=self.span_s)
         size = self.amplitude_K.value
         prior = np.maximum(list(SHAPES.values()), size * np.array(list(PER_K.values())))
-        return Unevenness(prior_K=prior, second_K=SECOND_REL * size)
+        return Unevenness(prior_K=prior, second_K=SECOND_REL * size, about_K=self._level[0], span_s=self.span_s)
 
 
 UNKNOWN = Unevenness()
@@ -132,7 +137,7 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
 
     >>> from calibration.rig import load_rig
     >>> radial_shape(load_rig().disk_setup("fast"), 0.0, np.array([0.006, 0.0])).round(2)
-    array([1.  , 0.99])
+    array([1.  , 0.97])
     """
     k, outer = setup.conductivity_W_mK, setup.outer_radius_m
     washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
@@ -155,15 +160,16 @@ def at_junctions(setup: DiskSetup, h_W_m2K: float, channels: Sequence[str], n: i
     )
 
 
-def in_time(since_s: Array) -> Array:
-    """``SHAPES`` of a kelvin at times since the parting, (4, N) [K]: level, drift and bend before it, fall after it.
+def in_time(since_s: Array, span_s: float) -> Array:
+    """``SHAPES`` of a kelvin at times since the parting, (4, N) [K]: level at it, drift, bend, and fall after it.
 
-    Before the steady window as at its start. The fall begins with the third power of time: the bore is far.
+    Before the steady window, which lasts ``span_s``, as at its start; what was under way goes on for ``KEEPS_S`` after
+    the parting. The fall begins with the third power of time: the bore is far.
 
-    >>> in_time(np.array([-150.0, -75.0, 0.0, 25.0])).tolist()
-    [[1.0, 1.0, 1.0, 1.0], [-1.0, -0.5, 0.0, 0.0], [1.0, 0.25, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5]]
+    >>> in_time(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).tolist()
+    [[1.0, 1.0, 1.0, 1.0], [-1.0, -0.5, 0.0, 0.1], [1.0, 0.25, 0.0, 0.010000000000000002], [0.0, 0.0, 0.0, 0.5]]
     """
-    x = np.clip(np.asarray(since_s, dtype=float) / STEADY_S, -1.0, 0.0)
+    x = np.clip(np.asarray(since_s, dtype=float), -span_s, KEEPS_S) / span_s
     return np.stack([np.ones_like(x), x, x * x, fallen(since_s)])
 
 
@@ -186,21 +192,30 @@ def round_effects(
     of: tuple[Unmeasured, ...], change: Array, known: Unevenness, setup: DiskSetup, h_W_m2K: float, static: Array,
     since_s: Array,
 ) -> tuple[tuple[Unmeasured, ...], Array]:  # fmt: skip
-    """``change`` (Q, R, 3) of everything else unmeasured, with ``ROUND`` added: (Q + 10, R, 3) [K].
+    """``change`` (Q, R, 3) of everything else unmeasured, with ``ROUND`` added: (Q + 16, R, 3) [K].
 
     Where a harmonic was found and subtracted, its remainder moves with what else nobody measured, and the rest of it
     has the covariance that is left.
     """
-    first = (known.prior_K[:, None] * in_time(since_s))[:, None, :, None] * seen(setup, h_W_m2K, static)[
+    first = (known.prior_K[:, None] * in_time(since_s, known.span_s))[:, None, :, None] * seen(setup, h_W_m2K, static)[
         None, :, None, :
     ]
     first = first.reshape(len(FIRST), *change.shape[1:])
-    others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of]).reshape(-1, len(FIRST))
+    constant = [known.second_K * seen(setup, h_W_m2K, static, 2), turned(setup, h_W_m2K, static, known.about_K)]
+    change = np.concatenate([change, np.concatenate(constant)[:, None] * np.ones((1, *change.shape[1:]))])
+    of = (*of, *SECOND, *ANGLES)
+    others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of])
     values, vectors = np.linalg.eigh(known.covariance - others.T @ others)
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T  # near the prior, the prior's own directions
-    second = known.second_K * seen(setup, h_W_m2K, static, 2)[:, None, :] * np.ones((2, *change.shape[1:]))
     moved = change + np.tensordot(others, first, axes=1)
-    return (*of, *ROUND), np.concatenate([moved, np.tensordot(root, first, axes=1), second])
+    return (*of, *FIRST), np.concatenate([moved, np.tensordot(root, first, axes=1)])
+
+
+def turned(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
+    """What a, c, e show more if one of ``ROWS`` sits ``ANGLE_U_DEG`` further round the harmonic ``about_K``, (6, 3)."""
+    cos, sin = at_junctions(setup, h_W_m2K, ROWS)
+    more = np.diag(np.deg2rad(ANGLE_U_DEG) * (about_K[1] * cos - about_K[0] * sin))
+    return np.asarray(more[:, :3] - more[:, 3:] @ static)
 
 
 def sensed(setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array) -> Array:
@@ -228,7 +243,7 @@ def found_in(
     departs from its statement, and by the noise.
     """
     rows = [unknown.index((what, disk)) for what in FIRST]
-    own = [k for k, (what, of) in enumerate(unknown) if of in ("", disk) and what not in ROUND]
+    own = [k for k, (what, of) in enumerate(unknown) if of in ("", disk) and what not in FIRST]
     by_others = {unknown[k][0]: covariance[rows, k] for k in own}
     return replace(
         prior, found=theta[rows], covariance=covariance[np.ix_(rows, rows)], by_others=by_others, h_W_m2K=h_W_m2K
@@ -238,4 +253,4 @@ def found_in(
 def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
     """What a..f read more, (N, 6), by the harmonic that was found, at times since the parting."""
     size_K = known.prior_K[:, None] * known.found.reshape(len(SHAPES), len(SIDES))
-    return np.asarray(in_time(since_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, CHANNELS))
+    return np.asarray(in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, CHANNELS))

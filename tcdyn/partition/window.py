@@ -21,6 +21,7 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.modal import RimGains, rim_gains
 from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
@@ -192,6 +193,11 @@ def steady_start_s(test: EhlTest) -> float:
     """Start of the steady window: the last 150 s under load, less when the load was on for a shorter time."""
     loaded = test.events.unload_s - test.events.load_on_s
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded, 10.0))
+
+
+def known_round(test: EhlTest, disk: str) -> Unevenness:
+    """What is known of the harmonic round the bore of a disk: at first its prior, about the test's steady window."""
+    return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
 
 
 def disk_window(
