@@ -23,6 +23,7 @@ from tcdyn.partition.uneven import (
     round_effects,
     seen,
 )
+from tcdyn.report.beta import uneven_section
 from tcdyn.simulate.truth import BoreContact, draw_truth
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -165,3 +166,17 @@ def test_a_sound_log_stays_even_and_nearly_as_sharp(
 def test_a_second_harmonic_widens_the_speed_law_of_an_uneven_disk_alone(uneven: tuple[StudyRig, Partition]) -> None:
     rows = {row.source: row.u_beta_steady for row in uneven[1].budget.rows}
     assert rows["second harmonic round the bore"] > 0.001
+
+
+def test_the_drawing_says_amplitude_and_angle_or_that_the_disk_is_even(
+    sound: tuple[StudyRig, Partition], uneven: tuple[StudyRig, Partition]
+) -> None:
+    titles = []
+    for _, p in (sound, uneven):
+        section = uneven_section(p, "B3")
+        assert section.figure is not None
+        titles += [ax.get_title("left") for ax in section.figure.axes[:2]]
+        assert section.table is not None
+        assert list(section.table["junction"]) == [*CHANNELS, *CHANNELS]
+    assert [t.startswith(f"{d} disk: even within") for t, d in zip(titles, DISKS)] == [True, True]
+    assert [" K at " in t for t in titles] == [False, False, True, True]
