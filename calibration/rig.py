@@ -30,15 +30,27 @@ from calibration.disk import (
 from calibration.errors import InputError
 from calibration.result import Result
 
-_PLACES = {  # depth_mm, z_mm, angle_deg
-    "a": (3.0, 4.765, 0.0),
-    "b": (6.0, 4.765, 180.0),
-    "c": (3.0, 2.0, 15.0),
-    "d": (6.0, 2.0, 345.0),
-    "e": (1.25, 4.765, 195.0),
-    "f": (6.0, 7.53, 165.0),
+_PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
+LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
+    "table 6.2": {"a": 0.0, "e": 15.0, "f": 345.0, "b": 180.0, "c": 195.0, "d": 165.0},
+    "clarke": (opposite := {"a": 0.0, "c": 15.0, "d": 345.0, "b": 180.0, "e": 195.0, "f": 165.0}),
+    "voller": opposite,
 }
-_DEFAULT_JUNCTIONS = {c: dict(zip(JunctionTable.model_fields, place)) for c, place in _PLACES.items()}
+DEFAULT_LAYOUT = "table 6.2"  # of this rig's disks; tables 6.3 and 6.4 are Clarke's and Voller's
+ELSEWHERE = {"clarke": {"e": {"depth_mm": 3.0, "z_mm": 7.53}}}
+
+
+def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
+    """Where the junctions a..f of a layout sit: depth_mm, z_mm, angle_deg of each.
+
+    >>> layout_junctions("voller")["c"]
+    {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
+    """
+    if not isinstance(layout, str) or layout not in LAYOUTS:
+        raise ValueError(f"thermocouples.layout is {layout!r}; expected one of {', '.join(LAYOUTS)}")
+    names, angles = JunctionTable.model_fields, LAYOUTS[layout]
+    places = {c: dict(zip(names, (*place, angles[c]))) for c, place in _PLACES.items()}
+    return _merge(places, ELSEWHERE.get(layout, {}))
 
 
 class RigTables(RigTable):
@@ -47,7 +59,7 @@ class RigTables(RigTable):
     disk: DiskTable = DiskTable()
     washer: WasherTable = WasherTable()
     thermocouples: dict[str, JunctionTable] = Field(
-        default_factory=lambda: {c: JunctionTable(**place) for c, place in _DEFAULT_JUNCTIONS.items()}
+        default_factory=lambda: {c: JunctionTable(**x) for c, x in layout_junctions(DEFAULT_LAYOUT).items()}
     )
     contact: ContactTable = ContactTable()
     conditioning: Conditioning = Conditioning()
@@ -59,7 +71,9 @@ class RigTables(RigTable):
     @classmethod
     def _fill_junctions(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("thermocouples"), dict):
-            data = {**data, "thermocouples": _merge(_DEFAULT_JUNCTIONS, data["thermocouples"])}
+            said = dict(data["thermocouples"])
+            places = layout_junctions(said.pop("layout", DEFAULT_LAYOUT))
+            data = {**data, "thermocouples": _merge(places, said)}
         return data
 
     @model_validator(mode="after")

@@ -507,7 +507,6 @@ FAULTS = {
     "swapped": "channels {names} look swapped",
     "misplaced": "junction {names} looks {mm:.1f} mm {way} than rig.toml says",
     "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
-    "side": "the side of {all} is hotter than the other{by}, as in section 6.4.3",
     "unknown": "its six junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
     "single swap, misplacement or offset explains it",
 }
@@ -523,10 +522,8 @@ def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float
     size = n.get("size") or 0.0
     said = FAULTS[kind].format(
         names=" and ".join(channels),
-        all=", ".join(channels),
         mm=abs(size) * 1e3,
         way="deeper" if size > 0 else "nearer the surface",
-        by="" if n.get("size") is None else f" by {size:+.1f} K",
         **n,
     )
     odds = "" if log_odds is None else f" (log-odds {log_odds:.0f} against a sound disk)"
@@ -685,6 +682,11 @@ PARTITION: dict[str, Words] = {
     "record.other_disk": _other_disk,
     "sensors.suspect": _suspected,
     "sensors.sound": _sound,
+    "unevenness": lambda subject, amplitude_K, u_K, angle_deg, angle_u_deg, **_: (
+        f"{subject} disk: its bore contact is uneven: {Estimate.normal(amplitude_K, u_K).text('K')} hotter at "
+        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of b; the fit of "
+        "both disks found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
+    ),
     "stated.depth": _stated_depth,
     "stated.value": _stated_value,
     "stated.lag": "the lag of the {subject} disk: record {record_s:.3f} s, unloading {unloading_s:.3f} s",

@@ -33,7 +33,7 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     """What the names of ``import tcdyn`` return on a small campaign, by class name."""
     from tcdyn.compensate import before_use, proper_inverse
     from tcdyn.design.compare import compare_tests
-    from tcdyn.design.plunge_plan import PlungePlan
+    from tcdyn.design.plans import PlungePlan
     from tcdyn.plunge.hole import compare_holes
     from tcdyn.simulate.plunge import simulate_hole
 

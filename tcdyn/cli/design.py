@@ -56,8 +56,7 @@ def design(
     """
     from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests
-    from tcdyn.design.plunge_plan import PlungePlan
-    from tcdyn.design.step_plan import StepPlan
+    from tcdyn.design.plans import PlungePlan, StepPlan
 
     spare_inputs([rig, fluid], out=out)
     check_choice("--disk", disk, DISKS)

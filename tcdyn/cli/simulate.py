@@ -40,7 +40,7 @@ from tcdyn.simulate.campaign import (
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_hole, simulate_plunge
-from tcdyn.simulate.truth import CLEAN, RigTruth, draw_truth
+from tcdyn.simulate.truth import CLEAN, BoreContact, RigTruth, draw_truth
 
 app = typer.Typer(
     name="simulate",
@@ -54,6 +54,13 @@ Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig
 Disk = Annotated[str, typer.Option(help="fast or slow")]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
 Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml")]
+Uneven = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="bore contact round the disk: 0.5@30 conducts 1 + 0.5 cos(angle - 30 deg) of its mean, fast:0.5@30 for "
+        "one disk; repeatable"
+    ),
+]
 Clean = Annotated[bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")]
 
 
@@ -121,6 +128,7 @@ def ehl(
     again: Annotated[
         list[str] | None, typer.Option(help="contact after the parting, seconds@seconds after it; repeatable")
     ] = None,
+    uneven: Uneven = None,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -129,9 +137,9 @@ def ehl(
 ) -> None:
     """One EHL test of both disks: warm running, loading, unloading, cooling.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven slow:0.5@30
     """
-    truth = _log_truth(out, seed, rig, uncertain, clean)
+    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(_contacts(uneven))
     options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
     _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
 
@@ -225,6 +233,24 @@ def _log_truth(out: Path, seed: int, rig: Path | None, uncertain: bool, clean: b
 def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
     truth = draw_truth(seed, load_rig(rig), uncertain=uncertain)
     return truth.with_imperfections(CLEAN) if clean else truth
+
+
+def _contacts(said: list[str] | None) -> dict[str, BoreContact]:
+    """What ``--uneven`` says of each disk's bore."""
+    contacts: dict[str, BoreContact] = {}
+    for text in said or ():
+        name, _, numbers = text.rpartition(":")
+        amplitude, _, angle = numbers.partition("@")
+        try:
+            size, at = float(amplitude), float(angle)
+        except ValueError:
+            raise InputError(
+                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
+            ) from None
+        if name:
+            check_choice("the disk of --uneven", name, DISKS)
+        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
+    return contacts
 
 
 def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict[str, Any]) -> None:

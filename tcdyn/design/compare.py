@@ -13,8 +13,7 @@ from calibration.errors import InputError
 from calibration.result import Result, jsonable
 from calibration.rig import UncertaintyTable
 from tcdyn.design import PredictedTest, combined
-from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
-from tcdyn.design.step_plan import StepPlan, TouchPlan, predict_step, predict_touches
+from tcdyn.design.plans import PlungePlan, StepPlan, TouchPlan, predict_plunges, predict_step, predict_touches
 from tcdyn.plunge import PlungePriors
 
 LEAST_OWN_LAG_S = 0.01

@@ -49,6 +49,7 @@ from tcdyn.partition.steady import (
     steady_lines,
     surface_temperatures,
 )
+from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
 WINDOW_S = 5.0
@@ -176,6 +177,13 @@ def analyse(
     if test.slowing:
         test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
+    test, again = evened(test, both.uneven)
+    lines, speed = steady_lines(test, rows, profile, weights)
+    if again is not None:
+        joint, both = joint_fits(again, speed.starts, joint_s, profile)
+        test, _ = evened(again, both.uneven)
+        lines, speed = steady_lines(test, rows, profile, weights)
+    findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures")
     structures = alternatives(test, joint, both)
     progress("compensation")
@@ -226,6 +234,19 @@ def _followed(test: EhlTest) -> EhlTest:
     """The test with the film of slowing disks, by the speed law."""
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
+
+
+def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, EhlTest | None]:
+    """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt the test with
+    them, to be fitted again with what is to be expected of such a disk."""
+    expected = {d: found[d].expected for d in DISKS}
+    known = {d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()}
+    disks = {}
+    for d, disk in test.disks.items():
+        since_s = test.time_s - test.events.unload_s - disk.common_lag_s
+        disks[d] = replace(disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s))
+    uneven = any(known[d].second_K > 0 for d in DISKS)
+    return replace(test, disks=disks, uneven=known), replace(test, uneven=expected) if uneven else None
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:

@@ -16,6 +16,7 @@ from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
 from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.uneven import Unmeasured, round_effects, sensed
 from tcdyn.partition.window import (
     FILM,
     FILM_BY_N,
@@ -30,6 +31,7 @@ from tcdyn.partition.window import (
     between,
     film_seen,
     inner_gradient,
+    known_round,
     power_seen,
     sampled,
 )  # fmt: skip
@@ -57,15 +59,6 @@ THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 FEATURE_DEPTH_M = 0.1e-3
 COLUMNS = ("power", *CHANNELS, "ambient", "slower power", "film", "film by n")
 LEVELS = slice(1, 7)  # of the columns: a..f, their level or change since the base
-
-
-@dataclass(frozen=True)
-class Unmeasured:
-    """Something not measured: ``source`` is its line of the budget; ``shared``: both disks have it in common."""
-
-    name: str
-    source: str
-    shared: bool = False
 
 
 STATED = (
@@ -162,17 +155,19 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     u = np.concatenate([stated_u(disk, static), own])
     change = np.concatenate([known, [late, share * power], split, [film]])
     asked = np.flatnonzero(u > 0)
-    return Effects(tuple((*STATED, *OWN)[q] for q in asked), u[asked, None, None] * change[asked])
+    of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
+    uneven, change = known_round(test, disk.name), u[asked, None, None] * change[asked]
+    return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[1:4], since_s))
 
 
 @dataclass(frozen=True)
 class DiskFeatures:
     """Window means of one disk, W windows, each after one ``event``: "steady", "unloading" or "loading".
 
-    ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f, ambient [degC], and the power when the chain is
-    ``LAG_STEP_S`` slower, and where speeds change the film's two; ``slope`` (W, 6) mean rate of each channel [K/s],
-    less that of the base; ``noise`` (W,) white noise left of one; ``bend`` (W, 6) how far a trend before the event may
-    have bent since [K].
+    ``after_s`` (W,): middle of the window since the event; ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f,
+    ambient [degC], and the power when the chain is ``LAG_STEP_S`` slower, and where speeds change the film's two;
+    ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white noise left of one;
+    ``bend`` (W, 6) how far a trend before the event may have bent since [K].
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
@@ -184,6 +179,7 @@ class DiskFeatures:
     half_width_m: float
     rates_1_s: Array
     event: NDArray[np.str_]
+    after_s: Array
     inputs: Array
     banks: Array
     slope: Array
@@ -210,8 +206,9 @@ class DiskFeatures:
         return np.concatenate([rest, film], axis=-1), np.concatenate([power, inner], axis=-1)
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
-        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, then by a standard
-        uncertainty of the film's exponent, a second of common lag, a second of later load, and the share, (Q, D)."""
+        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, of the harmonic round
+        the bore, then by a standard uncertainty of the film's exponent, a second of common lag, a second of later load,
+        and the share, (Q, D)."""
         driven, slower = self.driven(order), self.driven(order, COLUMNS.index("slower power"))
         gradient = driven.gradient(h_W_m2K)
         rest, power = self.answer(order, h_W_m2K)
@@ -228,7 +225,8 @@ class DiskFeatures:
         later = share * np.hstack(both) / LAG_STEP_S
         loading = later * (self.event == "loading")[:, None]
         film = np.hstack([driven.through(FILM_BY_N, h_W_m2K, bore=b) for b in (False, True)])
-        return np.concatenate([known, [film, later, loading, power]])[:, self.seen]
+        harmonic = sensed(self.setup, h_W_m2K, driven.gains(h_W_m2K).static[1:4], self.event, self.after_s)
+        return np.concatenate([known, harmonic, [film, later, loading, power]])[:, self.seen]
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
@@ -250,6 +248,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         half_width_m=test.half_width_m,
         rates_1_s=node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
         event=np.array([event for event, _, _ in windows]),
+        after_s=np.array([0.5 * (start + stop) - begun.get(event, off) for event, start, stop in windows]),
         inputs=inputs,
         banks=banks.transpose(1, 0, 2),
         slope=slope,

@@ -13,6 +13,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
+from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
@@ -40,7 +41,7 @@ class EhlTest:
     (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
     ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
     not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
-    see :func:`tcdyn.partition.cooling.slowed`.
+    see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore.
     """
 
     time_s: Array
@@ -61,6 +62,7 @@ class EhlTest:
     added: FrictionAdded = NOTHING_ADDED
     slowing: Mapping[str, Array] = field(default_factory=dict)
     film: Mapping[str, Array] = field(default_factory=dict)
+    uneven: Mapping[str, Unevenness] = field(default_factory=dict)
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:

@@ -21,6 +21,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import LEVELS, STATED, DiskFeatures, Order, stated_u
+from tcdyn.partition.uneven import SENSED
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
 
@@ -50,7 +51,7 @@ SETTLED_M = 0.03e-3
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset", "side" or "foreign", with its channels.
+    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset" or "foreign", with its channels.
 
     "foreign": the features hold another disk's channel in the place of this one.
     """
@@ -73,7 +74,7 @@ class Fault:
 class Verdict:
     """A hypothesis with its log likelihood, chi-square and the number of data, at its best share and h.
 
-    ``size`` is how far the junction is misplaced [m, positive deeper], how much it or the side reads too high [K].
+    ``size`` is how far the junction is misplaced [m, positive deeper], how much it reads too high [K].
     """
 
     fault: Fault
@@ -85,14 +86,13 @@ class Verdict:
     size: Estimate | None
 
 
-def hypotheses(sides: tuple[tuple[str, ...], ...], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
-    """A sound disk and all faults that are looked for, by the order of their columns.
+def hypotheses(left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
+    """A sound disk, evenly held or not, and all faults that are looked for, by the order of their columns.
 
-    ``sides`` are the groups of channels by angle; channels ``left_out`` have no faults.
+    Channels ``left_out`` have no faults.
     """
     used = [c for c in CHANNELS if c not in left_out]
-    as_wired = [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in ("misplaced", "offset"))]
-    yield as_wired + [Fault("side", sides[1])] * (len(sides) == 2 and min(len(s) for s in sides) > 1)
+    yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in ("misplaced", "offset"))]
     for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]
 
@@ -138,7 +138,7 @@ def _about(
             known[at] = f.effects(fault.order, float(H_GRID_W_M2K[at]), share)
         cov = covariance(f, disk, known[at], fault.order, mixed)
         free = np.zeros_like(left[0])  # by one standard deviation of what the fault leaves free
-        sd = {"misplaced": MISPLACED_M, "offset": OFFSET_K, "side": OFFSET_K}.get(fault.kind, 0.0)
+        sd = {"misplaced": MISPLACED_M, "offset": OFFSET_K}.get(fault.kind, 0.0)
         if sd:
             names = [f"{'depth' if fault.kind == 'misplaced' else 'static'} {c}" for c in fault.channels]
             free = sd * known[at][[NAMES.index(name) for name in names]].sum(axis=0)
@@ -183,7 +183,7 @@ def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, 
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
     u = stated_u(disk, static, MIXED_LAGS_S * foreign)
     common = [1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
-    a = np.concatenate([u, common])[:, None] * effects
+    a = np.concatenate([u, np.ones(SENSED), common])[:, None] * effects
     return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
 
 

@@ -21,10 +21,11 @@ from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, lag_bank
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import Unmeasured, effects
+from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import FitShift
-from tcdyn.partition.window import POWER, REST, DiskWindow, RimMeans, disk_window, power_seen, stretch_of
+from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
+from tcdyn.partition.window import POWER, REST, DiskWindow, RimMeans, disk_window, known_round, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -34,6 +35,7 @@ SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 LEAST_PART = 1e-7  # of the sum of both lags
 LOG_H_STEP = 1e-3
+LARGEST_LOG_H = 14.0  # a search that goes beyond a million W/m2K has lost its way
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 JOINT_WINDOW_S = 10.0
@@ -88,7 +90,7 @@ class BothFit:
 
     ``estimates``: beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
     ``pulls``: what nobody measured, of which disk ("" of both), and how many standard deviations the data would move it
-    from its stated value; about standard normal on a sound rig.
+    from its stated value; about standard normal on a sound rig. ``uneven``: each disk round its bore.
     """
 
     theta: Array
@@ -96,6 +98,7 @@ class BothFit:
     estimates: Mapping[str, Estimate]
     pulls: tuple[tuple[Unmeasured, str, float], ...]
     inflation: float
+    uneven: Mapping[str, Unevenness] = field(repr=False, compare=False)
     optimum: Optimum = field(repr=False, compare=False)
 
 
@@ -130,20 +133,18 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
         inputs = np.column_stack([blocks @ power, rim.inputs[:, REST]])
         return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[REST]]))
 
-    def model(p: Array) -> tuple[Array, Array]:
+    def model(p: Array) -> tuple[Array, Array] | None:
         """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),
         (L - 1) L P: the seen power through the same lag once more, less itself."""
+        if not p[LOG_H] < LARGEST_LOG_H:
+            return None
         share, h = p[SHARE], float(np.exp(p[LOG_H]))
         rest, power = heated(lags(p)).answer(h * np.exp([0.0, LOG_H_STEP, -LOG_H_STEP]))
         at, up, down = rest + share * power
         by_tau = [share * (heated((*lags(p), tau)).through(POWER, h) - power[0]) for tau in lags(p)]
         one, two = lags(p)
-        slopes = [
-            power[0],
-            (up - down) / (2 * LOG_H_STEP),
-            by_tau[0] * (one + two) / one,
-            by_tau[1] - by_tau[0] * two / one,
-        ]
+        of_lags = by_tau[0] * (one + two) / one, by_tau[1] - by_tau[0] * two / one
+        slopes = [power[0], (up - down) / (2 * LOG_H_STEP), *of_lags]
         return (at * weight).ravel(), np.stack([(s * weight).ravel() for s in slopes], axis=1)
 
     return Side(
@@ -266,8 +267,12 @@ def joint_fits(
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
-    pulls = tuple((*of, z) for of, z in zip(unknown, list(best.pulls.values())[-len(unknown) :]))
-    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, best)
+    pulled = zip(unknown, list(best.pulls.values())[-len(unknown) :])
+    pulls = tuple((*of, z) for of, z in pulled if of[0] not in ROUND)
+    left = best.theta[8:], best.covariance[8:, 8:], unknown
+    known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
+    uneven = {of[0]: found_in(*left, *of) for of in known}
+    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best)
 
 
 def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
@@ -286,14 +291,7 @@ def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s:
     u, of = np.sqrt(np.diag(noise + per_sd @ per_sd.T)), [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
     values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(
-        disk=disk.name,
-        theta=theta[:4],
-        share=share,
-        beta=beta,
-        h_W_m2K=h,
+        disk=disk.name, theta=theta[:4], share=share, beta=beta, h_W_m2K=h, chain=chain,
         estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
-        chain=chain,
-        shift=FitShift((*side.of, *of), per_sd.T, noise),
-        inflation=inflation,
-        side=side,
-    )
+        shift=FitShift((*side.of, *of), per_sd.T, noise), inflation=inflation, side=side,
+    )  # fmt: skip

@@ -44,10 +44,10 @@ SAME_GROUP_DEG = 60.0
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset", "side" or "unknown".
+    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset" or "unknown".
 
     A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
-    ``size``: how much deeper the junction lies than stated [m], or how much it or the side reads too high [K];
+    ``size``: how much deeper the junction lies than stated [m], or how much it reads too high [K];
     ``log_odds`` against a sound disk; ``numbers``: what else its words tell.
     """
 
@@ -127,7 +127,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     for d, f in features.items():
         found[d] = _dead(test, test.disks[d], f)
         if not found[d]:
-            sound, best, suspect, pairs = _judged(f, test.disks[d], groups[d])
+            sound, best, suspect, pairs = _judged(f, test.disks[d])
             found[d], likely[d] = suspect, best
             if not suspect:
                 blind[d], depths[d] = pairs, depth_test(f, test.disks[d], sound)
@@ -153,10 +153,10 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 
 
 def _judged(
-    f: DiskFeatures, disk: DiskTraces, groups: tuple[tuple[str, ...], ...]
+    f: DiskFeatures, disk: DiskTraces
 ) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
     """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(groups, disk.left_out))
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(disk.left_out))
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
@@ -213,7 +213,7 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
 
     >>> from calibration.rig import load_rig
     >>> angle_groups(load_rig().disk_setup("slow"))
-    (('a', 'c', 'd'), ('b', 'e', 'f'))
+    (('a', 'e', 'f'), ('b', 'c', 'd'))
     """
     angles = {c: setup.junctions[c].angle_deg % 360.0 for c in CHANNELS}
     order = sorted(CHANNELS, key=lambda c: angles[c])

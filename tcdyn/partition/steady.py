@@ -12,8 +12,9 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import Unmeasured, effects
+from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow, inner_gradient, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 

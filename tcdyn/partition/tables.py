@@ -281,6 +281,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "delta_T_us": a["delta_T_us"],
         },
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
+        "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
         "junctions": {
             d: {

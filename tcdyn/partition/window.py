@@ -21,6 +21,7 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.modal import INPUTS, RimGains, rim_gains
 from tcdyn.conduction.rim import Flux, HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
@@ -139,10 +140,8 @@ def cached_gains(
     mesh: Mesh,
     film: bool = False,
 ) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction.
-
-    With ``film`` two more inputs, both air at the running surface alone.
-    """
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. With ``film``
+    two more inputs, both air at the running surface alone."""
     split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
     if not film:
         return split
@@ -208,6 +207,11 @@ def steady_start_s(test: EhlTest) -> float:
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded, 10.0))
 
 
+def known_round(test: EhlTest, disk: str) -> Unevenness:
+    """What is known of the harmonic round the bore of a disk: at first its prior, about the test's steady window."""
+    return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
+
+
 def disk_window(
     test: EhlTest,
     disk: DiskTraces,
@@ -232,11 +236,8 @@ def disk_window(
     power, held = power_seen(test, rows, chain)
     rates = node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
-    feeds = [
-        *(temperatures[:, INNER] + disk.inner_K[rows]).T,
-        test.ambient_degC[rows],
-        *film_seen(test, disk, rows, chain),
-    ]
+    inner = temperatures[:, INNER] + disk.inner_K[rows]
+    feeds = [*inner.T, test.ambient_degC[rows], *film_seen(test, disk, rows, chain)]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
@@ -275,8 +276,7 @@ def sampled(window: DiskWindow, of_blocks: Array) -> Array:
 
 
 def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
-    """What the changed film comes to and its change by its exponent, each (N,) [K], as the ``chain`` would show them;
-    nothing where the disk kept its speed."""
+    """What the changed film, if any, comes to and its change by its exponent, (N,) [K] each, seen through ``chain``."""
     film = [] if disk.name not in test.film else [*test.film[disk.name][rows].T]
     return film if chain is None else [chain.response(x, test.dt_s) for x in film]
 

@@ -175,9 +175,9 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     if "setup" not in record.model_fields_set:
         return []
     own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
-    if own == stated:
+    changed = [key for key in changed_keys(own, stated) if not key[0].endswith("angle_deg")]  # no lag asks for angles
+    if not changed:
         return []
-    changed = changed_keys(own, stated)
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
 

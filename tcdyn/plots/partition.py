@@ -9,9 +9,11 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
+from tcdyn.partition.uneven import radial_shape
 from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 SHOWN = ("e", "a", "b")
+LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
 
 
 def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
@@ -170,3 +172,44 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(at, color=TRUTH, linewidth=0.7)
     return dressed(ax, "time [s]", "temperature [°C]", ncols=2)
+
+
+def draw_uneven(p: Partition, disk: str, ax: Axes) -> Axes:
+    """A disk seen along its shaft: temperature less its mean round it, junctions, and an arrow to the hottest side."""
+    known, setup = p.both.uneven[disk], p.test.disks[disk].setup
+    size, at = known.amplitude_K, known.angle_deg
+    inner, outer = setup.bore_radius_m * 1e3, setup.outer_radius_m * 1e3
+    r, angle = np.linspace(inner, outer, 40), np.linspace(0.0, 2 * np.pi, 181)
+    hot = size.value * np.outer(
+        radial_shape(setup, known.h_W_m2K, 1e-3 * (outer - r)), np.cos(angle - np.deg2rad(at.value))
+    )
+    scale = max(float(np.abs(hot).max()), LEAST_SCALE_K)
+    x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
+    tones = ax.pcolormesh(x, y, hot, cmap="cividis", vmin=-scale, vmax=scale, shading="gouraud", rasterized=True)
+    ax.figure.colorbar(tones, ax=ax, shrink=0.75, label="above the mean round the disk [K]")
+    for radius in (inner, outer):
+        ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
+    for c, j in setup.junctions.items():
+        cos, sin = np.cos(np.deg2rad(j.angle_deg)), np.sin(np.deg2rad(j.angle_deg))
+        place = outer - 1e3 * j.depth_m
+        ax.plot([place * cos, 1.04 * outer * cos], [place * sin, 1.04 * outer * sin], color=TRUTH, linewidth=0.5)
+        ax.plot(place * cos, place * sin, "o", color="white", markeredgecolor=TRUTH, markersize=5, zorder=4)
+        ax.text(1.1 * outer * cos, 1.1 * outer * sin, c, ha="center", va="center", fontsize=9)
+    if known.finding(disk) is not None:
+        cos, sin = inner * np.cos(np.deg2rad(at.value)), inner * np.sin(np.deg2rad(at.value))
+        ax.arrow(
+            -0.5 * cos, -0.5 * sin, 1.3 * cos, 1.3 * sin, width=0.2, head_width=2.0, length_includes_head=True,
+            color=TRUTH,
+        )  # fmt: skip
+        for out in (0.84 * outer / inner, -0.84 * outer / inner):
+            ax.text(
+                out * cos, out * sin, f"{np.sign(out) * size.value:+.2g} K", ha="center", va="center", fontsize=8,
+                bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
+            )  # fmt: skip
+        said = f"{size.text('K').replace('+-', '±')} at {at.value:.0f} ± {at.u:.0f}°"
+    else:
+        said = f"even within {size.high95:.2g} K"
+    ax.set_title(f"{disk} disk: {said}", loc="left", fontsize=9)
+    ax.set_aspect("equal")
+    ax.set_axis_off()
+    return ax

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from calibration.disk import DISKS
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
@@ -18,6 +21,7 @@ from tcdyn.partition.tables import (
     test_table,
     ways_table,
 )
+from tcdyn.partition.uneven import harmonic_K
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import TRUTH, figure
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
@@ -26,7 +30,8 @@ from tcdyn.report.page import Section, write_page
 ASSUMED = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "
     "uncertainties of its [uncertainty] table",
-    "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
+    "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; what differs round a disk is its "
+    "first harmonic, at the angles of rig.toml",
     "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
 
@@ -37,6 +42,7 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
         *answer_sections(p, name, truth),
         structure_section(p, name),
         *uncertainty_sections(p, name),
+        uneven_section(p, name),
         *transient_sections(p, name),
         profile_section(p, name),
         *test_sections(p, name),
@@ -149,6 +155,32 @@ def transient_sections(p: Partition, name: str) -> list[Section]:
     ]
 
 
+def uneven_section(p: Partition, name: str) -> Section:
+    """What the bore contact makes of the temperature round each disk, and what was subtracted."""
+    picture, axes = figure(1, 2, height_in=4.0)
+    for disk, ax in zip(DISKS, axes):
+        draw.draw_uneven(p, disk, ax)
+    found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
+    rows = [
+        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+.2f}"}
+        for d in DISKS
+        for (c, j), more in zip(
+            sorted(p.test.disks[d].setup.junctions.items()),
+            harmonic_K(p.both.uneven[d], p.test.disks[d].setup, np.zeros(1))[0],
+        )
+    ]
+    return Section(
+        f"{name}: are the disks even round their bores?",
+        (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
+        + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
+        "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
+        "budget.",
+        table=pd.DataFrame(rows),
+        figure=picture,
+        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
+    )
+
+
 def profile_section(p: Partition, name: str) -> Section:
     """Whether the standard uncertainties of the joint fits tell their 95 % intervals: profiles, intervals, remarks."""
     picture, axes = figure(3, 4, width_in=10.0, height_in=7.0)
@@ -203,7 +235,8 @@ def assumed(p: Partition) -> list[str]:
     return [
         f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
         f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as is the washer",
-        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the rim is axially symmetric",
+        "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; what differs round a disk is "
+        "its first harmonic, at the angles of rig.toml: two groups of junctions, 15 degrees between neighbours",
         f"the speed law h ~ u^n with n = {p.test.speed_exponent:g} of rig.toml, whose range is part of the uncertainty",
     ]
 

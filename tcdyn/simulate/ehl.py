@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from calibration import Array
-from calibration.disk import DISKS
+from calibration.disk import CHANNELS, DISKS
 from tcdyn.contact import half_width_m
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
-from tcdyn.simulate.mesh import DiskMesh, build_system
+from tcdyn.simulate.mesh import DiskMesh
 from tcdyn.simulate.programme import EhlCondition, ehl_test
+from tcdyn.simulate.round import seen_round, uneven_system
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
 AGAIN_RISE_S = 0.01  # a contact after the parting comes and goes in this time
@@ -182,17 +184,24 @@ def simulate_ehl(
     drawn = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
     columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
+    uneven: dict[str, Any] = {}
     for name, share, h in (("fast", drawn.beta, drawn.h_fast_W_m2K), ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K)):
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
         at = _disk_temperatures(disk, drawn, share, h, o)
-        log, true = log_disk(at, o.duration_s, disk, rng, rig.imperfections, spikes=True)
+        log, true = log_disk(partial(_junctions, at), o.duration_s, disk, rng, rig.imperfections, spikes=True)
+        uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]
     order = [c for c in columns if c not in _LAST] + _LAST
     frame, trace_frame = pd.DataFrame(columns)[order], pd.DataFrame(traces)[order]
-    return frame, {**_scalars(drawn, rig, trace_frame), "traces": trace_frame}
+    return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
+
+
+def _junctions(at: Callable[[Array], Array], t: Array) -> Array:
+    """The junctions alone of what a disk's solution ``at`` times (M,) tells, (M, channels)."""
+    return at(t)[:, : len(CHANNELS)]
 
 
 _LAST = ["ambient_degC", "oil_degC"]
@@ -201,7 +210,7 @@ _LAST = ["ambient_degC", "oil_degC"]
 def _disk_temperatures(
     disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions
 ) -> Callable[[Array], Array]:
-    system = build_system(disk, h, drawn.half_width_m, o.mesh)
+    system = uneven_system(disk, h, drawn.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
         return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)

@@ -154,7 +154,9 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: floa
     """
     heat = _load(system, power, ambient) - system.conductance @ y
     if film:
-        heat += film * (system.surface_m2 * (ambient - y) - system.skin_m2K_W * power * system.track)
+        heat += film * (
+            system.surface_air_m2 * ambient - system.surface_m2 * y - system.skin_m2K_W * power * system.track
+        )
     return np.asarray(heat)
 
 

@@ -34,7 +34,8 @@ class DiskSystem:
     ``P`` [W] is the heat that enters the running track; the unknowns are the disk's cells (r slow, z fast), then
     the shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of
     ``channels``. All this is for the film of ``h_W_m2K``; where another wets the running surface, ``surface_m2`` (n,)
-    is its area by cell, ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it.
+    is its area by cell, ``surface_air_m2`` (n,) that against air which is not zero (unknowns may be harmonics),
+    ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it.
     """
 
     capacity: Array
@@ -46,6 +47,7 @@ class DiskSystem:
     channels: tuple[str, ...]
     h_W_m2K: float
     surface_m2: Array
+    surface_air_m2: Array
     skin_m2K_W: float
     track: Array
 
@@ -87,14 +89,12 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         raise InputError(
             f"bore_radius_mm {s.bore_radius_m * 1e3:g}", expected="a bore of more than 0.5 mm for the shaft"
         )
-    g = _grid(disk, mesh)
-    skin = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK  # half a surface cell
-    surface = h_W_m2K / (1 + h_W_m2K * skin)
-    to_ambient = _faces_to_ambient(disk, g)
+    g = grid_of(disk, mesh)
+    to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
+    skin = skin_m2K_W(disk, g)
     area, track = np.zeros(g.size), np.zeros(g.size)
     area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
     track[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m)
-    to_ambient += surface * area
 
     ends = g.shaft[[0, -1]]
     to_bearing = np.zeros(g.size)
@@ -111,21 +111,22 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
                 g.shaft_conductance / s.conductivity_W_mK * np.diff(g.shaft_edges),
             ]
         ),
-        conductance=_laplacian(_links(disk, g), to_ambient + to_bearing, g.size),
-        source_power=track * (1 - surface * skin),
+        conductance=laplacian(_links(disk, g), to_ambient + to_bearing, g.size),
+        source_power=track * (1 - film_W_m2K(disk, g, h_W_m2K) * skin),
         source_ambient=to_ambient + to_bearing,
         source_const=constant,
         sample=_sampler(disk, g.r, g.z, g.size),
         channels=tuple(sorted(s.junctions)),
         h_W_m2K=h_W_m2K,
         surface_m2=area,
-        skin_m2K_W=float(skin),
+        surface_air_m2=area,
+        skin_m2K_W=skin,
         track=track,
     )
 
 
 @dataclass(frozen=True)
-class _Grid:
+class Grid:
     """Cell centres and edges [m], and the numbers of the unknowns in the disk (r, z) and along the shaft."""
 
     r: Array
@@ -144,15 +145,20 @@ class _Grid:
         """Number of unknowns."""
         return self.cells.size + self.shaft.size
 
+    @property
+    def under(self) -> NDArray[np.int64]:
+        """The shaft's cells under the disk, (nz,)."""
+        return self.shaft[self.first_under : self.first_under + len(self.z)]
 
-def _grid(disk: DiskTruth, mesh: DiskMesh) -> _Grid:
+
+def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
     s = disk.setup
     r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
     z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
     right = graded_edges(s.width_m, s.width_m + SHAFT_LENGTH_m, float(z_edges[1]), mesh.shaft_side)
     shaft_edges = np.concatenate([(s.width_m - right)[:0:-1], z_edges, right[1:]])
     cells = np.arange(mesh.radial * mesh.axial).reshape(mesh.radial, mesh.axial)
-    return _Grid(
+    return Grid(
         r=0.5 * (r_edges[1:] + r_edges[:-1]),
         r_edges=r_edges,
         z=0.5 * (z_edges[1:] + z_edges[:-1]),
@@ -166,22 +172,40 @@ def _grid(disk: DiskTruth, mesh: DiskMesh) -> _Grid:
     )
 
 
-def _links(disk: DiskTruth, g: _Grid) -> list[Link]:
+def _links(disk: DiskTruth, g: Grid) -> list[Link]:
     """Conduction in r, in z, through the press fit into the shaft, and along the shaft."""
     s = disk.setup
     k, dz, dzs = s.conductivity_W_mK, np.diff(g.z_edges), np.diff(g.shaft_edges)
     fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m) + np.log(g.r[0] / s.bore_radius_m) / k
-    under = g.shaft[g.first_under : g.first_under + len(dz)]
     return [
-        (g.cells[:-1], g.cells[1:], np.outer(2 * np.pi * k / np.log(g.r[1:] / g.r[:-1]), dz)),
-        (g.cells[:, :-1], g.cells[:, 1:], np.outer(k * g.face_area, 2 / (dz[1:] + dz[:-1]))),
-        (g.cells[0], under, 2 * np.pi * dz / fit),
+        *ring_links(g.cells, g.r, g.face_area, dz, k),
+        (g.cells[0], g.under, 2 * np.pi * dz / fit),
         (g.shaft[:-1], g.shaft[1:], g.shaft_conductance * 2 / (dzs[1:] + dzs[:-1])),
     ]
 
 
-def _faces_to_ambient(disk: DiskTruth, g: _Grid) -> Array:
-    """Conductances to ambient [W/K] of the washer faces and of the shaft outside the disk."""
+def ring_links(cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, conductivity_W_mK: float) -> list[Link]:
+    """Conduction in r and in z between the ``cells`` (nr, nz) of a ring, ``r`` (nr,) their centres [m]."""
+    k = conductivity_W_mK
+    return [
+        (cells[:-1], cells[1:], np.asarray(np.outer(2 * np.pi * k / np.log(r[1:] / r[:-1]), dz))),
+        (cells[:, :-1], cells[:, 1:], np.asarray(np.outer(k * face_area, 2 / (dz[1:] + dz[:-1])))),
+    ]
+
+
+def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:
+    """Resistance of half a cell of steel at the running surface."""
+    s = disk.setup
+    return float(s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK)
+
+
+def film_W_m2K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> float:
+    """Conductance from the centres of the surface cells to ambient: half a cell of steel, then h."""
+    return h_W_m2K / (1 + h_W_m2K * skin_m2K_W(disk, g))
+
+
+def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
+    """Conductances to ambient [W/K] of the running surface, the washer faces and the shaft outside the disk."""
     s, out = disk.setup, np.zeros(g.size)
     washer = s.washer_conductivity_W_mK / s.washer_thickness_m
     if washer > 0:
@@ -190,10 +214,11 @@ def _faces_to_ambient(disk: DiskTruth, g: _Grid) -> Array:
     per_cell = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
     per_cell[g.first_under : g.first_under + len(g.z)] = 0.0
     out[g.shaft] += per_cell
+    out[g.cells[-1]] += film_W_m2K(disk, g, h_W_m2K) * 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
     return out
 
 
-def _laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
+def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
     i = np.concatenate([np.ravel(a) for a, _, _ in links]).astype(int)
     j = np.concatenate([np.ravel(b) for _, b, _ in links]).astype(int)
     g = np.concatenate([np.ravel(c) for _, _, c in links])

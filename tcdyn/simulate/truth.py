@@ -10,6 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
+from calibration.errors import InputError
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
 
@@ -51,6 +52,21 @@ class ChannelTruth:
 
 
 @dataclass(frozen=True)
+class BoreContact:
+    """The press fit conducts 1 + ``amplitude`` cos(angle - ``angle_deg``) of its mean round the bore."""
+
+    amplitude: float = 0.0
+    angle_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.amplitude <= 1 and abs(self.angle_deg) <= 360):
+            raise InputError(
+                f"uneven contact {self.amplitude:g}@{self.angle_deg:g}",
+                expected="an amplitude of 0 (even) to 1 (no contact on one side) at -360 to 360 degrees",
+            )
+
+
+@dataclass(frozen=True)
 class DiskTruth:
     """One disk as it really is (``setup`` may differ from ``rig.toml``), its shaft and its channels."""
 
@@ -59,6 +75,7 @@ class DiskTruth:
     bore_conductance_W_m2K: float  # press fit, section 6.4.3
     shaft_W_m2K: float  # shaft surface to the enclosure
     bearing_offset_K: tuple[float, float]  # shaft ends against ambient, at z < 0 and z > width
+    uneven: BoreContact = BoreContact()
 
     @property
     def lags_s(self) -> dict[str, float]:
@@ -87,6 +104,11 @@ class RigTruth:
     def disk(self, name: str) -> DiskTruth:
         """The disk called "fast" or "slow"."""
         return {"fast": self.fast, "slow": self.slow}[name]
+
+    def with_uneven(self, contact: Mapping[str, BoreContact]) -> RigTruth:
+        """The same rig with the bore contact of the named disks uneven."""
+        disks = {name: replace(self.disk(name), uneven=contact.get(name, self.disk(name).uneven)) for name in DISKS}
+        return replace(self, fast=disks["fast"], slow=disks["slow"])
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
         """The same rig, measured differently."""

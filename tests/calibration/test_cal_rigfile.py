@@ -52,6 +52,10 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
             '[slow.columns]\na_degC = "T1"\nf_degC = "T1"',
             "slow: columns: 'T1' is named for two junctions, a_degC and f",
         ),
+        (
+            "[thermocouples]\nlayout = 'mine'",
+            r"thermocouples\.layout is 'mine'; expected one of table 6\.2, clarke, vol",
+        ),
         ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
     ],
 )
@@ -70,3 +74,23 @@ def test_columns_may_be_exchanged_or_shared_by_logs_of_different_disks(tmp_path:
         '[fast.columns]\na_degC = "T1"\n[slow.columns]\na_degC = "T1"\n'
     )
     assert load_rig(path).columns("slow")["a_degC"] == "T1"
+
+
+def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -> None:
+    """Design, section 12: table 6.2 has a, e, f against b, c, d; Clarke and Voller a, c, d against b, e, f."""
+
+    def sides(text: str, disk: str = "fast") -> dict[bool, str]:
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        j = load_rig(path).disk_setup(disk).junctions
+        near = {c: abs((j[c].angle_deg + 90) % 360 - 90) < 60 for c in j}
+        return {side: "".join(c for c in sorted(j) if near[c] == side) for side in (True, False)}
+
+    assert sides("") == {True: "aef", False: "bcd"}
+    assert sides("[thermocouples]\nlayout = 'voller'") == {True: "acd", False: "bef"}
+    assert sides("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {True: "ac", False: "bdef"}
+    assert sides("[slow.thermocouples]\nlayout = 'clarke'") == {True: "aef", False: "bcd"}
+    assert sides("[slow.thermocouples]\nlayout = 'clarke'", "slow") == {True: "acd", False: "bef"}
+    e = load_rig(tmp_path / "rig.toml").disk_setup("slow").junctions["e"]
+    assert (e.depth_m, e.z_m) == pytest.approx((3.0e-3, 7.53e-3))  # Clarke's e is not under the track
+    assert "layout" not in rig_toml(load_rig(tmp_path / "rig.toml"))  # every angle is printed instead

@@ -297,3 +297,23 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys:
 def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
     said = in_options("my_output: holds a rig.toml of yours; give another out", ["out"])
     assert said == "my_output: holds a rig.toml of yours; give another --out"
+
+
+def test_uneven_bores_are_asked_for_by_disk_and_told_beside_the_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "B3.csv"
+    assert tcdyn("simulate", "ehl", "--out", out, "--uneven", "0.3@90", "--uneven", "fast:0.5@30", "--clean") == 0
+    told = json.loads((tmp_path / "B3.truth.json").read_text())["unevenness"]
+    assert [told[d]["contact"] for d in ("fast", "slow")] == [
+        {"amplitude": 0.5, "angle_deg": 30.0},
+        {"amplitude": 0.3, "angle_deg": 90.0},
+    ]
+    assert set(told["slow"]["first_K"]) == set("abcdef")
+    for wrong, words in (
+        ("half", "expected amplitude@degrees"), ("1.5@0", "0 (even) to 1"), ("left:0.5@0", "fast or slow"),
+        ("0.5@nan", "360 degrees"),
+    ):  # fmt: skip
+        capsys.readouterr()
+        assert tcdyn("simulate", "ehl", "--out", out, "--uneven", wrong) == 2
+        assert words in capsys.readouterr().err

@@ -2,11 +2,15 @@
 
 What no search ends in is the same to 1e-6. Where a search ends it is not: 0.1 stopped its plunge fit within 0.02 of
 chi-square and its joint fits beside the least sum, so those answers are held to a share of their own uncertainty.
+Since then the joint fits leave open what the disk's fit on its shaft does round the bore (design, section 12): beta and
+lags move by less than a fifth of their uncertainty, and h and the exponent, which the level between the junctions'
+two groups told in part, by up to half of their old uncertainty, which grew by as much.
 """
 
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -17,6 +21,9 @@ from tests.golden.answers import KEPT, answers
 RELATIVE = 1e-6
 SHARE_OF_U = 0.05  # a search that ends within 0.02 of chi-square is within 0.14 of u, and mostly far closer
 U_RATIO = 0.05  # of a standard uncertainty: a scan of the lag ends elsewhere, too
+OF_BETA, OF_BETA_RATIO = 0.2, 0.07  # the same of beta.json, with the harmonic round the bore left open
+OF_FILM, OF_FILM_RATIO = 0.5, 0.5  # of h and the exponent of joint fits
+FILM = re.compile("/joint/(fast|slow|both)/(h|h_fast|h_slow|exponent)/value")
 EXACT = {  # what is computed without a search for lags, depths or film coefficients
     "record fast": ("gain", "offset", "covariance/"),
     "record slow": ("gain", "offset", "covariance/"),
@@ -55,8 +62,11 @@ def test_estimates_are_those_of_version_0_1_within_a_share_of_their_uncertainty(
     assert len(pairs) >= 6
     for value, u in pairs:
         was, new = then[group], now[group]
-        assert abs(new[value] - was[value]) <= SHARE_OF_U * was[u], f"{value}: {was[value]} became {new[value]}"
-        assert new[u] == pytest.approx(was[u], rel=U_RATIO), u
+        share, ratio = (OF_BETA, OF_BETA_RATIO) if group == "beta.json" else (SHARE_OF_U, U_RATIO)
+        if FILM.fullmatch(value):
+            share, ratio = OF_FILM, OF_FILM_RATIO
+        assert abs(new[value] - was[value]) <= share * was[u], f"{value}: {was[value]} became {new[value]}"
+        assert new[u] == pytest.approx(was[u], rel=ratio), u
 
 
 def test_a_compensated_log_is_that_of_version_0_1_within_a_share_of_its_uncertainty(
@@ -67,5 +77,5 @@ def test_a_compensated_log_is_that_of_version_0_1_within_a_share_of_its_uncertai
     assert len(kept) >= 100
     for name in kept:
         u = name.replace("_degC row", "_u_K row")
-        assert abs(new[name] - was[name]) <= 2 * SHARE_OF_U * was[u], name  # a lag's share of u, times the slope
+        assert abs(new[name] - was[name]) <= OF_BETA * was[u], name  # a lag's share of u, times the slope
         assert new[u] == pytest.approx(was[u], rel=U_RATIO), u

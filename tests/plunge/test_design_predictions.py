@@ -8,8 +8,15 @@ import pytest
 from calibration.rig import UncertaintyTable, load_rig
 from tcdyn.design import PredictedTest, combined, covariance, from_covariances, slopes
 from tcdyn.design.compare import COMMON, DIFFERENCES, MEANING, compare_tests, grade, headline
-from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
-from tcdyn.design.step_plan import StepPlan, TouchPlan, patch_response, predict_step, predict_touches
+from tcdyn.design.plans import (
+    PlungePlan,
+    StepPlan,
+    TouchPlan,
+    patch_response,
+    predict_plunges,
+    predict_step,
+    predict_touches,
+)
 
 SETUP = load_rig().disk_setup("fast")
 PLAN = PlungePlan(duration_s=60.0)

@@ -200,7 +200,7 @@ def test_runs_that_cannot_be_fitted_together_are_refused() -> None:
 
 @pytest.mark.slow
 def test_intervals_cover_over_a_hundred_pairs_drawn_from_the_priors(draws: Callable[[int], int]) -> None:
-    from tcdyn.design.plunge_plan import PlungePlan, predict_plunges
+    from tcdyn.design.plans import PlungePlan, predict_plunges
 
     rng = np.random.default_rng(11)
     pairs = draws(100)

@@ -14,7 +14,7 @@ from calibration.errors import InputError
 from calibration.rig import load_rig
 from tcdyn.cli.design import design
 from tcdyn.design.compare import compare_tests
-from tcdyn.design.plunge_plan import PlungePlan
+from tcdyn.design.plans import PlungePlan
 from tcdyn.plots import plunge as pictures
 from tcdyn.plots.style import figure
 from tcdyn.plunge.fit import identify_plunges, published_degC

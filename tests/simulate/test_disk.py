@@ -11,7 +11,8 @@ from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
 from calibration.errors import InputError
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges, hertz_shares
-from tcdyn.simulate.truth import DiskTruth, draw_truth
+from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
+from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 Array = NDArray[np.float64]
 COARSE = DiskMesh(radial=24, axial=30, shaft_side=16)
@@ -167,3 +168,71 @@ def test_a_disk_without_a_bore_is_refused() -> None:
     disk = draw_truth(0).fast
     with pytest.raises(InputError, match="bore_radius_mm"):
         build_system(replace(disk, setup=replace(disk.setup, bore_radius_m=0.0)), 700.0, HALF_WIDTH_m, COARSE)
+
+
+def uneven(amplitude: float, angle_deg: float = 0.0) -> DiskTruth:
+    disk = draw_truth(0).fast
+    return replace(disk, uneven=BoreContact(amplitude, angle_deg))
+
+
+def test_a_contact_that_hardly_differs_round_the_bore_is_the_even_disk() -> None:
+    even = build_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE)
+    slightly = uneven_system(uneven(1e-6), 700.0, HALF_WIDTH_m, COARSE)
+    was, now = (s.sample @ steady_state(s, 300.0, 60.0) for s in (even, slightly))
+    np.testing.assert_allclose(now[: len(was)], was, atol=1e-4)  # a hundred kelvin times 1e-6
+    assert uneven_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape == even.capacity.shape
+
+
+def test_harmonics_hold_no_heat_and_the_balance_closes() -> None:
+    """Whatever goes round the disk, heat in is heat out of harmonic 0, and the whole matrix is symmetric."""
+    system = uneven_system(uneven(0.7, 25.0), 700.0, HALF_WIDTH_m, COARSE)
+    assert abs(system.conductance - system.conductance.T).max() < 1e-9 * abs(system.conductance).max()
+    state = steady_state(system, 300.0, 60.0)
+    size = len(build_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity)
+    assert size < len(state)
+    out = (system.conductance @ state - system.source_ambient * 60.0 - system.source_const)[:size].sum()
+    assert out == pytest.approx(system.source_power.sum() * 300.0, rel=1e-9)
+
+
+def test_amplitudes_go_with_the_power_of_the_contact_s_that_makes_them() -> None:
+    """The first harmonic as the contact's amplitude, the second as its square, to the next power: 2 % at 0.1."""
+
+    def parts(amplitude: float) -> Array:
+        disk = uneven(amplitude)
+        system = uneven_system(disk, 700.0, HALF_WIDTH_m, COARSE)
+        told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+        return np.array([told["amplitude_K"], *told["second_K"].values()])
+
+    ratio = parts(0.1) / parts(0.05)
+    assert ratio[0] == pytest.approx(2.0, rel=0.02)
+    np.testing.assert_allclose(ratio[1:], 4.0, rtol=0.02)
+
+
+def test_a_turned_contact_turns_the_pattern() -> None:
+    """Junctions turned by as much as the contact read the same."""
+    disk = uneven(0.6, 30.0)
+    setup = disk.setup
+    turned = {c: replace(j, angle_deg=j.angle_deg - 30.0) for c, j in setup.junctions.items()}
+    other = replace(disk, setup=replace(setup, junctions=turned), uneven=BoreContact(0.6, 0.0))
+    one, two = (uneven_system(d, 700.0, HALF_WIDTH_m, COARSE) for d in (disk, other))
+    reads = one.sample @ steady_state(one, 300.0, 60.0)
+    np.testing.assert_allclose(reads, two.sample @ steady_state(two, 300.0, 60.0), atol=1e-9)
+    assert seen_round(disk, reads)["angle_deg"] == pytest.approx(210.0)  # hottest where the fit conducts least
+
+
+@pytest.mark.parametrize("n", HARMONICS)
+def test_harmonics_of_a_disk_that_loses_nothing_obey_the_radial_equation(n: int) -> None:
+    """Without washers and film T_n ~ r^n + R_o^2n r^-n; to 1 % at the junctions of the middle plane: the shaft beside
+    the disk cools the bore's edges more than its middle, and the mesh is coarse."""
+    disk = uneven(0.5, 10.0)
+    setup = replace(disk.setup, washer_conductivity_W_mK=0.0)
+    disk = replace(disk, setup=setup)
+    system = uneven_system(disk, 0.0, HALF_WIDTH_m, DiskMesh(radial=48, axial=40, shaft_side=16))
+    told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+    reads, shape = told[("first_K", "second_K")[n - 1]], {}
+    for c in "abe":
+        r = setup.outer_radius_m - setup.junctions[c].depth_m
+        angle = n * np.deg2rad(setup.junctions[c].angle_deg - 10.0)
+        shape[c] = (r**n + setup.outer_radius_m ** (2 * n) / r**n) * np.cos(angle)
+    for c in "ae":
+        assert reads[c] / reads["b"] == pytest.approx(shape[c] / shape["b"], rel=0.01)
