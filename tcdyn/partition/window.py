@@ -140,7 +140,7 @@ def cached_gains(
     mesh: Mesh,
     film: bool = False,
 ) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. With ``film``
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
     two more inputs, both air at the running surface alone."""
     split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
     if not film:
