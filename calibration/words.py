@@ -645,7 +645,7 @@ def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
 def _headline(beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any) -> str:
     implied = Estimate.normal(n["exponent"], n["exponent_u"])
     law = f"the exponent that it implies, {implied}, "
-    law += "is the speed law's" if abs(z) < 2 else f"lies {abs(z):.1f} standard deviations off the speed law's"
+    law += "goes with the speed law's" if abs(z) < 2 else f"lies {abs(z):.1f} standard deviations off the speed law's"
     said = (
         f"beta = {Estimate.normal(beta, u)} by the joint fit of both disks: their shares add to one, what is wrong "
         f"with both alike cancels, and no speed law is assumed; {law} ({n['assumed']:g}). Over {count} other "
