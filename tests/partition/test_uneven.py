@@ -10,8 +10,9 @@ import pytest
 from calibration.disk import CHANNELS, DISKS, DiskSetup
 from calibration.finding import Grade
 from calibration.rig import load_rig
-from tcdyn.partition.analyse import Partition, beta_file
+from tcdyn.partition.analyse import Partition
 from tcdyn.partition.joint import joint_fits
+from tcdyn.partition.tables import beta_file
 from tcdyn.partition.uneven import (
     FIRST,
     ROUND,
