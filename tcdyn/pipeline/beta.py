@@ -32,7 +32,7 @@ from tcdyn.contact import (
 )
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
-from tcdyn.partition.tables import beta_file, ways_table
+from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.traces import bridged, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is

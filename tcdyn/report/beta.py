@@ -11,7 +11,8 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.tables import (
+from tcdyn.partition.uneven import harmonic_K
+from tcdyn.pipeline.tables import (
     budget_table,
     cooling_by_window,
     interval_table,
@@ -21,7 +22,6 @@ from tcdyn.partition.tables import (
     test_table,
     ways_table,
 )
-from tcdyn.partition.uneven import harmonic_K
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import TRUTH, figure
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study

@@ -96,13 +96,13 @@ class EhlTruth:
         return np.asarray(share)
 
     def speed_share(self, t: Array) -> Array:
-        """Both speeds as a share of what they were under load: one until the parting."""
+        """Both speeds as a share of what they were under load: one until the parting; ``t`` (N,) in s."""
         if self.brake_s is None:
             return np.ones_like(t)
         return np.asarray(np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s))
 
     def film_share(self, t: Array) -> Array:
-        """h of either disk as a share of what it was under load, h ~ u^n."""
+        """h of either disk as a share of what it was under load, h ~ u^n; ``t`` (N,) in s."""
         return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:

@@ -152,6 +152,7 @@ class Grid:
 
 
 def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
+    """The cells of a disk and of its shaft."""
     s = disk.setup
     r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
     z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
@@ -219,6 +220,7 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
 
 
 def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
+    """Conductance matrix (n, n) [W/K] of cells that are linked to each other, and to ground by ``to_ground`` (n,)."""
     i = np.concatenate([np.ravel(a) for a, _, _ in links]).astype(int)
     j = np.concatenate([np.ravel(b) for _, b, _ in links]).astype(int)
     g = np.concatenate([np.ravel(c) for _, _, c in links])

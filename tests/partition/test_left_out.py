@@ -20,12 +20,12 @@ from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, joint_fits
 from tcdyn.partition.steady import disk_line, steady_lines
-from tcdyn.partition.tables import junctions_table
 from tcdyn.partition.window import stretch_of
 from tcdyn.pipeline import beta as stage
 from tcdyn.pipeline.beta import estimate_beta, prepare
 from tcdyn.pipeline.campaign import CampaignSettings, analyse_log
 from tcdyn.pipeline.campaign_table import table_row
+from tcdyn.pipeline.tables import junctions_table
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -18,8 +18,8 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
-from tcdyn.partition.tables import interval_table
 from tcdyn.partition.window import stretch_of
+from tcdyn.pipeline.tables import interval_table
 from tests.partition.study_rigs import StudyRig, study_rig
 
 Array = NDArray[np.float64]

@@ -13,12 +13,12 @@ from calibration.disk import DISKS
 from calibration.estimate import Estimate, mixture_range
 from calibration.finding import Grade
 from tcdyn.fitting import minimise
-from tcdyn.partition import tables
 from tcdyn.partition.alternatives import FITS_Z, NAMED_LOG_ODDS, WAYS, alternatives
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.joint import joint_problem
 from tcdyn.partition.structures import STRUCTURES, structures
+from tcdyn.pipeline import tables
 from tcdyn.pipeline.beta import summary_of
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_structures

@@ -12,7 +12,6 @@ from calibration.finding import Grade
 from calibration.rig import load_rig
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.joint import joint_fits
-from tcdyn.partition.tables import beta_file
 from tcdyn.partition.uneven import (
     FIRST,
     ROUND,
@@ -24,6 +23,7 @@ from tcdyn.partition.uneven import (
     round_effects,
     seen,
 )
+from tcdyn.pipeline.tables import beta_file
 from tcdyn.report.beta import uneven_section
 from tcdyn.simulate.truth import BoreContact, draw_truth
 from tests.partition.study_rigs import StudyRig, study_rig

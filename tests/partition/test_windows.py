@@ -8,7 +8,7 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.tables import cooling_by_window, referee_table
+from tcdyn.pipeline.tables import cooling_by_window, referee_table
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_referee, draw_window_study
 from tests.conftest import Campaign

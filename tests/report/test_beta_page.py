@@ -9,8 +9,8 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from calibration.disk import DISKS
-from tcdyn.partition import tables
 from tcdyn.partition.analyse import Partition
+from tcdyn.pipeline import tables
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import assumed, verdict, write_beta_report
