@@ -225,7 +225,7 @@ def test_trend_lines_are_those_of_the_data() -> None:
     assert lines.loc[("beta", "all"), "slope"] == pytest.approx(-2e-4)
     two = synthetic_table().query("load_N < 1500")
     assert set(trend_table(two)["quantity"]) <= {"beta"}  # two loads a speed: no line, whatever the scatter
-    assert len(COLUMNS) + 5 + sum(e for _, e in COLUMNS.values()) == len(table_columns())
+    assert len(COLUMNS) + 6 + sum(e for _, e in COLUMNS.values()) == len(table_columns())
 
 
 @pytest.mark.slow

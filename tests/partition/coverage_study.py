@@ -62,6 +62,10 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
     out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_ALARM)
     out["chance of the rest"] = min(t.chance for t in pulls if t.alarm != DEPTH_ALARM)
     out["alarm"] = float(not p.crosscheck.agree)
+    out["asks to be looked at"] = float(p.status != "sound")
+    out["range held"] = float(p.structures.low95 <= told["beta"] <= p.structures.high95)
+    out["range, half-width"] = 0.5 * (p.structures.high95 - p.structures.low95)
+    out["log-odds of another structure"] = max(a.log_odds for a in p.structures.tried)
     out["sentence"] = p.crosscheck.sentence  # type: ignore[assignment]
     return out
 
@@ -93,6 +97,8 @@ if __name__ == "__main__":
     done = study(int(sys.argv[1]) if len(sys.argv) > 1 else 100, n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2)
     print(report(done).round(4).to_string(index=False))
     print("failed", int(done["failed"].sum()), "alarms", done["alarm"].mean())
+    print("exit code 1", done["asks to be looked at"].mean(), "range held", done["range held"].mean())
+    print(done[["range, half-width", "log-odds of another structure"]].describe().round(4).to_string())
     print(*done.loc[done["alarm"] > 0, "sentence"], sep="\n")
     print(done[["z check"]].describe(percentiles=[0.5, 0.9, 0.95]).round(2).to_string())
     for chance in (0.01, 0.03, 0.1, 0.3):  # each should be undercut as often as it says, or less

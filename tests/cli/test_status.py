@@ -1,0 +1,56 @@
+"""What `tcdyn beta` ends with: exit code and one line, also where it is to be quiet."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from calibration.finding import FEW, Grade, by_share
+from tcdyn.cli.app import app, run
+from tests.conftest import Campaign
+
+
+def asked(*words: object) -> int:
+    return run(lambda: app([str(w) for w in words], standalone_mode=False))
+
+
+def test_a_sound_log_ends_with_0_and_the_headline(
+    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
+    out = tmp_path / "beta.json"
+    code = asked("beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records, "--out", out)
+    said, kept = capsys.readouterr(), json.loads(out.read_text())
+    assert (code, kept["status"]) == (0, "sound")
+    assert said.out.startswith("beta = 0.")
+    assert said.out.splitlines()[0] == kept["headline"]["sentence"]
+    assert "look:" not in said.err
+    low, high = kept["headline"]["range95"]
+    assert low < kept["headline"]["beta"]["value"] < high
+
+
+def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
+    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = pd.read_csv(campaign.files.ehl["B3"])
+    log["friction_N"] /= 4.448
+    log.to_csv(tmp_path / "B3.csv", index=False)
+    records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
+    out = tmp_path / "beta.json"
+    code = asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet")
+    said, kept = capsys.readouterr(), json.loads(out.read_text())
+    assert code == 1
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert said.err.startswith("tcdyn: B3.csv: look: ")
+    assert kept["joint"]["fast"]["beta"]["value"] is None
+    scale = next(f for f in kept["findings"] if f["code"] == "power.scale")
+    assert scale["numbers"]["units"][0] == "friction in pounds-force"
+
+
+@pytest.mark.parametrize(("share", "grade"), [(0.5 * FEW, Grade.NOTE), (2 * FEW, Grade.LOOK)])
+def test_few_samples_that_were_mended_ask_nobody(share: float, grade: Grade) -> None:
+    assert by_share(share, "trace.bad", subject="e", percent=100 * share).grade is grade
