@@ -136,7 +136,9 @@ def draw_structures(found: Alternatives, ax: Axes) -> Axes:
     names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
     ax.set_yticks(list(y), names, fontsize=8)
     ax.set_ylim(-0.7, len(found.tried) - 0.3)
-    return dressed(ax, "heat partition β by the joint fit of both disks [1]", "", legend=True)
+    return dressed(
+        ax, "heat partition β by the joint fit of both disks [1]", "", loc="lower left", bbox_to_anchor=(0, 1)
+    )
 
 
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:

@@ -79,9 +79,9 @@ def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
 
 
 def test_one_linear_step_is_the_fit_with_one_unknown_more(sound: tuple[StudyRig, Partition]) -> None:
-    made, p = sound
+    _, p = sound
     name = "faces"
-    columns = structures(made.test, p.joint, p.both.theta)[name]
+    columns = structures(p.test, p.joint, p.both.theta)[name]
     parts = np.split(columns, [len(p.joint["fast"].side.y)])
     extra = (Unmeasured(name, name, True),)
     sides = [
@@ -143,6 +143,6 @@ def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, 
 
 
 def test_alternatives_are_the_same_when_asked_again(sound: tuple[StudyRig, Partition]) -> None:
-    made, p = sound
-    again = alternatives(made.test, p.joint, p.both)
+    _, p = sound
+    again = alternatives(p.test, p.joint, p.both)
     assert (again.low95, again.high95) == (p.structures.low95, p.structures.high95)
