@@ -506,6 +506,8 @@ FAULTS = {
     "unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
     "swapped": "channels {names} look swapped",
     "misplaced": "junction {names} looks {mm:.1f} mm {way} than rig.toml says",
+    "late": "channel {names} answers {size:+.2f} s later than its record says: a bubble in its cement, or a column "
+    "shifted in time",
     "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
     "unknown": "its six junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
     "single swap, misplacement or offset explains it",
@@ -532,7 +534,8 @@ def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float
 
 def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
     said = (
-        f"{subject} disk: no swapped, dead, misplaced or offset channel found; {illogical} of {pairs} pairs illogical"
+        f"{subject} disk: no swapped, dead, misplaced, late or offset channel found; {illogical} of {pairs} pairs "
+        "illogical"
     )
     return said + (f"; a swap of {', '.join(blind)} could not have been told" if blind else "")
 
@@ -702,6 +705,9 @@ PARTITION: dict[str, Words] = {
         f"The ways to beta lie together ({low:.3f} to {high:.3f}), but the data contradict what was stated: suspect "
         f"{_blame(suspects, suspects_z)}. {_holds(**n)}"
     ),
+    "cables.exchanged": "the cables of the two disks look exchanged: the disk called fast loses heat like the slow one "
+    "(the exponent comes out as {exponent:.2f} +- {u:.2f}, its opposite is the speed law's {assumed:.2f}); beta would "
+    "then be 1 - {beta:.3f}: map the columns in rig.toml [columns]",
     "headline.both": _headline,
     "headline.withheld": "No beta is given: what the joint fit of both disks finds is impossible.",
     "answers.impossible": lambda ways, **_: (

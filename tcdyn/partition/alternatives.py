@@ -8,7 +8,7 @@ what was assumed) and the refitted answer in one step, so that no log is filtere
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,11 +20,11 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Estimate, mixture_range
 from calibration.finding import Finding, look, note
-from tcdyn.fitting import Optimum, free_directions, minimise, wave_factor
+from tcdyn.fitting import minimise
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import ENOUGH, LOG_H, SHARE, BothFit, DiskFit, joint_problem
-from tcdyn.partition.structures import structures
+from tcdyn.partition.structures import LAG_SD_S, Linear, Refit, structures
 
 H_OF = {  # the heat transfer coefficients that a way finds beside beta
     "speed law": ("h_fast", "h_slow"),
@@ -40,7 +40,7 @@ UNITS = {  # by how much the true power is above the logged one when numbers sta
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-SAME_UNIT, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3.0, 2
+SAME_UNIT, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3.0, 3
 SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
 NAMED_LOG_ODDS, FITS_Z = 8.0, 3.0
 STEADY_U, STEADY_BETA = 2.0, 0.02  # the headline holds within these
@@ -123,7 +123,7 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     """
     ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
     columns, none = structures(test, joint, both.theta), np.zeros((ends[-1], 0))
-    solve = _Linear.at(both.optimum, ends)
+    solve = Linear.at(both.optimum, ends)
     waves = solve(np.hstack([*columns.values()]), solve.waves(both.optimum.residual)).waves
     log_ratio = float(np.log(test.speed_ratio))
     toward = np.zeros((2, len(both.optimum.theta)))
@@ -154,104 +154,29 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
 
 
 def _settled(
-    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: _Refit, waves: float,
+    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: Refit, waves: float,
     ends: NDArray[np.int64],
-) -> _Refit:  # fmt: skip
+) -> Refit:  # fmt: skip
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
-    theta, best = both.theta + found.step[:8], both.optimum
+    theta, best, sides = both.theta + found.step[:8], both.optimum, [joint[d].side for d in DISKS]
     for _ in range(ROUNDS):
-        parts = np.split(structures(test, joint, theta)[name], ends[:-1])
+        late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
+        parts = np.split(structures(test, joint, theta, late_s)[name], ends[:-1])
         extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
-        sides = [
-            replace(joint[d].side, of=(*joint[d].side.of, *extra), effect=np.hstack([joint[d].side.effect, x]))
-            for d, x in zip(DISKS, parts)
-        ]
-        problem = joint_problem(sides)
+        wider = [replace(s, of=(*s.of, *extra), effect=np.hstack([s.effect, x])) for s, x in zip(sides, parts)]
+        problem = joint_problem(wider)
         start = np.zeros(len(problem.names))
         start[:8] = theta
         again = minimise(problem, start, tolerance=ENOUGH)
         theta = again.theta[:8]
-    own = [problem.names.index(what.name) for what in extra]
-    order = np.array([problem.names.index(name) for name in best.problem.names])
-    solve = _Linear.at(again, ends, order)
-    there = solve(again.jacobian[: ends[-1], own], waves)
+        own = [problem.names.index(what.name) for what in extra]
+        order = np.array([problem.names.index(x) for x in best.problem.names])
+        solve = Linear.at(again, ends, order)
+        there = solve(again.jacobian[: ends[-1], own], waves)
+        sizes = tuple(Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes))
+        found = replace(there, step=again.theta[order] - best.theta, sizes=sizes, waves=solve.waves(again.residual))
     fall = (best.cost - again.cost) / waves
-    values = [Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes)]
-    return replace(
-        there, step=again.theta[order] - best.theta, sizes=tuple(values), log_odds=0.5 * fall - there.volume,
-        delta_chi2=fall, waves=solve.waves(again.residual),
-    )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class _Refit:
-    """The fit with more columns: ``step`` (P,) of its parameters, ``sizes`` of the columns, ``volume``: half the log
-    determinant of what they add to the information; ``covariance`` (P, P) for white noise scaled by a factor."""
-
-    step: Array
-    covariance: Callable[[float], Array]
-    sizes: tuple[Estimate, ...]
-    volume: float
-    log_odds: float
-    delta_chi2: float
-    waves: float
-
-
-@dataclass(frozen=True)
-class _Linear:
-    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows."""
-
-    residual: Array
-    jacobian: Array
-    precision: Array
-    off_prior: Array
-    directions: Array
-    ends: NDArray[np.int64]
-
-    @classmethod
-    def at(cls, best: Optimum, ends: NDArray[np.int64], which: NDArray[np.int64] | None = None) -> _Linear:
-        """About an optimum, by the parameters ``which`` of it."""
-        k = np.arange(len(best.theta)) if which is None else which
-        off = best.theta - best.problem.prior_mean
-        free = free_directions(best.problem.fixed[:, k])
-        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends)
-
-    def waves(self, residual: Array) -> float:
-        """Slow waves in the residuals of the worse disk, as the fits count them."""
-        parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
-        return max(wave_factor(r.reshape(-1, 3)) for r in parts)
-
-    def __call__(self, columns: Array, waves: float) -> _Refit:
-        """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
-        rows = np.ones(len(self.residual))
-        rows[: self.ends[-1]] = 1 / np.sqrt(waves)
-        r, j = rows * self.residual, rows[:, None] * self.jacobian
-        x = np.zeros((len(r), columns.shape[1]))
-        x[: self.ends[-1]] = columns / np.sqrt(waves)
-        d = self.directions
-        inside = d.T @ (j.T @ j + np.diag(self.precision)) @ d
-        scale = 1 / np.sqrt(np.diag(inside))
-        cov = d @ (scale[:, None] * np.linalg.inv(inside * np.outer(scale, scale)) * scale) @ d.T
-        start = -cov @ (j.T @ r + self.precision * self.off_prior)
-        left = r + j @ start
-        follow = cov @ (j.T @ x)
-        seen = np.eye(x.shape[1]) + x.T @ x - (x.T @ j) @ follow
-        b, inverse = x.T @ left, np.linalg.inv(seen)
-        size, chi2, volume = -inverse @ b, float(b @ inverse @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
-
-        def covariance(scaled: float) -> Array:
-            own = np.asarray(cov + follow @ inverse @ follow.T)
-            return own if scaled == waves else self(columns, scaled).covariance(scaled)
-
-        return _Refit(
-            step=start - follow @ size,
-            covariance=covariance,
-            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(inverse))),
-            volume=volume,
-            log_odds=0.5 * chi2 - volume,
-            delta_chi2=chi2,
-            waves=self.waves((left + x @ size - j @ (follow @ size)) / rows),
-        )
+    return replace(found, log_odds=0.5 * fall - found.volume, delta_chi2=fall)
 
 
 def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:

@@ -53,6 +53,7 @@ from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
 WINDOW_S = 5.0
+EXCHANGED_Z, SAME_Z = 5.0, 3.0  # the exponent this far from the speed law's, and its opposite this near
 
 
 @dataclass(frozen=True)
@@ -177,15 +178,15 @@ def analyse(
     if test.slowing:
         test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
-    test, again = evened(test, both.uneven)
+    fitted, (test, again) = test, evened(test, both.uneven)
     lines, speed = steady_lines(test, rows, profile, weights)
     if again is not None:
-        joint, both = joint_fits(again, speed.starts, joint_s, profile)
+        fitted, (joint, both) = again, joint_fits(again, speed.starts, joint_s, profile)
         test, _ = evened(again, both.uneven)
         lines, speed = steady_lines(test, rows, profile, weights)
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures")
-    structures = alternatives(test, joint, both)
+    structures = alternatives(fitted, joint, both)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
     cooled, cooling, shifts = {}, {}, {}
@@ -205,12 +206,22 @@ def analyse(
     draws = {**budget.draws, **drawn}
     answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
+    findings = [*_exchanged(test, both), *findings]
     findings += [*impossible(answers, both.estimates, draws), *(held.findings if held else ())]
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
         {d: one.shown for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
+
+
+def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
+    """Whether the disks' cables look exchanged: beta is then 1 - beta, and the exponent its opposite."""
+    n, assumed, law_u = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range / 3**0.5
+    away, opposite = (abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1))
+    if away < EXCHANGED_Z or opposite > SAME_Z:
+        return []
+    return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=both.estimates["beta"].value)]
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:

@@ -44,14 +44,14 @@ ROUNDS = 4
 SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
 LOG_H_SD = 1.0  # h is as good as unknown
 MISPLACED_M = 1.5e-3
-OFFSET_K = 5.0
+FREE = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}  # m, K, s: sd of each
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset" or "foreign", with its channels.
+    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset", "late" or "foreign", with its channels.
 
     "foreign": the features hold another disk's channel in the place of this one.
     """
@@ -74,7 +74,8 @@ class Fault:
 class Verdict:
     """A hypothesis with its log likelihood, chi-square and the number of data, at its best share and h.
 
-    ``size`` is how far the junction is misplaced [m, positive deeper], how much it reads too high [K].
+    ``size`` is how far the junction is misplaced [m, positive deeper], how much it reads too high [K], how much it is
+    late [s].
     """
 
     fault: Fault
@@ -92,7 +93,7 @@ def hypotheses(left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
     Channels ``left_out`` have no faults.
     """
     used = [c for c in CHANNELS if c not in left_out]
-    yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in ("misplaced", "offset"))]
+    yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE)]
     for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]
 
@@ -138,9 +139,9 @@ def _about(
             known[at] = f.effects(fault.order, float(H_GRID_W_M2K[at]), share)
         cov = covariance(f, disk, known[at], fault.order, mixed)
         free = np.zeros_like(left[0])  # by one standard deviation of what the fault leaves free
-        sd = {"misplaced": MISPLACED_M, "offset": OFFSET_K}.get(fault.kind, 0.0)
+        quantity, sd = FREE.get(fault.kind, ("", 0.0))
         if sd:
-            names = [f"{'depth' if fault.kind == 'misplaced' else 'static'} {c}" for c in fault.channels]
+            names = [f"{quantity} {c}" for c in fault.channels]
             free = sd * known[at][[NAMES.index(name) for name in names]].sum(axis=0)
         root: Array = np.asarray(np.linalg.cholesky(cov + np.outer(free, free)), dtype=float)
         white = solve_triangular(root, left.T, lower=True)

@@ -44,10 +44,10 @@ SAME_GROUP_DEG = 60.0
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset" or "unknown".
+    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset", "late" or "unknown".
 
     A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
-    ``size``: how much deeper the junction lies than stated [m], or how much it reads too high [K];
+    ``size``: how much deeper the junction lies than stated [m], how much it reads too high [K] or is late [s];
     ``log_odds`` against a sound disk; ``numbers``: what else its words tell.
     """
 
@@ -113,7 +113,7 @@ class SensorCheck:
 
 
 def check_sensors(test: EhlTest) -> SensorCheck:
-    """Look for dead, swapped, misplaced or offset channels in the steady pattern and in both transients of a test.
+    """Look for dead, swapped, misplaced, offset or late channels in the steady pattern and both transients of a test.
 
     The outer row is predicted from the inner row by the rim model, steady, after unloading and after loading, with
     share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
@@ -165,6 +165,9 @@ def _judged(
         rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
+        if first.fault.kind == "swapped" and stats.chi2.sf(first.chi2, first.dof) < UNSOUND_P:
+            told = {**also, "chi2": sound.chi2, "dof": sound.dof}  # no swap stops a run that it does not explain
+            return sound, sound.log_likelihood, (Suspect(disk.name, "unknown", (), None, odds, told),), ()
         named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
         return sound, first.log_likelihood, (named,), ()
     if stats.chi2.sf(sound.chi2, sound.dof) < UNSOUND_P:

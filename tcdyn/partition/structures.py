@@ -10,11 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.disk import DISKS, OUTER_ROW
-from tcdyn.chain import Chain
+from calibration.estimate import Estimate
+from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Rim, lag_bank
+from tcdyn.fitting import Optimum, free_directions, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
@@ -90,13 +93,26 @@ class About:
         ratio (T - T_A)."""
         return self.film(-ratio * (self.surface - self.rim.inputs[:, 4]))
 
-    def later(self) -> tuple[Array, list[str]]:
-        """What a, c, e show more when one junction of six is ``LAG_SD_S`` slower, (6, R, 3), and their names."""
-        disk = self.test.disks[self.fit.disk]
+    def later(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
+        """What a, c, e show more when one junction is ``LAG_SD_S`` slower, (C, R, 3), and which.
+
+        Of the outer row by the straight line to ``late_s``, if that is not zero: much lag is not linear.
+        """
+        disk, window = self.test.disks[self.fit.disk], self.fit.side.window
         free = replace(disk, lag_covariance_s2=LAG_SD_S**2 * 1.2 * np.eye(6))  # 1.2: less the mean of six
-        known = effects(self.test, free, self.fit.side.window, self.share, self.h_W_m2K)
+        known = effects(self.test, free, window, self.share, self.h_W_m2K)
         rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
-        return known.change[rows], [known.of[k].name.removeprefix("lag ") for k in rows]
+        change, names = known.change[rows].copy(), [known.of[k].name.removeprefix("lag ") for k in rows]
+        slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
+        if off_s := slower.lag_s - self.chain.lag_s:
+            whole = sampled(window, self.base)
+            shown = equalised(whole, self.test.dt_s, (self.chain,) * len(OUTER_ROW), slower)
+            moved = window.blocks @ (shown - whole) * (LAG_SD_S / off_s)
+            for k, c in enumerate(OUTER_ROW):
+                if c in names:
+                    change[names.index(c)] = moved * (np.arange(len(OUTER_ROW)) == k)
+        keep = [k for k, c in enumerate(names) if c not in disk.left_out]
+        return change[keep], [names[k] for k in keep]
 
 
 def _h_step(a: About) -> Array:
@@ -166,10 +182,10 @@ STRUCTURES: dict[str, tuple[Callable[[About], Array], float]] = {
 }
 
 
-def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array) -> dict[str, Array]:
+def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, late_s: float = 0.0) -> dict[str, Array]:
     """Whitened columns (N, m) of both disks' data by a prior standard deviation of each structure's parameters.
 
-    ``theta`` (8,) is where the fit of both disks stands.
+    ``theta`` (8,) is where the fit of both disks stands, ``late_s`` how late a junction is, if not a little.
     """
     about = [About.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
     weights = [a.fit.side.window.weight for a in about]
@@ -184,10 +200,81 @@ def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array) -> dic
         fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
         out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
     for k, a in enumerate(about):
-        change, channels = a.later()
+        change, channels = a.later(late_s)
         out |= {
             f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
             for c, x in zip(channels, change)
             if c not in test.disks[DISKS[k]].left_out
         }
     return out
+
+
+@dataclass(frozen=True)
+class Refit:
+    """The fit with more columns: ``step`` (P,) of its parameters, ``sizes`` of the columns, ``volume``: half the log
+    determinant of what they add to the information; ``covariance`` (P, P) for white noise scaled by a factor."""
+
+    step: Array
+    covariance: Callable[[float], Array]
+    sizes: tuple[Estimate, ...]
+    volume: float
+    log_odds: float
+    delta_chi2: float
+    waves: float
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows."""
+
+    residual: Array
+    jacobian: Array
+    precision: Array
+    off_prior: Array
+    directions: Array
+    ends: NDArray[np.int64]
+
+    @classmethod
+    def at(cls, best: Optimum, ends: NDArray[np.int64], which: NDArray[np.int64] | None = None) -> Linear:
+        """About an optimum, by the parameters ``which`` of it."""
+        k = np.arange(len(best.theta)) if which is None else which
+        off = best.theta - best.problem.prior_mean
+        free = free_directions(best.problem.fixed[:, k])
+        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends)
+
+    def waves(self, residual: Array) -> float:
+        """Slow waves in the residuals of the worse disk, as the fits count them."""
+        parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
+        return max(wave_factor(r.reshape(-1, 3)) for r in parts)
+
+    def __call__(self, columns: Array, waves: float) -> Refit:
+        """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
+        rows = np.ones(len(self.residual))
+        rows[: self.ends[-1]] = 1 / np.sqrt(waves)
+        r, j = rows * self.residual, rows[:, None] * self.jacobian
+        x = np.zeros((len(r), columns.shape[1]))
+        x[: self.ends[-1]] = columns / np.sqrt(waves)
+        d = self.directions
+        inside = d.T @ (j.T @ j + np.diag(self.precision)) @ d
+        scale = 1 / np.sqrt(np.diag(inside))
+        cov = d @ (scale[:, None] * np.linalg.inv(inside * np.outer(scale, scale)) * scale) @ d.T
+        start = -cov @ (j.T @ r + self.precision * self.off_prior)
+        left = r + j @ start
+        follow = cov @ (j.T @ x)
+        seen = np.eye(x.shape[1]) + x.T @ x - (x.T @ j) @ follow
+        b, inverse = x.T @ left, np.linalg.inv(seen)
+        size, chi2, volume = -inverse @ b, float(b @ inverse @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
+
+        def covariance(scaled: float) -> Array:
+            own = np.asarray(cov + follow @ inverse @ follow.T)
+            return own if scaled == waves else self(columns, scaled).covariance(scaled)
+
+        return Refit(
+            step=start - follow @ size,
+            covariance=covariance,
+            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(inverse))),
+            volume=volume,
+            log_odds=0.5 * chi2 - volume,
+            delta_chi2=chi2,
+            waves=self.waves((left + x @ size - j @ (follow @ size)) / rows),
+        )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from calibration.disk import DISKS, INNER_ROW, OUTER_ROW, left_out_of, still_told
+from calibration.disk import CHANNELS, DISKS, INNER_ROW, OUTER_ROW, left_out_of, still_told
 from calibration.errors import InputError
 from calibration.files import read_numbers, sha256
 from calibration.finding import Finding, look, note
@@ -98,6 +99,7 @@ def prepare(
     )
     left_out = left_out or {}
     out = left_out_of(left_out)
+    _no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
     found += events.findings
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
@@ -168,6 +170,16 @@ def prepare(
         added=added,
         slowing=slowing,
     )
+
+
+def _no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
+    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
+    names = [n for d in DISKS for c in CHANNELS if (n := f"{d}_{c}_degC") in frame and f"{d}_{c}" not in left_out]
+    for one, other in combinations(names, 2):
+        if frame[one].nunique() > 1 and frame[one].equals(frame[other]):
+            out = f"without={other.removesuffix('_degC')}"
+            said = f"columns {one} and {other} hold the same numbers in every row: one is a copy"
+            raise InputError(said, where=where, remedy=f"map it in rig.toml [columns], or {out}", parameters=(out,))
 
 
 def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
