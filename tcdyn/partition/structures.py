@@ -94,7 +94,7 @@ class About:
         return self.film(-ratio * (self.surface - self.rim.inputs[:, 4]))
 
     def later(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
-        """What a, c, e show more when one junction is ``LAG_SD_S`` slower, (C, R, 3), and which.
+        """What a, c, e show more when one junction is ``LAG_SD_S`` slower, (6, R, 3), and which.
 
         Of the outer row by the straight line to ``late_s``, if that is not zero: much lag is not linear.
         """
@@ -111,8 +111,7 @@ class About:
             for k, c in enumerate(OUTER_ROW):
                 if c in names:
                     change[names.index(c)] = moved * (np.arange(len(OUTER_ROW)) == k)
-        keep = [k for k, c in enumerate(names) if c not in disk.left_out]
-        return change[keep], [names[k] for k in keep]
+        return change, names
 
 
 def _h_step(a: About) -> Array:
