@@ -23,7 +23,7 @@ from calibration.finding import Finding, look, note
 from tcdyn.fitting import minimise
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import ENOUGH, LOG_H, SHARE, BothFit, DiskFit, joint_problem
+from tcdyn.partition.joint import LOG_H, ROUGHLY, SHARE, BothFit, DiskFit, joint_problem
 from tcdyn.partition.structures import LAG_SD_S, Linear, Refit, structures
 
 H_OF = {  # the heat transfer coefficients that a way finds beside beta
@@ -40,7 +40,7 @@ UNITS = {  # by how much the true power is above the logged one when numbers sta
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-SAME_UNIT, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3.0, 3
+SAME_UNIT, SETTLED, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3, 3.0, 3
 SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
 NAMED_LOG_ODDS, FITS_Z = 8.0, 3.0
 STEADY_U, STEADY_BETA = 2.0, 0.02  # the headline holds within these
@@ -130,12 +130,13 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     toward[0, SHARE], toward[1, [LOG_H, 4 + LOG_H]] = 1.0, [1 / log_ratio, -1 / log_ratio]
     law_u = test.exponent_half_range / np.sqrt(3)
     nothing, stated = solve(none, waves), solve(none, both.inflation)
+    first = {name: solve(x, waves) for name, x in {"as assumed": none, **columns}.items()}
+    likeliest = sorted(first, key=lambda name: -first[name].log_odds)[:SETTLED]
     tried = []
-    for name, x in {"as assumed": none, **columns}.items():
-        found = solve(x, waves)
-        if found.log_odds > SETTLED_LOG_ODDS:
+    for name, found in first.items():
+        if name in likeliest and found.log_odds > SETTLED_LOG_ODDS:
             found = _settled(test, joint, both, name, found, waves, ends)
-        wide = found.covariance(max(found.waves, waves)) if x.size else stated.covariance(both.inflation)
+        wide = found.covariance(max(found.waves, waves)) if found.sizes else stated.covariance(both.inflation)
         usual = stated.covariance(both.inflation)
         beta, n = (
             Estimate.normal(e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w)))
@@ -161,13 +162,13 @@ def _settled(
     theta, best, sides = both.theta + found.step[:8], both.optimum, [joint[d].side for d in DISKS]
     for _ in range(ROUNDS):
         late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
-        parts = np.split(structures(test, joint, theta, late_s)[name], ends[:-1])
+        parts = np.split(structures(test, joint, theta, name, late_s)[name], ends[:-1])
         extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
         wider = [replace(s, of=(*s.of, *extra), effect=np.hstack([s.effect, x])) for s, x in zip(sides, parts)]
         problem = joint_problem(wider)
         start = np.zeros(len(problem.names))
         start[:8] = theta
-        again = minimise(problem, start, tolerance=ENOUGH)
+        again = minimise(problem, start, tolerance=ROUGHLY)
         theta = again.theta[:8]
         own = [problem.names.index(what.name) for what in extra]
         order = np.array([problem.names.index(x) for x in best.problem.names])

@@ -181,10 +181,13 @@ STRUCTURES: dict[str, tuple[Callable[[About], Array], float]] = {
 }
 
 
-def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, late_s: float = 0.0) -> dict[str, Array]:
+def structures(
+    test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, only: str = "", late_s: float = 0.0
+) -> dict[str, Array]:
     """Whitened columns (N, m) of both disks' data by a prior standard deviation of each structure's parameters.
 
-    ``theta`` (8,) is where the fit of both disks stands, ``late_s`` how late a junction is, if not a little.
+    ``theta`` (8,) is where the fit of both disks stands; ``only`` one structure, if named; ``late_s`` how late a
+    junction is, if not a little.
     """
     about = [About.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
     weights = [a.fit.side.window.weight for a in about]
@@ -196,15 +199,14 @@ def structures(test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, late_s
 
     out: dict[str, Array] = {}
     for name, (column, differ) in STRUCTURES.items():
-        fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
-        out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
+        if only in ("", name):
+            fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
+            out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
     for k, a in enumerate(about):
-        change, channels = a.later(late_s)
-        out |= {
-            f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
-            for c, x in zip(channels, change)
-            if c not in test.disks[DISKS[k]].left_out
-        }
+        if not only or only.startswith(f"lag of {DISKS[k]}"):
+            change, channels = a.later(late_s)
+            used = [c not in test.disks[DISKS[k]].left_out for c in channels]
+            out |= {f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None] for c, x, u in zip(channels, change, used) if u}
     return out
 
 
