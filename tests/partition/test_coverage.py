@@ -36,8 +36,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(draws: Callable[[int], in
 
 @pytest.mark.slow
 def test_a_wrong_exponent_is_named() -> None:
-    """A rig whose h go with the first power of the speed, against at most 0.8 stated."""
-    true = draw_truth(3, load_rig(), exponent=1.0)
+    """h with the power 1.25 of the speed, against at most 0.8 stated: one test knows the power to 0.05 or so, since a
+    part of what tells h apart may be an uneven bore."""
+    true = draw_truth(3, load_rig(), exponent=1.25)
     checked = study_rig(3, "D4", truth=true).analyse().crosscheck
     assert not checked.agree
     assert "speed exponent" in checked.sentence
