@@ -17,7 +17,7 @@ from calibration.disk import DISKS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Rim, lag_bank
-from tcdyn.fitting import Optimum, free_directions, wave_factor
+from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
@@ -256,24 +256,22 @@ class Linear:
         x = np.zeros((len(r), columns.shape[1]))
         x[: self.ends[-1]] = columns / np.sqrt(waves)
         d = self.directions
-        inside = d.T @ (j.T @ j + np.diag(self.precision)) @ d
-        scale = 1 / np.sqrt(np.diag(inside))
-        cov = d @ (scale[:, None] * np.linalg.inv(inside * np.outer(scale, scale)) * scale) @ d.T
+        cov = d @ inverse(d.T @ (j.T @ j + np.diag(self.precision)) @ d) @ d.T
         start = -cov @ (j.T @ r + self.precision * self.off_prior)
         left = r + j @ start
         follow = cov @ (j.T @ x)
         seen = np.eye(x.shape[1]) + x.T @ x - (x.T @ j) @ follow
-        b, inverse = x.T @ left, np.linalg.inv(seen)
-        size, chi2, volume = -inverse @ b, float(b @ inverse @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
+        b, known = x.T @ left, np.linalg.inv(seen)
+        size, chi2, volume = -known @ b, float(b @ known @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
 
         def covariance(scaled: float) -> Array:
-            own = np.asarray(cov + follow @ inverse @ follow.T)
+            own = np.asarray(cov + follow @ known @ follow.T)
             return own if scaled == waves else self(columns, scaled).covariance(scaled)
 
         return Refit(
             step=start - follow @ size,
             covariance=covariance,
-            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(inverse))),
+            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(known))),
             volume=volume,
             log_odds=0.5 * chi2 - volume,
             delta_chi2=chi2,
