@@ -80,11 +80,8 @@ def prepare(
     """
     where = log.path.name
     if log.metadata.get("tcdyn") == COMPENSATED:
-        raise InputError(
-            "this log is already compensated",
-            where=where,
-            remedy="give the log as it was recorded: the fits compensate it",
-        )
+        remedy = "give the log as it was recorded: the fits compensate it"
+        raise InputError("this log is already compensated", where=where, remedy=remedy)
     missing = [d for d in DISKS if d not in records]
     if missing:
         wanted = f"records={missing[0]}.disk.json"
@@ -120,11 +117,12 @@ def prepare(
         found.append(look("forces.one_zero"))
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
-    if load_N <= 0 or friction_N <= 0:
+    if not 0 < friction_N < load_N:
         raise InputError(
             f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact",
             where=where,
-            expected="both above zero",
+            expected="both above zero, and less friction than load",
+            remedy="is a sign turned round, a unit another, or are load_N and friction_N exchanged?",
         )
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
     friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N

@@ -54,3 +54,14 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
 @pytest.mark.parametrize(("share", "grade"), [(0.5 * FEW, Grade.NOTE), (2 * FEW, Grade.LOOK)])
 def test_few_samples_that_were_mended_ask_nobody(share: float, grade: Grade) -> None:
     assert by_share(share, "trace.bad", subject="e", percent=100 * share).grade is grade
+
+
+def test_load_and_friction_exchanged_is_said(
+    campaign: Campaign, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Before, the cooling fit ran away and the lag was blamed."""
+    log = pd.read_csv(campaign.files.ehl["B3"]).rename(columns={"load_N": "friction_N", "friction_N": "load_N"})
+    log.to_csv(tmp_path / "B3.csv", index=False)
+    records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
+    assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records) == 2
+    assert "are load_N and friction_N exchanged?" in capsys.readouterr().err
