@@ -89,7 +89,7 @@ def beta(
             if path is not None:
                 say(f"{word}: {path}", quiet)
     if run.partition.status != "sound":
-        in_one_line(log.name, run.partition.findings[::-1])  # the verdict first
+        in_one_line(log.name, run.partition.findings)
         raise typer.Exit(1)
 
 

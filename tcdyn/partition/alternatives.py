@@ -214,13 +214,13 @@ def impossible(
     The shares that the joint fits of either disk find by themselves add to true power over logged power.
     """
     found, gone = list[Finding](), withheld(answers, both)
-    ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
-    if ways:
-        found.append(look("answers.impossible", ways=ways))
     scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
     u = float(np.std(draws["joint fast"] - draws["joint slow"]))
     if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):
         near = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0}
         units = [name for name in sorted(near, key=near.__getitem__) if near[name] < max(SAME_UNIT, 2 * u / abs(scale))]
         found.append(look("power.scale", scale=scale, u=u, units=units[:2]))
+    ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
+    if ways:
+        found.append(look("answers.impossible", ways=ways))
     return found

@@ -206,8 +206,12 @@ def analyse(
     draws = {**budget.draws, **drawn}
     answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
-    findings = [*_exchanged(test, both), *findings]
-    findings += [*impossible(answers, both.estimates, draws), *(held.findings if held else ())]
+    findings = [
+        *_exchanged(test, both),
+        *impossible(answers, both.estimates, draws),
+        *findings,
+    ]  # likeliest causes first
+    findings += held.findings if held else ()
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
