@@ -206,11 +206,9 @@ def analyse(
     draws = {**budget.draws, **drawn}
     answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
-    findings = [
-        *_exchanged(test, both),
-        *impossible(answers, both.estimates, draws),
-        *findings,
-    ]  # likeliest causes first
+    causes = impossible(answers, both.estimates, draws)
+    units = [f for f in causes if f.numbers.get("units")]  # they explain all the rest
+    findings = [*_exchanged(test, both), *units, *findings, *(f for f in causes if f not in units)]
     findings += held.findings if held else ()
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(

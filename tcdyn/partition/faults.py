@@ -172,7 +172,7 @@ def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
         size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
         if abs(again.size.value) < SETTLED_M:
             break
-    if size.value + stated.depth_m > deepest + MISPLACED_M:  # no hole is drilled so far beyond the inner row
+    if size.value + stated.depth_m > deepest:  # the outer row lies above the inner one
         return replace(again, size=size, log_likelihood=-np.inf)
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
