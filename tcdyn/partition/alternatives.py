@@ -130,14 +130,14 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     toward[0, SHARE], toward[1, [LOG_H, 4 + LOG_H]] = 1.0, [1 / log_ratio, -1 / log_ratio]
     law_u = test.exponent_half_range / np.sqrt(3)
     nothing, stated = solve(none, waves), solve(none, both.inflation)
+    usual = stated.covariance(both.inflation)
     first = {name: solve(x, waves) for name, x in {"as assumed": none, **columns}.items()}
     likeliest = sorted(first, key=lambda name: -first[name].log_odds)[:SETTLED]
     tried = []
     for name, found in first.items():
         if name in likeliest and found.log_odds > SETTLED_LOG_ODDS:
             found = _settled(test, joint, both, name, found, waves, ends)
-        wide = found.covariance(max(found.waves, waves)) if found.sizes else stated.covariance(both.inflation)
-        usual = stated.covariance(both.inflation)
+        wide = found.covariance(max(found.waves, waves)) if found.sizes else usual
         beta, n = (
             Estimate.normal(e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w)))
             for e, t in zip((both.estimates["beta"], both.estimates["exponent"]), toward)
