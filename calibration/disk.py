@@ -247,6 +247,7 @@ class UncertaintyTable(RigTable):
     half_width_rel: float = Field(default=0.03, ge=0, lt=0.5)
     friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
     ambient_K: float = Field(default=1.0, ge=0, lt=50)
+    film_along_rel: float = Field(default=0.2, ge=0, lt=1)
     speed_exponent_low: float = Field(default=0.571, ge=0, le=2)
     speed_exponent_high: float = Field(default=0.8, ge=0, le=2)
 

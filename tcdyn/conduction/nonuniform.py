@@ -1,11 +1,9 @@
-"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26.
-
-For users of the rim model, in Python: no fit of this package lets h vary across the width.
-"""
+"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,11 +15,13 @@ from tcdyn.conduction.modal import (
     forcing,
     outer_source,
     readings,
+    rim_gains,
     spectrum,
     surface_weight,
 )
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
+FILM_BASIS = 150  # enough for effects of a film that varies little
 BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
 
 
@@ -42,6 +42,19 @@ def film_in_steps(width_m: float, edges_m: Sequence[float], values_W_m2K: Sequen
     return np.asarray(np.diff(np.interp(cells, knots, total)) / np.diff(cells))
 
 
+def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
+    """Film coefficient of each z node (nz,) that departs from its mean by two shapes: h (1 + a x + c (1 - 3 x^2)).
+
+    ``along``: a, relative rise from the middle to the last face, and c, that at the track; x from -1 to 1
+    across the width. The mean of both shapes is zero.
+
+    >>> film_along(300.0, (0.5, 0.0), 5)
+    array([150., 225., 300., 375., 450.])
+    """
+    x = np.linspace(-1.0, 1.0, nz)
+    return np.asarray(mean_W_m2K * (1 + along[0] * x + along[1] * (1 - 3 * x**2)))
+
+
 def rim_gains_nonuniform(
     rim: Rim,
     film_W_m2K: Array,
@@ -51,11 +64,12 @@ def rim_gains_nonuniform(
     profile: Profile = "modal",
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
+    basis: int = BASIS,
 ) -> RimGains:
     """``rim_gains`` for a film that varies along z, one value per z node (``film_in_steps``).
 
     Modes of the mean film are the basis. The steady answer is exact: the film's variation couples z-modes only
-    through the surface, a system of nz unknowns. The slowest ``BASIS`` modes are coupled and diagonalised anew for
+    through the surface, a system of nz unknowns. The slowest ``basis`` modes are coupled and diagonalised anew for
     the dynamics; what remains of the steady answer follows within a millisecond and goes to the fastest lag.
     """
     film = np.asarray(film_W_m2K, dtype=float)
@@ -80,7 +94,7 @@ def rim_gains_nonuniform(
     exact = free - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :]
     read_r, read_z = readings(rim, tuple(points), mesh)
     seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
-    keep = lam <= np.sort(lam, axis=None)[min(BASIS, lam.size) - 1]
+    keep = lam <= np.sort(lam, axis=None)[min(basis, lam.size) - 1]
     m, n = np.nonzero(keep)
     reduced = np.diag(lam[keep]) + np.outer(surface[m], surface[m]) * coupling[np.ix_(n, n)]
     rate, turn = np.linalg.eigh(reduced)
@@ -89,3 +103,37 @@ def rim_gains_nonuniform(
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     return RimGains(INPUTS, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
+
+
+@lru_cache(maxsize=2048)
+def cached_gains(
+    rim: Rim,
+    h_W_m2K: float,
+    points: tuple[Point, ...],
+    half_width_m: float,
+    rates: tuple[float, ...],
+    profile: Profile,
+    flux: Flux,
+    mesh: Mesh,
+    film: bool = False,
+    along: tuple[float, float] = (0.0, 0.0),
+) -> RimGains:
+    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
+    two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it."""
+    if any(along):
+        h_z, same = film_along(h_W_m2K, along, mesh.nz), (points, half_width_m, np.array(rates), profile, flux, mesh)
+        varied = rim_gains_nonuniform(rim, h_z, *same, basis=FILM_BASIS)
+        if not film:
+            return varied
+        whole = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
+        parts = ("gains", "direct", "static")
+        rows = (np.concatenate([getattr(varied, x), getattr(whole, x)[len(INPUTS) :]]) for x in parts)
+        return RimGains(whole.inputs, tuple(points), whole.rates, *rows)
+    split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
+    if not film:
+        return split
+    gains, direct, static = (
+        np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]])
+        for x in (split.gains, split.direct, split.static)
+    )
+    return RimGains((*INPUTS, "film", "film by n"), tuple(points), split.rates, gains, direct, static)

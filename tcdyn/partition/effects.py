@@ -1,6 +1,5 @@
 """What nobody measured in a test: how well it is known, and what it does to the readings that the rim predicts: in the
-blocks that the fits look at, and in few numbers that tell junctions apart, of the steady level and the first seconds
-after loading and unloading."""
+blocks of the fits, and in few numbers that tell junctions apart, of the steady level and after each event."""
 
 from __future__ import annotations
 
@@ -38,6 +37,8 @@ from tcdyn.partition.window import (
 from tcdyn.traces import DiskTraces
 
 MATERIAL_STEP = 0.01
+ALONG_STEP = 0.1
+ALONG = [[Perturbation(film=(s * a, s * b)) for s in (ALONG_STEP, -ALONG_STEP)] for a, b in np.eye(2)]
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
 DEPTH_STEP_M = 0.05e-3
 SMOOTH_RATE_S = 0.5
@@ -72,6 +73,7 @@ OWN = (
     Unmeasured("friction", "friction", True),
     *(Unmeasured(f"split {c}", "chain") for c in OUTER_ROW),
     Unmeasured("film exponent", "film exponent", True),
+    *(Unmeasured(f"film along {k}", "film along the track") for k in ("the width", "the middle")),
 )
 
 
@@ -150,10 +152,12 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(3)[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    film = rim.through(FILM_BY_N, h_W_m2K)
-    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
-    u = np.concatenate([stated_u(disk, static), own])
-    change = np.concatenate([known, [late, share * power], split, [film]])
+    film, uncertain = rim.through(FILM_BY_N, h_W_m2K), disk.uncertainty
+    sides = np.array([[x + share * heat for x, heat in (rim.answer(h_W_m2K, p) for p in pair)] for pair in ALONG])
+    along = (sides[:, 0] - sides[:, 1]) / (2 * ALONG_STEP)
+    own = [test.events.unload_u_s, uncertain.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    u = np.concatenate([stated_u(disk, static), own, [uncertain.film_along_rel] * 2])
+    change = np.concatenate([known, [late, share * power], split, [film], along])
     asked = np.flatnonzero(u > 0)
     of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
     uneven, change = known_round(test, disk.name), u[asked, None, None] * change[asked]

@@ -16,12 +16,13 @@ from calibration import Array
 from calibration.disk import DISKS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.chain import Chain, equalised
+from tcdyn.conduction.nonuniform import cached_gains
 from tcdyn.conduction.rim import Rim, lag_bank
 from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
-from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, cached_gains, power_seen, sampled
+from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film

@@ -7,7 +7,6 @@ matters, and one filter bank of that stretch serves every heat transfer coeffici
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,9 @@ from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.modal import INPUTS, RimGains, rim_gains
-from tcdyn.conduction.rim import Flux, HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.modal import INPUTS, RimGains
+from tcdyn.conduction.nonuniform import cached_gains
+from tcdyn.conduction.rim import HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -43,9 +43,8 @@ FILM, FILM_BY_N = slice(5, 6), slice(6, 7)  # where speeds change
 class Perturbation:
     """Departures from the stated disk: relative ones of properties, ``deeper_m`` (6,) of junctions a, c, e, d, b, f.
 
-    ``shift_m``: of the flux's centre along z [m].
-
-    The rim begins at the stated depth of b whatever the inner row's depths are.
+    ``shift_m``: of the flux's centre along z [m]; ``film``: of h along the track, see ``film_along``. The rim begins at
+    the stated depth of b whatever the inner row's depths are.
     """
 
     conductivity: float = 0.0
@@ -54,6 +53,7 @@ class Perturbation:
     half_width: float = 0.0
     deeper_m: tuple[float, ...] = (0.0,) * len(ROWS)
     shift_m: float = 0.0
+    film: tuple[float, float] = (0.0, 0.0)
 
 
 NOMINAL = Perturbation()
@@ -95,9 +95,8 @@ class RimMeans:
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
         flux = HertzBeside(width, p.shift_m) if p.shift_m else "hertz"
-        mesh = BORE_MESH if bore else FIT_MESH
-        film = len(self.banks) > len(INPUTS)
-        return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, flux, mesh, film)
+        mesh, rates, film = BORE_MESH if bore else FIT_MESH, tuple(self.rates_1_s), len(self.banks) > len(INPUTS)
+        return cached_gains(rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film)
 
     def through(
         self,
@@ -126,30 +125,6 @@ class RimMeans:
         depth = self.setup.junctions["b"].depth_m - GRADIENT_STEP_M
         rest, power = self.answer(h_W_m2K, p, tuple((depth, self.setup.junctions[c].z_m) for c in INNER_ROW))
         return (rest[..., 3:] - self.inputs[:, 1:4]) / GRADIENT_STEP_M, power[..., 3:] / GRADIENT_STEP_M
-
-
-@lru_cache(maxsize=2048)
-def cached_gains(
-    rim: Rim,
-    h_W_m2K: float,
-    points: tuple[Point, ...],
-    half_width_m: float,
-    rates: tuple[float, ...],
-    profile: Profile,
-    flux: Flux,
-    mesh: Mesh,
-    film: bool = False,
-) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
-    two more inputs, both air at the running surface alone."""
-    split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
-    if not film:
-        return split
-    gains, direct, static = (
-        np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]])
-        for x in (split.gains, split.direct, split.static)
-    )
-    return RimGains((*INPUTS, "film", "film by n"), tuple(points), split.rates, gains, direct, static)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, res
 
 from calibration.errors import InputError
 from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
+from tcdyn.conduction.nonuniform import FILM_BASIS, film_along, film_in_steps, rim_gains_nonuniform
 from tcdyn.conduction.referees import scheme
 from tcdyn.conduction.rim import Mesh, node_rates
 
@@ -50,3 +50,21 @@ def test_steps_that_make_no_sense_are_refused(edges, values):
 def test_a_film_of_the_wrong_length_is_refused(rim, points):
     with pytest.raises(InputError, match="shape"):
         rim_gains_nonuniform(rim, np.ones(5), points, B, node_rates(DT), mesh=MESH)
+
+
+@pytest.mark.parametrize("along", [(0.1, 0.0), (0.0, 0.1)])
+def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along):
+    """The difference of both signs: what few modes leave out of the uniform film's answer is the same in both."""
+    drive, rates = heating_and_cooling(4.0, 1.0, 3.0), node_rates(DT)
+    banks = [drive.bank(k, rates) for k in range(5)]
+
+    def changed(basis):
+        films = [film_along(300.0, (s * along[0], s * along[1]), MESH.nz) for s in (1, -1)]
+        assert np.trapezoid(films[0], np.linspace(0, 1, MESH.nz)) == pytest.approx(300.0, rel=1e-3)
+        gains = (rim_gains_nonuniform(rim, f, points, B, rates, mesh=MESH, basis=basis) for f in films)
+        one, other = (respond(g, banks, drive.inputs) for g in gains)
+        return one - other
+
+    few, many = changed(FILM_BASIS), changed(600)
+    assert np.abs(many).max() > 0.01
+    assert np.abs(few - many).max() < 0.05 * np.abs(many).max()

@@ -16,6 +16,7 @@ from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
+from tests.partition.world_study import world_rig
 
 
 def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
@@ -138,3 +139,18 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
             k = [o.name for o in base[disk].shift.of].index(what)
             said = base[disk].shift.per_sd[k][0]
             assert fits[disk].share - base[disk].share == pytest.approx(said, rel=0.2, abs=6e-4)
+
+
+def test_a_film_that_is_weak_where_the_track_is_moves_h_within_what_is_said_and_beta_hardly() -> None:
+    """Strips of 1.25, 0.5 and 1.25 h across the surface, by a solver of its own."""
+    made = world_rig(7202, "film off the track")
+    _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+    _, both = joint_fits(made.test, speed.starts)
+    for name, largest in (("beta", 2.0), ("h_fast", 2.5), ("h_slow", 2.5)):
+        found = both.estimates[name]
+        assert abs(found.value - made.told[name]) < largest * found.u, name
+    known = {d: replace(x, uncertainty=x.uncertainty.model_copy(update={"film_along_rel": 0.0}))
+             for d, x in made.test.disks.items()}  # fmt: skip
+    _, sure = joint_fits(replace(made.test, disks=known), speed.starts)
+    assert sure.estimates["h_fast"].u < 0.85 * both.estimates["h_fast"].u
+    assert sure.estimates["beta"].u > 0.93 * both.estimates["beta"].u

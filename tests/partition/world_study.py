@@ -36,7 +36,8 @@ REFRESH_S = 0.4  # between new coefficients where they follow the temperature
 
 @dataclass(frozen=True)
 class World:
-    """What is otherwise than the fits assume; ``later`` multiplies the first lag of one channel."""
+    """What is otherwise than the fits assume; ``later`` multiplies the first lag of one channel, ``film`` h in as many
+    equal strips across the running surface."""
 
     h_after: float = 1.0
     h_per_K: float = 0.0
@@ -48,6 +49,7 @@ class World:
     later: dict[str, float] = field(default_factory=dict)
     k_per_K: float = 0.0
     elsewhere: float = 0.0
+    film: tuple[float, ...] = (1.0,)
 
     @property
     def follows(self) -> bool:
@@ -72,6 +74,9 @@ WORLDS: dict[str, tuple[World, str]] = {
     "bubble x2 of b": (World(later={"slow_b": 2.0}), "lag of slow_b"),
     "k -10 %": (World(k_per_K=-0.001), "k_of_T"),
     "15 % elsewhere": (World(elsewhere=0.15), "elsewhere"),
+    "film 1.5 | 0.5": (World(film=(1.5, 0.5)), "as assumed"),
+    "film at the track": (World(film=(0.75, 1.5, 0.75)), "as assumed"),
+    "film off the track": (World(film=(1.25, 0.5, 1.25)), "as assumed"),
 }
 
 
@@ -95,6 +100,7 @@ def temperatures(
     x = np.clip((edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1)
     heat = np.zeros(cells.size)
     heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))
+    strip = np.asarray(world.film)[np.minimum((at_z / s.width_m * len(world.film)).astype(int), len(world.film) - 1)]
     film_area = 2 * np.pi * s.outer_radius_m * dz
     washer = world.faces * s.washer_conductivity_W_mK / s.washer_thickness_m
 
@@ -105,7 +111,7 @@ def temperatures(
         ij = [(cells[:-1], cells[1:], in_r), (cells[:, :-1], cells[:, 1:], in_z)]
         i, j, g = (np.concatenate([np.ravel(part[q]) for part in ij]) for q in range(3))
         ground, film = np.zeros(cells.size), np.zeros(cells.size)
-        film[cells[-1]] = film_area / (1 / h_now + (s.outer_radius_m - at_r[-1]) / k)
+        film[cells[-1]] = film_area / (1 / (h_now * strip) + (s.outer_radius_m - at_r[-1]) / k)
         for face in (0, -1):
             ground[cells[:, face]] += area / (1 / washer + 0.5 * dz[0] / k)
         to_shaft = 2 * np.pi * s.bore_radius_m * dz
