@@ -21,6 +21,7 @@ from calibration import Array
 from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import LEVELS, STATED, DiskFeatures, Order, stated_u
+from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import SENSED
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
@@ -47,6 +48,8 @@ MISPLACED_M = 1.5e-3
 FREE = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}  # m, K, s: sd of each
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
+REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
+MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
 
 
 @dataclass(frozen=True)
@@ -175,6 +178,28 @@ def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     if size.value + stated.depth_m > deepest:  # the outer row lies above the inner one
         return replace(again, size=size, log_likelihood=-np.inf)
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
+
+
+def off_at_rest(test: EhlTest, disk: DiskTraces) -> dict[str, Estimate]:
+    """By how much a channel, or two, differ from a disk's others before the load [K], where the disk rests at ambient.
+
+    Under load a steady offset of the inner row is nearly the same as another h and a disk that sits unevenly.
+    """
+    on = test.events.load_on_s
+    rest = (test.time_s > on - REST_S) & (test.time_s < on - 0.5)
+    used = np.flatnonzero(~disk.out)
+    y = disk.readings_degC[rest][:, used]
+    if len(y) < 0.3 * REST_S / test.dt_s:
+        return {}
+    third, mean = len(y) // 3, y.mean(axis=0)
+    drift = abs(float(np.median(y[-third:].mean(axis=0) - y[:third].mean(axis=0))))
+    u = np.hypot(disk.static_u(disk.readings_degC[rest].mean(axis=0)), MEAN_NOISE * disk.noise_K)[used]
+    away = mean - np.median(mean)
+    off = np.abs(away) > np.maximum(OFF_Z * u, OFF_K)
+    warm = abs(np.median(mean) - test.ambient_degC[rest].mean()) > AT_REST_K or drift > OFF_K
+    if warm or not 1 <= off.sum() <= 2 or np.ptp(away[~off]) > OFF_K:
+        return {}
+    return {CHANNELS[used[k]]: Estimate.normal(float(away[k]), float(u[k])) for k in np.flatnonzero(off)}
 
 
 def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:

@@ -24,6 +24,7 @@ from tcdyn.partition.faults import (
     depth_test,
     hypotheses,
     judge,
+    off_at_rest,
     settled,
 )
 from tcdyn.partition.window import between
@@ -125,7 +126,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
     likely, depths = {}, {}
     for d, f in features.items():
-        found[d] = _dead(test, test.disks[d], f)
+        found[d] = _dead(test, test.disks[d], f) or _off(test, test.disks[d])
         if not found[d]:
             sound, best, suspect, pairs = _judged(f, test.disks[d])
             found[d], likely[d] = suspect, best
@@ -209,6 +210,14 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
         out.append(Suspect(disk.name, "dead", (CHANNELS[i],), None, np.inf, {k: float(v) for k, v in moved.items()}))
     return tuple(out)
+
+
+def _off(test: EhlTest, disk: DiskTraces) -> tuple[Suspect, ...]:
+    """Channels that are off while the disk is at rest."""
+    found = off_at_rest(test, disk)
+    return tuple(
+        Suspect(disk.name, "offset", (c,), size, 0.5 * (size.value / size.u) ** 2) for c, size in found.items()
+    )
 
 
 def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:

@@ -14,7 +14,7 @@ from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.partition.effects import LEVELS, STATED, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.faults import AS_WIRED
+from tcdyn.partition.faults import AS_WIRED, off_at_rest
 from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
 from tcdyn.partition.uneven import at_junctions
 from tcdyn.pipeline.beta import prepare
@@ -126,6 +126,22 @@ def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None
         assert (suspect.kind, suspect.channels) == ("offset", (channel,))
         assert suspect.size is not None
         assert suspect.size.value == pytest.approx(4.0, abs=1.5)  # prior of 5 K, and 3 u of the model's level
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_an_offset_shows_before_the_load_in_every_channel(b3: EhlTest, channel: str) -> None:
+    """An inner one under load is nearly another h and an uneven fit; at rest all junctions read alike."""
+    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 2.0})).suspects
+    assert (suspect.kind, suspect.channels) == ("offset", (channel,))
+    assert suspect.size is not None
+    assert suspect.size.value == pytest.approx(2.0, abs=0.3)  # lines known to 0.06 K, noise of 0.12 K
+
+
+def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTest) -> None:
+    rest, fast = b3.time_s < b3.events.load_on_s, b3.disks["fast"]
+    warm = {c: column(b3, "fast", c) + rest * (20.0 + 2.0 * (c == "b")) for c in CHANNELS}
+    assert off_at_rest(with_readings(b3, "fast", warm), with_readings(b3, "fast", warm).disks["fast"]) == {}
+    assert off_at_rest(b3, fast) == {}
 
 
 def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:
