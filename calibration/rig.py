@@ -132,6 +132,7 @@ class RigTables(RigTable):
             washer_thickness_m=w.thickness_mm * 1e-3,
             junctions={k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)},
             conditioning=self.conditioning,
+            flux=self.contact.flux,
         )
 
 

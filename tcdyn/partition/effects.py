@@ -16,6 +16,7 @@ from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
 from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.statement import statement_effects
 from tcdyn.partition.uneven import Unmeasured, round_effects, sensed
 from tcdyn.partition.window import (
     FILM,
@@ -156,7 +157,9 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     change = np.concatenate([known, [late, share * power], split, [film]])
     asked = np.flatnonzero(u > 0)
     of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
-    uneven, change = known_round(test, disk.name), u[asked, None, None] * change[asked]
+    more_of, more = statement_effects(disk, window, share, h_W_m2K)
+    of, change = (*of, *more_of), np.concatenate([u[asked, None, None] * change[asked], more])
+    uneven = known_round(test, disk.name)
     return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[1:4], since_s))
 
 

@@ -21,11 +21,12 @@ from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
+from tcdyn.partition.statement.flux import by_shift
 from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, cached_gains, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
-SHIFT_SD_M, SHIFT_STEP_M = 0.35e-3, 0.25e-3  # of the flux along the track: 0.5 mm of each disk
+SHIFT_SD_M = 0.35e-3  # of the flux along the track: 0.5 mm of each disk
 WIDER_SD = 0.5  # of the flux's half-width
 FACES_SD = 1.0  # of the washers' conductance
 STEM_SD = 0.02  # of a junction's excess over ambient that its wires take away
@@ -128,9 +129,7 @@ def _at_parting(a: About, x: Array) -> float:
 
 
 def _flux_shift(a: About) -> Array:
-    """By the places of d and f round b the sign of a shift is each disk's own."""
-    one, other = (a.moved(Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-    return np.asarray((one - other) * SHIFT_SD_M / (2 * SHIFT_STEP_M))
+    return SHIFT_SD_M * by_shift(a.rim, a.share, a.h_W_m2K)
 
 
 def _flux_wider(a: About) -> Array:

@@ -18,8 +18,9 @@ from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
+from tcdyn.conduction.flux import track
 from tcdyn.conduction.modal import INPUTS, RimGains, rim_gains
-from tcdyn.conduction.rim import Flux, HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.rim import Flux, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -94,7 +95,7 @@ class RimMeans:
         )
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
-        flux = HertzBeside(width, p.shift_m) if p.shift_m else "hertz"
+        flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
         mesh = BORE_MESH if bore else FIT_MESH
         film = len(self.banks) > len(INPUTS)
         return cached_gains(rim, h_W_m2K, points, width, tuple(self.rates_1_s), self.profile, flux, mesh, film)

@@ -27,7 +27,7 @@ from tcdyn.contact import (
     FrictionAdded,
     contact_force,
     equal_radius_m,
-    half_width_m,
+    hertz_contact,
     speed_course,
     surface_speed_m_s,
 )
@@ -140,7 +140,7 @@ def prepare(
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
-    half_width = half_width_m(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
+    contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
     disks = {}
     for d in DISKS:
@@ -148,7 +148,9 @@ def prepare(
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
-        disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
+        uncertainty = traces.uncertainty.model_copy(update={"friction_rel": friction_rel})
+        setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
+        disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
     return EhlTest(
         time_s=t,
         dt_s=dt,
@@ -160,7 +162,7 @@ def prepare(
         speed_ratio=ratio,
         sliding_speed_m_s=speeds[0] - speeds[1],
         entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
-        half_width_m=half_width,
+        half_width_m=contact.major_m,
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks=disks,

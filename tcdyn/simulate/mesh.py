@@ -10,6 +10,7 @@ from scipy import sparse
 
 from calibration import Array
 from calibration.errors import InputError
+from tcdyn.simulate.track import track_shares
 from tcdyn.simulate.truth import DiskTruth
 
 Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
@@ -70,12 +71,6 @@ def graded_edges(start: float, end: float, first: float, count: int) -> Array:
     return start + np.sign(end - start) * length * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
 
 
-def hertz_shares(edges: Array, half_width_m: float) -> Array:
-    """Share of a parabolic track's heat that falls into each cell, by its exact integral; sums to one."""
-    x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
-    return np.asarray(np.diff(0.75 * (x - x**3 / 3.0)))
-
-
 def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh) -> DiskSystem:
     """Assemble the whole disk, bore to running surface, with washers, shaft and cooled running surface.
 
@@ -94,7 +89,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     skin = skin_m2K_W(disk, g)
     area, track = np.zeros(g.size), np.zeros(g.size)
     area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
-    track[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m)
+    track[g.cells[-1]] = track_shares(g.z_edges, half_width_m, s.flux)
 
     ends = g.shaft[[0, -1]]
     to_bearing = np.zeros(g.size)

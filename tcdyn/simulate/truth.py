@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
+from calibration.flux import FluxProfile
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
 
@@ -146,6 +147,8 @@ def draw_truth(
         own = rng_for(seed, "disk", name)
         setup = rig.disk_setup(name)
         moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
+        if uncertain:
+            moved = replace(moved, flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]))
         disks[name] = _draw_disk(own, name, moved if uncertain else setup)
     return RigTruth(
         fast=disks["fast"],
@@ -185,6 +188,11 @@ def _draw_setup(
         washer_conductivity_W_mK=setup.washer_conductivity_W_mK * factors["washer"],
         junctions=junctions,
     )
+
+
+def _draw_flux(rng: np.random.Generator, setup: DiskSetup, rig: Rig, wider: float) -> FluxProfile:
+    off = float(np.clip(rng.standard_normal(), -3, 3)) * 1e-3 * rig.tables(setup.name).uncertainty.flux_shift_mm
+    return replace(setup.flux, shift_m=setup.flux.shift_m + off, at_m=tuple(wider * x for x in setup.flux.at_m))
 
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:

@@ -1,0 +1,26 @@
+"""What ``rig.toml`` may state beyond the thesis's own model (its section 8.3): the flux across the track."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration import Array
+from tcdyn.partition.statement.flux import SHIFT, by_shift
+from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.window import DiskWindow
+from tcdyn.traces import DiskTraces
+
+__all__ = ["statement_effects"]
+
+
+def statement_effects(
+    disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
+) -> tuple[tuple[Unmeasured, ...], Array]:
+    """What readings of a, c, e show more than predicted by one standard uncertainty of each statement, (Q, R, 3) [K].
+
+    Only of those that have an uncertainty.
+    """
+    u, found = disk.uncertainty, dict[Unmeasured, Array]()
+    if u.flux_shift_mm:
+        found[SHIFT] = 1e-3 * u.flux_shift_mm * by_shift(window.rim, share, h_W_m2K)
+    return tuple(found), np.reshape([*found.values()], (len(found), *window.y.shape))
