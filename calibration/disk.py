@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.flux import HERTZ_FLUX, FluxKind, FluxProfile
+from calibration.stated.flux import HERTZ_FLUX, FluxKind, FluxProfile
+from calibration.stated.steel import EVEN_STEEL, SteelSlopes
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 CHANNELS = ("a", "b", "c", "d", "e", "f")
@@ -105,6 +106,7 @@ class DiskSetup:
     junctions: Mapping[str, Junction]
     conditioning: Conditioning
     flux: FluxProfile = HERTZ_FLUX
+    steel: SteelSlopes = EVEN_STEEL
 
     @property
     def diffusivity_m2_s(self) -> float:
@@ -196,6 +198,9 @@ class DiskTable(RigTable):
     conductivity_W_mK: float = Field(default=41.0, gt=0.1, lt=2500)
     density_kg_m3: float = Field(default=7850.0, gt=100, lt=25000)
     specific_heat_J_kgK: float = Field(default=470.0, gt=50, lt=6000)
+    conductivity_slope_per_K: float = Field(default=0.0, gt=-0.002, lt=0.005)
+    specific_heat_slope_per_K: float = Field(default=0.0, gt=-0.002, lt=0.005)
+    reference_degC: float = Field(default=20.0, ge=-100, le=400)
 
     @model_validator(mode="after")
     def _bore_inside(self) -> DiskTable:
@@ -276,6 +281,8 @@ class UncertaintyTable(RigTable):
     washer_rel: float = Field(default=0.20, ge=0, lt=1)
     half_width_rel: float = Field(default=0.03, ge=0, lt=0.5)
     flux_shift_mm: float = Field(default=0.0, ge=0, lt=10)
+    conductivity_slope_per_K: float = Field(default=0.0, ge=0, lt=0.005)
+    specific_heat_slope_per_K: float = Field(default=0.0, ge=0, lt=0.005)
     friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
     ambient_K: float = Field(default=1.0, ge=0, lt=50)
     speed_exponent_low: float = Field(default=0.571, ge=0, le=2)

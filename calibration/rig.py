@@ -29,6 +29,7 @@ from calibration.disk import (
 )
 from calibration.errors import InputError
 from calibration.result import Result
+from calibration.stated.steel import SteelSlopes
 
 _PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
 LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
@@ -133,6 +134,7 @@ class RigTables(RigTable):
             junctions={k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)},
             conditioning=self.conditioning,
             flux=self.contact.flux,
+            steel=SteelSlopes(d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC),
         )
 
 

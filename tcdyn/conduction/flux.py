@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.flux import FluxProfile
+from calibration.stated.flux import FluxProfile
 
 ROUND, ALONG = 4001, 96  # nodes across the track and along rolling, where no closed form is at hand
 LEAST_ON_SURFACE = 0.99
@@ -20,7 +20,7 @@ HERTZ: Literal["hertz"] = "hertz"
 
 
 @dataclass(frozen=True)
-class Track:
+class TrackFlux:
     """A stated profile on a contact of half-width ``half_width_m`` [m], a table's places ``wider`` times as far out."""
 
     profile: FluxProfile
@@ -30,7 +30,7 @@ class Track:
     def below(self, z_m: Array) -> Array:
         """Share of the heat that enters below each place ``z_m`` from the centre plane, same shape.
 
-        >>> Track(FluxProfile("flat", shift_m=0.5e-3), 1e-3).below(np.array([-0.5e-3, 0.0, 1.5e-3]))
+        >>> TrackFlux(FluxProfile("flat", shift_m=0.5e-3), 1e-3).below(np.array([-0.5e-3, 0.0, 1.5e-3]))
         array([0.  , 0.25, 1.  ])
         """
         p, z = self.profile, np.asarray(z_m, dtype=float) - self.profile.shift_m
@@ -65,10 +65,10 @@ class Track:
 
 def track(
     stated: FluxProfile, half_width_m: float, shift_m: float = 0.0, wider: float = 1.0
-) -> Track | Literal["hertz"]:
-    """The flux of a stated profile moved by ``shift_m``: "hertz" where that is the thesis's own, else a ``Track``."""
+) -> TrackFlux | Literal["hertz"]:
+    """The flux of a stated profile moved by ``shift_m``: "hertz" where that is the thesis's own."""
     moved = replace(stated, shift_m=stated.shift_m + shift_m) if shift_m else stated
-    return HERTZ if moved == FluxProfile() else Track(moved, half_width_m, wider)
+    return HERTZ if moved == FluxProfile() else TrackFlux(moved, half_width_m, wider)
 
 
 @lru_cache(maxsize=16)

@@ -15,11 +15,11 @@ from scipy.signal import lfilter
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
-from tcdyn.conduction.flux import Track
+from tcdyn.conduction.flux import TrackFlux
 
 Point = tuple[float, float]  # (depth below the running surface, z from one face), both in m
 Profile = Literal["quadratic", "quartic", "modal"]
-Flux = Literal["hertz", "uniform"] | Track | Callable[[Array], Array]
+Flux = Literal["hertz", "uniform"] | TrackFlux | Callable[[Array], Array]
 MAX_LENGTH_M = 10.0
 SLOWEST_PER_S = 0.3  # below the slowest mode of a 6 mm rim of steel (0.7 1/s)
 NODES = 40  # of the bank

@@ -46,6 +46,7 @@ from tcdyn.partition.steady import (
     DiskLine,
     SpeedLawPoint,
     at_one_radius,
+    at_own_temperature,
     steady_lines,
     surface_temperatures,
 )
@@ -152,7 +153,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    test = _followed(at_one_radius(test))
+    test = _followed(at_one_radius(at_own_temperature(test)))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -264,7 +265,7 @@ def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, Ehl
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
-    test = _followed(test)
+    test = _followed(at_own_temperature(test))
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]

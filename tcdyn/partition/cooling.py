@@ -16,14 +16,13 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine
+from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine, surface_degC
 from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01
-PLACES = 12  # across the running surface
 LEAST_SPEED = 0.01  # of that under load
 AMBIENT = 4  # of the rim's inputs
 
@@ -46,9 +45,7 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
-    surface = tuple((0.0, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * disk.setup.width_m)
-    rest, power = (x[:, len(OUTER) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=surface))
-    warmer = rest + share * power - window.rim.inputs[:, AMBIENT]
+    warmer = surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, AMBIENT]
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
     return np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])

@@ -274,7 +274,7 @@ def _stretch(
     t = test.time_s[rows]
     chain = disk.mean_chain
     chains = chain, chain.with_lag_shift(LAG_STEP_S)
-    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    y = disk.setup.steel.straight(equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain))
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
     film = film_seen(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower, *film], axis=1)

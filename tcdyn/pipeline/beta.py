@@ -37,6 +37,7 @@ from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.traces import bridged, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
 SLOWER_S = 3.0  # after the parting a changed speed is told
 BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
@@ -187,8 +188,7 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     if "setup" not in record.model_fields_set:
         return []
     own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
-    changed = [key for key in changed_keys(own, stated) if not key[0].endswith("angle_deg")]  # no lag asks for angles
-    if not changed:
+    if not (changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]):
         return []
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]

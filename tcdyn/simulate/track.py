@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration import Array
-from calibration.flux import FluxProfile
+from calibration.stated.flux import FluxProfile
 
 FINE = 2001  # cells across the track and along rolling
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
-from calibration.flux import FluxProfile
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
+from calibration.stated.flux import FluxProfile
 
 
 @dataclass(frozen=True)

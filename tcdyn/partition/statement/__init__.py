@@ -1,4 +1,5 @@
-"""What ``rig.toml`` may state beyond the thesis's own model (its section 8.3): the flux across the track."""
+"""What ``rig.toml`` may state beyond the thesis's own model (section 8.3): flux across the track, steel that follows
+temperature."""
 
 from __future__ import annotations
 
@@ -6,6 +7,12 @@ import numpy as np
 
 from calibration import Array
 from tcdyn.partition.statement.flux import SHIFT, by_shift
+from tcdyn.partition.statement.steel import (
+    CONDUCTIVITY_SLOPE,
+    SPECIFIC_HEAT_SLOPE,
+    by_conductivity_slope,
+    by_specific_heat_slope,
+)
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow
 from tcdyn.traces import DiskTraces
@@ -23,4 +30,8 @@ def statement_effects(
     u, found = disk.uncertainty, dict[Unmeasured, Array]()
     if u.flux_shift_mm:
         found[SHIFT] = 1e-3 * u.flux_shift_mm * by_shift(window.rim, share, h_W_m2K)
+    if slope := u.conductivity_slope_per_K:
+        found[CONDUCTIVITY_SLOPE] = by_conductivity_slope(window, share, h_W_m2K, slope)
+    if slope := u.specific_heat_slope_per_K:
+        found[SPECIFIC_HEAT_SLOPE] = by_specific_heat_slope(window.rim, share, h_W_m2K, slope)
     return tuple(found), np.reshape([*found.values()], (len(found), *window.y.shape))

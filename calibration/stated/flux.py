@@ -14,9 +14,9 @@ class FluxProfile:
 
     ``hertz``: the parabola of Hertz's pressure; ``flat``: even over the contact's width; ``barus``: heat goes with the
     lubricant's viscosity under Hertz's pressure p, exp(alpha p), summed along rolling; ``table``: ``weight`` at
-    ``at_m`` from the centre plane, straight between, nothing outside. ``shift_m``: centre of the flux beside the centre plane,
-    positive away from the face that z counts from [m]; ``viscosity_per_Pa``: alpha [1/Pa]; ``pressure_Pa``: greatest
-    pressure of the contact, which the load of a test tells.
+    ``at_m`` from the centre plane, straight between, nothing outside. ``shift_m``: centre of the flux beside the centre
+    plane, positive away from the face that z counts from [m]; ``viscosity_per_Pa``: alpha [1/Pa]; ``pressure_Pa``:
+    greatest pressure of the contact, which the load of a test tells.
     """
 
     kind: FluxKind = "hertz"
