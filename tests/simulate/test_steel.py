@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from calibration import Array
+from calibration.errors import InputError
 from calibration.stated.flux import FluxProfile
 from calibration.stated.steel import SteelSlopes
 from tcdyn.partition.statement.steel import linear_about
 from tcdyn.simulate.implicit import integrate, steady_state
-from tcdyn.simulate.mesh import DiskMesh, build_system
+from tcdyn.simulate.mesh import DiskMesh, build_system, grid_of
 from tcdyn.simulate.round import uneven_system
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
@@ -66,7 +68,7 @@ def test_all_heat_is_stored_with_the_specific_heat_of_its_temperature() -> None:
 
 
 def test_the_linear_disk_that_stands_for_it_reads_kirchhoff_s_temperatures() -> None:
-    """Steady, everything that surrounds the disk in place: 0.05 K of some 45 above the air, where the steel makes 0.2."""
+    """Steady, without a shaft: 0.05 K of some 45 above the air, where the steel makes 0.2."""
     true = disk_of(SLOPES, bore_conductance_W_m2K=1e-9, shaft_W_m2K=0.0)
     hot = readings(true)
     system = uneven_system(true, 700.0, B, COARSE)
@@ -81,19 +83,30 @@ def test_the_linear_disk_that_stands_for_it_reads_kirchhoff_s_temperatures() -> 
     assert np.abs(np.array(list(hot.values())) - np.array(list(own.values()))).max() > 0.15
 
 
-def test_harmonics_conduct_as_the_even_part_s_temperature_has_it() -> None:
-    """With a steel that is the same at every temperature that occurs, by another reference, nothing changes; and a
-    hotter reference of the same straight line is the same steel."""
-    line = SteelSlopes(-6e-4, 5e-4, 20.0)
-    disk = disk_of(line, amplitude=0.6)
-    k, c = line.conductivity(120.0), line.specific_heat(120.0)
-    moved = SteelSlopes(-6e-4 / k, 5e-4 / c, 120.0)
-    setup = replace(
-        disk.setup, steel=moved, conductivity_W_mK=disk.setup.conductivity_W_mK * k,
-        specific_heat_J_kgK=disk.setup.specific_heat_J_kgK * c,
-    )  # fmt: skip
-    one, other = readings(disk), readings(replace(disk, setup=setup))
-    # the shaft's steel and half cells at the borders keep the reference's conductivity
-    assert max(abs(one[ch] - other[ch]) for ch in "abcdef") < 0.15
-    constant = readings(disk_of(SteelSlopes(), amplitude=0.6))
-    assert max(abs(one[ch] - constant[ch]) for ch in "abcdef") > 0.3
+def test_a_harmonic_conducts_as_a_small_change_of_the_even_part_does() -> None:
+    """To first order in T_1 cos(psi): half of what the even part's conduction changes by T_1, and what flows round the
+    ring, by the sum over r as a sum of dr/r."""
+    disk = disk_of(SLOPES, amplitude=0.6)
+    system = uneven_system(disk, 700.0, B, COARSE)
+    steel, y = system.steel, np.full(len(system.capacity), 20.0)
+    g, rng = grid_of(disk, COARSE), np.random.default_rng(1)
+    even, first = steel.cells[:2]
+    y[even] = 100.0 + 20.0 * rng.random(len(even))
+    change = rng.random(len(even))
+
+    def brought(more: float, harmonic: float) -> Array:
+        state = y.copy()
+        state[even] += more * change
+        state[first] = harmonic * change
+        return steel.conducted_W(state)
+
+    by_even = (brought(1e-3, 0.0) - brought(-1e-3, 0.0))[even] / 2e-3
+    dr_over_r = np.array([np.trapezoid(1 / x, x) for x in (np.linspace(a, b, 99) for a, b in pairwise(g.r_edges))])
+    ring = 2 * np.pi * disk.setup.conductivity_W_mK * np.outer(dr_over_r, np.diff(g.z_edges)).ravel()
+    round_ring = -SLOPES.conductivity_per_K * ring * (y[even] - 20.0) * change
+    np.testing.assert_allclose(2 * brought(0.0, 1.0)[first], by_even + round_ring, rtol=1e-5, atol=1e-9)
+
+
+def test_steel_that_would_not_conduct_is_refused() -> None:
+    with pytest.raises(InputError, match="this steel would hardly conduct"):
+        readings(disk_of(SteelSlopes(-1.9e-3)), power_W=2000.0)
