@@ -139,7 +139,7 @@ def ehl(
 
     Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven slow:0.5@30
     """
-    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(_contacts(uneven))
+    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(contacts(uneven))
     options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
     _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
 
@@ -235,7 +235,7 @@ def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTrut
     return truth.with_imperfections(CLEAN) if clean else truth
 
 
-def _contacts(said: list[str] | None) -> dict[str, BoreContact]:
+def contacts(said: list[str] | None) -> dict[str, BoreContact]:
     """What ``--uneven`` says of each disk's bore."""
     contacts: dict[str, BoreContact] = {}
     for text in said or ():

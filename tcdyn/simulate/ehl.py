@@ -13,9 +13,9 @@ import pandas as pd
 from calibration import Array
 from calibration.disk import CHANNELS, DISKS
 from tcdyn.contact import hertz_contact
-from tcdyn.simulate.implicit import Stepping, integrate, steady_state
+from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
-from tcdyn.simulate.mesh import DiskMesh
+from tcdyn.simulate.mesh import DiskMesh, DiskSystem
 from tcdyn.simulate.programme import EhlCondition, ehl_test
 from tcdyn.simulate.round import seen_round, uneven_system
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
@@ -190,7 +190,7 @@ def simulate_ehl(
     for name, share, h in (("fast", drawn.beta, drawn.h_fast_W_m2K), ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K)):
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
-        at = _disk_temperatures(disk, drawn, share, h, o)
+        at = disk_run(disk, drawn, share, h, o, o.duration_s)[1].at
         log, true = log_disk(partial(_junctions, at), o.duration_s, disk, rng, rig.imperfections, spikes=True)
         uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
@@ -209,9 +209,10 @@ def _junctions(at: Callable[[Array], Array], t: Array) -> Array:
 _LAST = ["ambient_degC", "oil_degC"]
 
 
-def _disk_temperatures(
-    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions
-) -> Callable[[Array], Array]:
+def disk_run(
+    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
+) -> tuple[DiskSystem, Solution]:
+    """One disk from the start of its test ``until_s``."""
     under = replace(disk.setup, flux=disk.setup.flux.under(drawn.pressure_Pa))
     system = uneven_system(replace(disk, setup=under), h, drawn.half_width_m, o.mesh)
 
@@ -219,9 +220,8 @@ def _disk_temperatures(
         return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)
 
     start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
-    breaks = sorted({b for b in drawn.breaks_s if 0 < b < o.duration_s})
-    edges = 0.0, *breaks, o.duration_s
-    return integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share).at
+    edges = 0.0, *sorted({b for b in drawn.breaks_s if 0 < b < until_s}), until_s
+    return system, integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share)
 
 
 def _conditions(
