@@ -9,7 +9,7 @@ import numpy as np
 from calibration import Array
 from calibration.disk import DiskSetup
 
-ANGLES_DEG = np.arange(0.0, 361.0, 3.0)
+ANGLES_DEG: Array = np.arange(0.0, 361.0, 3.0, dtype=np.float64)
 
 
 @dataclass(frozen=True)

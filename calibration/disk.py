@@ -16,6 +16,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.stated.flux import HERTZ_FLUX, FluxKind, FluxProfile
 from calibration.stated.steel import EVEN_STEEL, SteelSlopes
+from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 CHANNELS = ("a", "b", "c", "d", "e", "f")
@@ -107,6 +108,7 @@ class DiskSetup:
     conditioning: Conditioning
     flux: FluxProfile = HERTZ_FLUX
     steel: SteelSlopes = EVEN_STEEL
+    surface: SurfaceFlux = NO_FLUX
 
     @property
     def diffusivity_m2_s(self) -> float:

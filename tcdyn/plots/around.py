@@ -22,7 +22,7 @@ def draw_round(around: Around, ax: Axes) -> Axes:
     depth = 1e3 * around.depth_m
     tones = ax.contourf(around.angle_deg, depth, around.middle_degC, levels=TONES, cmap="cividis")
     lines = ax.contour(
-        around.angle_deg, depth, around.middle_degC, levels=tones.levels[::2], colors="k", linewidths=0.4
+        around.angle_deg, depth, around.middle_degC, levels=np.array(tones.levels)[::2], colors="k", linewidths=0.4
     )
     ax.clabel(lines, fmt="%.4g", fontsize=7)
     ax.figure.colorbar(tones, ax=ax, label="middle plane [°C]")

@@ -100,6 +100,8 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     constant = np.zeros(g.size)
     constant[ends] = to_bearing[ends] * np.asarray(disk.bearing_offset_K)
 
+    constant[g.cells[-1]] += film_W_m2K(disk, g, h_W_m2K) * area[g.cells[-1]] * disk.film_air_K
+
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return DiskSystem(
         capacity=rho_c

@@ -77,6 +77,7 @@ class DiskTruth:
     shaft_W_m2K: float  # shaft surface to the enclosure
     bearing_offset_K: tuple[float, float]  # shaft ends against ambient, at z < 0 and z > width
     uneven: BoreContact = BoreContact()
+    film_air_K: float = 0.0  # of what the running surface loses heat to, above the ambient
 
     @property
     def lags_s(self) -> dict[str, float]:
@@ -110,6 +111,10 @@ class RigTruth:
         """The same rig with the bore contact of the named disks uneven."""
         disks = {name: replace(self.disk(name), uneven=contact.get(name, self.disk(name).uneven)) for name in DISKS}
         return replace(self, fast=disks["fast"], slow=disks["slow"])
+
+    def with_film_air(self, warmer_K: float) -> RigTruth:
+        """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""
+        return replace(self, **{name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS})  # type: ignore[arg-type]
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
         """The same rig, measured differently."""

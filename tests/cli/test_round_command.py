@@ -1,4 +1,4 @@
-"""``tcdyn round``: a picture of the synthetic disks, and what it refuses."""
+"""``tcdyn round`` and ``tcdyn spot``: a picture of the synthetic disks, a measured surface, and what they refuse."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from calibration.rig import load_rig
 from tests.cli.test_main_job import tcdyn
 
 
@@ -26,3 +27,21 @@ def test_the_synthetic_disks_are_drawn_with_the_uneven_one_told(
 def test_what_is_no_picture_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn("round", "simulate", "--out", tmp_path / "disks.csv") == 2
     assert "a name ending in .png, .svg, .pdf" in capsys.readouterr().err
+
+
+def test_a_heated_spot_becomes_lines_of_the_rig_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, rig = tmp_path / "spot.csv", tmp_path / "rig.toml"
+    table.write_text("temperature_degC,flux_W_m2\n" + "".join(f"{t},{300 * (t - 58)}\n" for t in (80, 100, 120, 150)))
+    assert tcdyn("spot", table, "--disk", "slow") == 0
+    rig.write_text(capsys.readouterr().out)
+    found = load_rig(rig).disk_setup("slow").surface
+    assert (found.heat_transfer_W_m2K, found.air_degC) == pytest.approx((300.0, 58.0))
+    assert found.heat_transfer_u_W_m2K == pytest.approx(6.0)
+    assert not load_rig(rig).disk_setup("fast").surface.measured
+
+
+def test_a_spot_that_cools_what_is_hot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = tmp_path / "spot.csv"
+    table.write_text("temperature_degC,flux_W_m2\n80,4\n90,3\n100,2\n110,1\n")
+    assert tcdyn("spot", table) == 2
+    assert "the flux falls with temperature" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import lru_cache
 from typing import Any
 
@@ -11,12 +11,14 @@ import pytest
 
 from calibration import Array
 from calibration.rig import Rig, load_rig, parse_rig
+from calibration.stated.surface import SurfaceFlux, fit_surface_flux
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.steel import by_conductivity_slope, by_specific_heat_slope, linear_about
 from tcdyn.partition.steady import at_own_temperature
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.pipeline.beta import prepare
+from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SEED = 7000
@@ -143,3 +145,42 @@ def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
     late = window.at_s > test.events.unload_s + 0.5
     noise = [np.std(np.diff(x[late][:150], n=3, axis=0)) for x in (column, window.y)]
     assert noise[0] < 0.002 * noise[1]
+
+
+COLDER_K = -8.0
+
+
+def spot(rng: np.random.Generator, h: float, air_degC: float, power_rel: float) -> SurfaceFlux:
+    """What a heated spot tells of a surface: nine temperatures, 1 % of scatter, one error of the heater's power."""
+    t = np.linspace(80.0, 160.0, 9)
+    q = h * (t - air_degC) * (1 + power_rel * rng.standard_normal()) * (1 + 0.01 * rng.standard_normal(9))
+    return fit_surface_flux(t, q, power_rel)
+
+
+def test_the_line_of_a_spot_holds_its_truth_as_often_as_it_says() -> None:
+    rng, z = np.random.default_rng(3), []
+    for _ in range(400):
+        f = spot(rng, 700.0, 55.0, 0.02)
+        z.append([(f.heat_transfer_W_m2K - 700) / f.heat_transfer_u_W_m2K, (f.air_degC - 55) / f.air_u_K])
+    held = (np.abs(z) < 1.96).mean(axis=0)
+    assert np.all((held > 0.90) & (held < 0.98))  # 7 degrees of freedom leave 91 % within 1.96 of the scatter's part
+
+
+def test_a_measured_surface_tells_h_and_is_honest_where_the_ambient_is_not_what_cools() -> None:
+    """The oil cools both running surfaces 8 K below the logged ambient: without the spot h is 4 u wrong."""
+    truth = draw_truth(SEED, load_rig(), uncertain=True).with_film_air(COLDER_K)
+    made, rng = study_rig(SEED, truth=truth), np.random.default_rng(SEED)
+    told = {d: spot(rng, made.told[f"h_{d}"], made.told["ambient_degC"] + COLDER_K, 0.02) for d in ("fast", "slow")}
+    p = seen_by(made, stating(**{d: {"surface": asdict(f)} for d, f in told.items()}))
+    ignored = seen_by(made, load_rig())
+    for d in ("fast", "slow"):
+        h, before = p.both.estimates[f"h_{d}"], ignored.both.estimates[f"h_{d}"]
+        assert h.u < 0.5 * before.u
+        assert abs(h.value - made.told[f"h_{d}"]) < 2 * h.u
+        assert p.answers[f"joint {d}"].u <= 1.01 * ignored.answers[f"joint {d}"].u
+    fast = ignored.both.estimates["h_fast"]
+    assert fast.value - made.told["h_fast"] > 3 * fast.u
+    for way, beta in [*p.ways.items(), ("both", p.both.estimates["beta"])]:
+        assert abs(beta.value - made.told["beta"]) < 2 * beta.u, way
+    assert "measured surface flux" in [r.source for r in p.budget.rows]
+    assert p.status == "sound"

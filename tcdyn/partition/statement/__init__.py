@@ -1,5 +1,5 @@
 """What ``rig.toml`` may state beyond the thesis's own model (section 8.3): flux across the track, steel that follows
-temperature."""
+temperature, a running surface whose loss was measured."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from tcdyn.partition.statement.steel import (
     by_conductivity_slope,
     by_specific_heat_slope,
 )
+from tcdyn.partition.statement.surface import SURFACE_AIR, by_air
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow
 from tcdyn.traces import DiskTraces
@@ -30,6 +31,8 @@ def statement_effects(
     u, found = disk.uncertainty, dict[Unmeasured, Array]()
     if u.flux_shift_mm:
         found[SHIFT] = 1e-3 * u.flux_shift_mm * by_shift(window.rim, share, h_W_m2K)
+    if disk.setup.surface.measured and disk.setup.surface.air_u_K:
+        found[SURFACE_AIR] = by_air(window.rim, h_W_m2K, disk.setup.surface.air_u_K)
     if slope := u.conductivity_slope_per_K:
         found[CONDUCTIVITY_SLOPE] = by_conductivity_slope(window, share, h_W_m2K, slope)
     if slope := u.specific_heat_slope_per_K:
