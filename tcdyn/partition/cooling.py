@@ -169,8 +169,8 @@ def cooling_fit(
 
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
     load, so that static errors, which the steady line already holds, do not enter twice. ``noise_K`` is the standard
-    deviation of what compensation left in a trace, ``log_h`` mean and deviation of what is known of h beforehand. Raises
-    InputError when no h in 5..8000 W/m2K fits best inside.
+    deviation of what compensation left in a trace, ``log_h`` mean and deviation of what is known of h beforehand.
+    Raises InputError when no h in 5..8000 W/m2K fits best inside.
     """
     since = window.at_s - unload_s
     inside, before = (since >= 0) & (since < window_s), (since >= -MATCH_S) & (since < -0.1)
