@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Annotated, ClassVar, Literal, get_args
 
 import numpy as np
@@ -13,6 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.stated.flux import HERTZ_FLUX, FluxKind, FluxProfile
+from calibration.stated.steel import EVEN_STEEL, SteelSlopes
+from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 CHANNELS = ("a", "b", "c", "d", "e", "f")
@@ -102,6 +106,9 @@ class DiskSetup:
     washer_thickness_m: float
     junctions: Mapping[str, Junction]
     conditioning: Conditioning
+    flux: FluxProfile = HERTZ_FLUX
+    steel: SteelSlopes = EVEN_STEEL
+    surface: SurfaceFlux = NO_FLUX
 
     @property
     def diffusivity_m2_s(self) -> float:
@@ -193,6 +200,9 @@ class DiskTable(RigTable):
     conductivity_W_mK: float = Field(default=41.0, gt=0.1, lt=2500)
     density_kg_m3: float = Field(default=7850.0, gt=100, lt=25000)
     specific_heat_J_kgK: float = Field(default=470.0, gt=50, lt=6000)
+    conductivity_slope_per_K: float = Field(default=0.0, gt=-0.002, lt=0.005)
+    specific_heat_slope_per_K: float = Field(default=0.0, gt=-0.002, lt=0.005)
+    reference_degC: float = Field(default=20.0, ge=-100, le=400)
 
     @model_validator(mode="after")
     def _bore_inside(self) -> DiskTable:
@@ -224,10 +234,37 @@ class JunctionTable(RigTable):
 
 
 class ContactTable(RigTable):
-    """[contact]."""
+    """[contact]; ``flux_...``: how the heat falls across the track (section 8.3), see :class:`FluxProfile`."""
 
     gear_ratio: float = Field(default=4.24, ge=1, lt=100)
     speed_exponent: float = Field(default=0.667, ge=0, le=2)
+    flux_profile: FluxKind = "hertz"
+    flux_shift_mm: float = Field(default=0.0, gt=-100, lt=100)
+    flux_barus_per_GPa: float = Field(default=11.0, ge=0, le=60)
+    flux_table_mm: tuple[float, ...] = ()
+    flux_table_weight: tuple[Annotated[float, Field(ge=0)], ...] = ()
+
+    @model_validator(mode="after")
+    def _table_told(self) -> ContactTable:
+        at, weight = self.flux_table_mm, self.flux_table_weight
+        if self.flux_profile == "table" and len(at) < 2:
+            raise ValueError('flux_profile is "table"; expected flux_table_mm and flux_table_weight of two places')
+        if len(at) != len(weight):
+            raise ValueError(f"flux_table_mm has {len(at)} places, flux_table_weight {len(weight)}; expected as many")
+        if any(b <= a for a, b in pairwise(at)) or (at and not sum(weight) > 0):
+            raise ValueError("flux_table_mm must rise, and some flux_table_weight be above zero")
+        return self
+
+    @property
+    def flux(self) -> FluxProfile:
+        """How the heat falls across the track, in SI units."""
+        kind, shift_m = self.flux_profile, 1e-3 * self.flux_shift_mm
+        if kind == "barus":
+            return FluxProfile(kind, shift_m, viscosity_per_Pa=1e-9 * self.flux_barus_per_GPa)
+        if kind == "table":
+            at = tuple(1e-3 * x for x in self.flux_table_mm)
+            return FluxProfile(kind, shift_m, at_m=at, weight=self.flux_table_weight)
+        return FluxProfile(kind, shift_m)
 
 
 class LoggerTable(RigTable):
@@ -245,6 +282,9 @@ class UncertaintyTable(RigTable):
     heat_capacity_rel: float = Field(default=0.02, ge=0, lt=0.5)
     washer_rel: float = Field(default=0.20, ge=0, lt=1)
     half_width_rel: float = Field(default=0.03, ge=0, lt=0.5)
+    flux_shift_mm: float = Field(default=0.0, ge=0, lt=10)
+    conductivity_slope_per_K: float = Field(default=0.0, ge=0, lt=0.005)
+    specific_heat_slope_per_K: float = Field(default=0.0, ge=0, lt=0.005)
     friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
     ambient_K: float = Field(default=1.0, ge=0, lt=50)
     film_along_rel: float = Field(default=0.2, ge=0, lt=1)

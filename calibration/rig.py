@@ -29,6 +29,8 @@ from calibration.disk import (
 )
 from calibration.errors import InputError
 from calibration.result import Result
+from calibration.stated.steel import SteelSlopes
+from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
 _PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
 LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
@@ -62,6 +64,7 @@ class RigTables(RigTable):
         default_factory=lambda: {c: JunctionTable(**x) for c, x in layout_junctions(DEFAULT_LAYOUT).items()}
     )
     contact: ContactTable = ContactTable()
+    surface: SurfaceFlux = NO_FLUX
     conditioning: Conditioning = Conditioning()
     logger: LoggerTable = LoggerTable()
     uncertainty: UncertaintyTable = UncertaintyTable()
@@ -132,6 +135,9 @@ class RigTables(RigTable):
             washer_thickness_m=w.thickness_mm * 1e-3,
             junctions={k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)},
             conditioning=self.conditioning,
+            flux=self.contact.flux,
+            surface=self.surface,
+            steel=SteelSlopes(d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC),
         )
 
 
@@ -262,8 +268,8 @@ def rig_toml(rig: Rig) -> str:
     """The rig as TOML text, every key with its value: what ``tcdyn rig --show`` prints."""
     lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
     body = rig.common.model_dump()
-    for table in ("disk", "washer", "thermocouples", "contact", "conditioning", "logger", "uncertainty", "columns"):
-        lines += _toml_table(table, body[table])
+    for table, values in body.items():
+        lines += _toml_table(table, values)
     lines += HINTS if not body["columns"] else []
     for disk in ("fast", "slow"):
         own = rig.tables(disk).model_dump()

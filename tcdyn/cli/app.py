@@ -21,8 +21,10 @@ from tcdyn.version import __version__  # noqa: E402
 COMMANDS: dict[str, tuple[str, str, str]] = {
     "demo": ("tcdyn.cli.simulate", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
     "simulate": ("tcdyn.cli.simulate", "app", "Write logs of the synthetic rig, their truth beside them."),
+    "round": ("tcdyn.cli.around", "app", "The temperature round the synthetic disks, drawn."),
     "rig": ("tcdyn.cli.record", "rig", "Check a rig file and print every key with the value in force."),
     "transducer": ("tcdyn.cli.record", "transducer", "Gain and zero of a load cell from dead weights."),
+    "spot": ("tcdyn.cli.record", "spot", "What leaves a running surface, from a heated spot, for the rig file."),
     "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
     "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
     "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,8 @@ import typer
 from rich.console import Console
 
 from calibration.compare import RecordDiff, check_record, diff_records
+from calibration.disk import DISKS
+from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import read_numbers
 from calibration.files.write import write_text
@@ -18,7 +21,8 @@ from calibration.lines.static import lines_table
 from calibration.lines.transducers import fit_transducer
 from calibration.record import DiskRecord, read_record
 from calibration.rig import load_rig, rig_toml
-from tcdyn.cli.common import Json, Quiet, dump, rich_table, say, spare_inputs
+from calibration.stated.surface import fit_surface_flux
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, rich_table, say, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -128,6 +132,33 @@ def transducer(
     if out is not None:
         write_text(out, dump(line.to_dict()))
     say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+
+
+def spot(
+    table: Annotated[Path, typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)")],
+    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    power_rel: Annotated[
+        float, bounded("--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1)
+    ] = 0.02,
+    json_: Json = False,
+) -> None:
+    """The straight line of flux against temperature, as lines for the rig file.
+
+    With them every way to beta takes the running surface's loss as measured, in place of h and the ambient there.
+
+    Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
+    """
+    check_choice("--disk", disk, DISKS)
+    points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
+    try:
+        found = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
+    except InputError as problem:
+        raise problem.at(str(table)) from None
+    keys = {name: float(f"{value:.6g}") for name, value in asdict(found).items()}
+    if json_:
+        print(dump(keys), end="")
+        return
+    print("\n".join([f"[{disk}.surface]", *(f"{name} = {value}" for name, value in keys.items())]))
 
 
 def chain_rows(record: DiskRecord) -> pd.DataFrame:

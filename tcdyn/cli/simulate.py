@@ -129,6 +129,9 @@ def ehl(
         list[str] | None, typer.Option(help="contact after the parting, seconds@seconds after it; repeatable")
     ] = None,
     uneven: Uneven = None,
+    film_air_K: Annotated[
+        float, bounded("--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50)
+    ] = 0.0,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -139,7 +142,7 @@ def ehl(
 
     Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven slow:0.5@30
     """
-    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(_contacts(uneven))
+    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(contacts(uneven)).with_film_air(film_air_K)
     options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
     _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
 
@@ -235,7 +238,7 @@ def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTrut
     return truth.with_imperfections(CLEAN) if clean else truth
 
 
-def _contacts(said: list[str] | None) -> dict[str, BoreContact]:
+def contacts(said: list[str] | None) -> dict[str, BoreContact]:
     """What ``--uneven`` says of each disk's bore."""
     contacts: dict[str, BoreContact] = {}
     for text in said or ():

@@ -20,6 +20,7 @@ from scipy.linalg import eigh_tridiagonal
 
 from calibration import Array
 from calibration.errors import InputError
+from tcdyn.conduction.flux import TrackFlux
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
 INPUTS = ("power_W", "d", "b", "f", "ambient")
@@ -141,12 +142,14 @@ def _axial(rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
     """Mean over each node's cell of the unit-power flux density across the track (n,) [1/m]; it sums to 1/dz.
 
-    Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); or the user's own
-    shape of z', scaled to unit power. Each cell gets its exact integral, so no heat is lost to the mesh. The half
-    cells at the faces count half.
+    Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); a stated profile; or
+    the user's own shape of z', scaled to unit power. Each cell gets its exact integral, so no heat is lost to
+    the mesh. The half cells at the faces count half.
     """
     edges = np.clip((np.arange(n + 1) - 0.5) * (width / (n - 1)), 0.0, width) - width / 2
     cells = np.diff(edges)
+    if isinstance(flux, TrackFlux):
+        return flux.shares(edges) / cells
     if callable(flux):
         x, w = np.polynomial.legendre.leggauss(12)
         at = edges[:-1, None] + cells[:, None] * (x + 1) / 2

@@ -15,10 +15,11 @@ from scipy.signal import lfilter
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
+from tcdyn.conduction.flux import TrackFlux
 
 Point = tuple[float, float]  # (depth below the running surface, z from one face), both in m
 Profile = Literal["quadratic", "quartic", "modal"]
-Flux = Literal["hertz", "uniform"] | Callable[[Array], Array]
+Flux = Literal["hertz", "uniform"] | TrackFlux | Callable[[Array], Array]
 MAX_LENGTH_M = 10.0
 SLOWEST_PER_S = 0.3  # below the slowest mode of a 6 mm rim of steel (0.7 1/s)
 NODES = 40  # of the bank
@@ -98,18 +99,6 @@ class Rim:
             "boundary_z_m": tuple(junctions[name].z_m for name in ("d", "b", "f")),
         }
         return cls(**{**fields, **changes})
-
-
-@dataclass(frozen=True)
-class HertzBeside:
-    """Hertzian flux (3.32) of half-width ``half_width_m``, its centre ``shift_m`` beside the centre plane [m]."""
-
-    half_width_m: float
-    shift_m: float
-
-    def __call__(self, z_m: Array) -> Array:
-        """Flux density at places ``z_m`` from the centre plane, of any scale."""
-        return np.asarray(np.clip(1 - ((z_m - self.shift_m) / self.half_width_m) ** 2, 0.0, None))
 
 
 def points_of(setup: DiskSetup, names: str = "ace") -> tuple[Point, ...]:

@@ -41,11 +41,13 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import (
     EQUAL_WEIGHTS,
     DiskLine,
     SpeedLawPoint,
     at_one_radius,
+    at_own_temperature,
     steady_lines,
     surface_temperatures,
 )
@@ -152,7 +154,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    test = _followed(at_one_radius(test))
+    test = _followed(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -193,7 +195,8 @@ def analyse(
     for d in DISKS:
         one = cooled[d] = compensated(test, test.disks[d], rows, chains[d], joint[d].estimates["lag_s"].u, profile)
         progress(f"cooling fit, {d} disk")
-        fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K)
+        prior = log_h_prior(test.disks[d].setup.surface)
+        fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K, prior)
         shifts[d] = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), lines[d])
     windows = {d: one.window for d, one in cooled.items()}
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
@@ -264,7 +267,7 @@ def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, Ehl
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
     """Joint fits of both disks, for their chains."""
-    test = _followed(test)
+    test = _followed(at_own_temperature(with_surfaces(test)))
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     _, speed = steady_lines(test, stretch_of(test, length))
     return joint_fits(test, speed.starts, length)[0]

@@ -16,14 +16,14 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine
+from tcdyn.partition.statement.surface import still
+from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine, surface_degC
 from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01
-PLACES = 12  # across the running surface
 LEAST_SPEED = 0.01  # of that under load
 AMBIENT = 4  # of the rim's inputs
 
@@ -46,12 +46,11 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
-    surface = tuple((0.0, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * disk.setup.width_m)
-    rest, power = (x[:, len(OUTER) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=surface))
-    warmer = rest + share * power - window.rim.inputs[:, AMBIENT]
+    known = still(test, disk.setup.surface)
+    warmer = surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, AMBIENT] - window.blocks @ known[rows, 0]
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
-    return np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
+    return known + np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
 
 
 @dataclass(frozen=True)
@@ -162,12 +161,16 @@ def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) 
     return CoolingShift(known.of, per_sd, noise, toward * float((fit.by_effect * late).sum()))
 
 
-def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s: float, noise_K: float) -> CoolingFit:
+def cooling_fit(
+    window: DiskWindow, line: SteadyLine, unload_s: float, window_s: float, noise_K: float,
+    log_h: tuple[float, float] = (0.0, np.inf),
+) -> CoolingFit:  # fmt: skip
     """Fit h alone to compensated traces over ``window_s`` seconds after ``unload_s``; the share follows the line.
 
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
     load, so that static errors, which the steady line already holds, do not enter twice. ``noise_K`` is the standard
-    deviation of what compensation left in a trace. Raises InputError when no h in 5..8000 W/m2K fits best inside.
+    deviation of what compensation left in a trace, ``log_h`` mean and deviation of what is known of h beforehand.
+    Raises InputError when no h in 5..8000 W/m2K fits best inside.
     """
     since = window.at_s - unload_s
     inside, before = (since >= 0) & (since < window_s), (since >= -MATCH_S) & (since < -0.1)
@@ -182,9 +185,11 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
 
     target = matched(window.y)
 
+    stated, stated_u = log_h
+
     def cost(log_h: float) -> float:
         gap = (target - matched(model(float(np.exp(log_h)))[0]))[inside]
-        return float((weight * gap**2).sum())
+        return float((weight * gap**2).sum()) + (noise_K * (log_h - stated) / stated_u) ** 2
 
     low, high = np.log(H_RANGE_W_M2K)
     best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6})
@@ -199,7 +204,7 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
     step = 1e-3 * h
     s = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[inside]  # by h, along the line
     residual = (target - matched(predicted))[inside]
-    curvature = (weight * s * s).sum()
+    curvature = (weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2
     by_effect = np.zeros_like(power)
     by_effect[inside] = -weight * s / curvature
     by_effect[before] -= by_effect[inside].sum(axis=0) / before.sum()
@@ -212,5 +217,5 @@ def cooling_fit(window: DiskWindow, line: SteadyLine, unload_s: float, window_s:
         misfit_K=float(np.sqrt((weight * residual**2).sum() / weight.sum())),
         by_effect=by_effect,
         power=power,
-        h_noise=float(np.sqrt((weight * s * s).sum()) * noise_K / curvature),
+        h_noise=float(np.sqrt((weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2) * noise_K / curvature),
     )

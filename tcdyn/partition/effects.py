@@ -15,6 +15,7 @@ from calibration.disk import CHANNELS, OUTER_ROW, DiskSetup
 from tcdyn.chain import discretised, equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.statement import statement_effects
 from tcdyn.partition.uneven import Unmeasured, round_effects, sensed
 from tcdyn.partition.window import (
     FILM,
@@ -37,8 +38,6 @@ from tcdyn.partition.window import (
 from tcdyn.traces import DiskTraces
 
 MATERIAL_STEP = 0.01
-ALONG_STEP = 0.1
-ALONG = [[Perturbation(film=(s * a, s * b)) for s in (ALONG_STEP, -ALONG_STEP)] for a, b in np.eye(2)]
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
 DEPTH_STEP_M = 0.05e-3
 SMOOTH_RATE_S = 0.5
@@ -73,7 +72,6 @@ OWN = (
     Unmeasured("friction", "friction", True),
     *(Unmeasured(f"split {c}", "chain") for c in OUTER_ROW),
     Unmeasured("film exponent", "film exponent", True),
-    *(Unmeasured(f"film along {k}", "film along the track") for k in ("the width", "the middle")),
 )
 
 
@@ -152,15 +150,15 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(3)[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    film, uncertain = rim.through(FILM_BY_N, h_W_m2K), disk.uncertainty
-    sides = np.array([[x + share * heat for x, heat in (rim.answer(h_W_m2K, p) for p in pair)] for pair in ALONG])
-    along = (sides[:, 0] - sides[:, 1]) / (2 * ALONG_STEP)
-    own = [test.events.unload_u_s, uncertain.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
-    u = np.concatenate([stated_u(disk, static), own, [uncertain.film_along_rel] * 2])
-    change = np.concatenate([known, [late, share * power], split, [film], along])
+    film = rim.through(FILM_BY_N, h_W_m2K)
+    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    u = np.concatenate([stated_u(disk, static), own])
+    change = np.concatenate([known, [late, share * power], split, [film]])
     asked = np.flatnonzero(u > 0)
     of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
-    uneven, change = known_round(test, disk.name), u[asked, None, None] * change[asked]
+    more_of, more = statement_effects(disk, window, share, h_W_m2K)
+    of, change = (*of, *more_of), np.concatenate([u[asked, None, None] * change[asked], more])
+    uneven = known_round(test, disk.name)
     return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[1:4], since_s))
 
 
@@ -275,7 +273,7 @@ def _stretch(
     t = test.time_s[rows]
     chain = disk.mean_chain
     chains = chain, chain.with_lag_shift(LAG_STEP_S)
-    y = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    y = disk.setup.steel.straight(equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain))
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
     film = film_seen(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower, *film], axis=1)

@@ -23,6 +23,7 @@ from tcdyn.conduction.rim import Profile, lag_bank
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
 from tcdyn.partition.window import POWER, REST, DiskWindow, RimMeans, disk_window, known_round, power_seen, stretch_of
@@ -47,8 +48,8 @@ class Side:
 
     ``y`` (m,): what was seen; ``effect`` (m, Q): what one standard uncertainty of each of ``of`` makes of it;
     ``model``: prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``, None where there is none; ``prior_*``: what
-    was known of its lags; ``rest_of_lag_s``: lag of the chain beyond tau1 + tau2. The model is that of ``window``, with
-    ``heated``, its rim with the power seen through given lags.
+    was known of its lags, and of log h; ``rest_of_lag_s``: of the chain beyond tau1 + tau2. The model is that
+    of ``window``, with ``heated``, its rim with the power seen through given lags.
     """
 
     disk: str
@@ -60,6 +61,7 @@ class Side:
     prior_lag_u_s: float
     prior_tau2_s: float
     rest_of_lag_s: float
+    prior_log_h: tuple[float, float]
     window: DiskWindow
     heated: Callable[[tuple[float, ...]], RimMeans]
 
@@ -157,6 +159,7 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
         prior_lag_u_s=max(disk.common_lag_u_s, LEAST_LAG_U_S),
         prior_tau2_s=tau2_s,
         rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
+        prior_log_h=log_h_prior(disk.setup.surface),
         window=window,
         heated=heated,
     )
@@ -199,11 +202,10 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
 
     names = [f"{name}, {s.disk} disk" for s in sides for name in PARAMETERS]
     names += [f"{what.name} {disk}".strip() for what, disk in unknown]
-    mean, sd = np.zeros(len(names)), np.ones(len(names))
-    sd[:k] = np.inf
+    mean, sd = np.zeros(len(names)), np.where(np.arange(len(names)) < k, np.inf, 1.0)
     mean[LOG_TAU2:k:4], sd[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides], SHAPE_SD
-    largest = np.full(len(names), np.inf)
-    largest[:k] = LARGEST * len(sides)
+    mean[LOG_H:k:4], sd[LOG_H:k:4] = zip(*(s.prior_log_h for s in sides))
+    largest = np.append(LARGEST * len(sides), np.full(len(unknown), np.inf))
     fixed = np.zeros((len(sides) - 1, len(names)))
     fixed[:, SHARE:k:4] = 1.0
     return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
@@ -212,8 +214,8 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
 def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     """Covariance (P, P) of the main parameters, 4 a disk, by white noise, and their answer to all else, (P, Q).
 
-    By a standard uncertainty of each unmeasured quantity, then of each disk's lag and of its shape. Raises InputError
-    where a column adds nothing to the others: share and h, which have no priors, are then one.
+    By a standard uncertainty of each unmeasured quantity, then of each disk's lag, of its shape, and of h where known.
+    Raises InputError where a column adds nothing to the others: share and h, without priors, are then one.
     """
     k, data = 4 * len(sides), len(optimum.residual) - len(sides)
     precise, free = np.sqrt(optimum.problem.precision), optimum.directions
@@ -225,9 +227,10 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
             remedy="log more of the cooling, or look at load and friction before the parting",
         )
     covariance = free @ inner @ free.T
-    gain = covariance[:k] @ optimum.jacobian.T
-    shape = covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
-    return gain[:, :data] @ gain[:, :data].T, np.hstack([-covariance[:k, k:], gain[:, data:], shape])
+    gain, shape = covariance[:k] @ optimum.jacobian.T, covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
+    sd = np.array([s.prior_log_h[1] for s in sides])
+    film = (covariance[:k, LOG_H:k:4] / sd)[:, np.isfinite(sd)]
+    return gain[:, :data] @ gain[:, :data].T, np.hstack([-covariance[:k, k:], gain[:, data:], shape, film])
 
 
 def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array) -> tuple[float, Array, Array]:
@@ -267,8 +270,7 @@ def joint_fits(
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
-    pulled = zip(unknown, list(best.pulls.values())[-len(unknown) :])
-    pulls = tuple((*of, z) for of, z in pulled if of[0] not in ROUND)
+    pulls = tuple((*of, z) for of, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if of[0] not in ROUND)
     left = best.theta[8:], best.covariance[8:, 8:], unknown
     known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
     uneven = {of[0]: found_in(*left, *of) for of in known}
@@ -285,10 +287,11 @@ def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s:
         problem = joint_problem([side])
         best = minimise(problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough)
         theta = best.theta
-    share, h, total = float(theta[SHARE]), *(float(x) for x in np.exp(theta[[LOG_H, LOG_LAGS]]))
+    share, (h, total) = float(theta[SHARE]), map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
     inflation, noise, per_sd = _known(best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total]))
     beta, chain = share if disk.name == "fast" else 1.0 - share, with_lags(disk.mean_chain, lags(theta))
     u, of = np.sqrt(np.diag(noise + per_sd @ per_sd.T)), [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
+    of += [SURFACE_SLOPE] * bool(np.isfinite(side.prior_log_h[1]))
     values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(
         disk=disk.name, theta=theta[:4], share=share, beta=beta, h_W_m2K=h, chain=chain,

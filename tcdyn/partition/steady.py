@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from calibration import Array
-from calibration.disk import DISKS
+from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.statement.steel import follows_temperature, linear_about
 from tcdyn.partition.uneven import Unmeasured
-from tcdyn.partition.window import DiskWindow, inner_gradient, lagged_window, stretch_of
+from tcdyn.partition.window import OUTER, DiskWindow, inner_gradient, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
@@ -26,6 +27,7 @@ LEAST_H_W_M2K = 50.0
 LEVELLED_S = 20.0  # of cooling that any fit looks at
 LAST_S = 10.0
 SURFACE_DEPTH_M = 0.0
+PLACES = 12  # across the running surface
 ROUNDS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
 
 
@@ -226,6 +228,38 @@ def at_one_radius(test: EhlTest) -> EhlTest:
         moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in DISKS if np.any(off[d])}
         test = replace(test, disks={**test.disks, **moved})
     return test
+
+
+def at_own_temperature(test: EhlTest) -> EhlTest:
+    """The test with each disk whose steel follows temperature made linear about its air and running surface.
+
+    Both are means over the last seconds under load, the surface's by the model itself at the speed law's share and h.
+    """
+    asked = [d for d in DISKS if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)]
+    if not asked:
+        return test
+    rows, stated = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s))), test.disks
+    for k in range(ROUNDS + 1):  # the first with the steel as it is at the readings' own temperature
+        starts = steady_lines(test, rows)[1].starts if k else dict.fromkeys(DISKS, None)
+        moved = {d: replace(stated[d], setup=_linear(test, stated[d].setup, d, rows, starts[d])) for d in asked}
+        test = replace(test, disks={**stated, **moved})
+    return test
+
+
+def _linear(test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[float, float] | None) -> DiskSetup:
+    window = lagged_window(test, test.disks[d], rows)
+    to_parting = window.at_s - test.events.unload_s
+    last = (to_parting >= -LAST_S) & (to_parting < -END_GAP_S)
+    air, rim = (float(window.rim.inputs[last, k].mean()) for k in (4, slice(1, 4)))
+    surface = rim if at is None else float(surface_degC(window, *at)[last].mean())
+    return linear_about(setup, air, surface, rim)
+
+
+def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
+    """Mean temperature of the running surface by the model, (R,) [degC]."""
+    places = tuple((SURFACE_DEPTH_M, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * window.rim.setup.width_m)
+    rest, power = (x[:, len(OUTER) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=places))
+    return np.asarray(rest + share * power)
 
 
 def _levelled(

@@ -22,11 +22,13 @@ from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
+from tcdyn.partition.statement.steel import by_conductivity_slope
+from tcdyn.partition.statement.track import by_shift
 from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
-SHIFT_SD_M, SHIFT_STEP_M = 0.35e-3, 0.25e-3  # of the flux along the track: 0.5 mm of each disk
+SHIFT_SD_M = 0.35e-3  # of the flux along the track: 0.5 mm of each disk
 WIDER_SD = 0.5  # of the flux's half-width
 FACES_SD = 1.0  # of the washers' conductance
 STEM_SD = 0.02  # of a junction's excess over ambient that its wires take away
@@ -34,7 +36,6 @@ ELSEWHERE_SD = 0.1  # of the frictional heat that enters neither disk, or of the
 PER_100_K_SD = 0.07  # of the conductivity
 AIR_SD_K = 5.0  # of what the running surface loses heat to, oil or air, against the logged ambient
 LAG_SD_S = 0.3  # of one junction: a bubble in its cement
-COOL_degC = 20.0  # where stated properties are taken to hold
 ACROSS = np.linspace(0.05, 0.95, 7)  # places across the running surface whose mean is its temperature
 
 
@@ -129,9 +130,7 @@ def _at_parting(a: About, x: Array) -> float:
 
 
 def _flux_shift(a: About) -> Array:
-    """By the places of d and f round b the sign of a shift is each disk's own."""
-    one, other = (a.moved(Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-    return np.asarray((one - other) * SHIFT_SD_M / (2 * SHIFT_STEP_M))
+    return SHIFT_SD_M * by_shift(a.rim, a.share, a.h_W_m2K)
 
 
 def _flux_wider(a: About) -> Array:
@@ -158,10 +157,11 @@ def _elsewhere(a: About) -> Array:
 
 
 def _k_of_T(a: About) -> Array:
-    """As if the whole rim had the conductivity of its own mean temperature at each instant, less where it is hot."""
-    small = 0.1
-    hotter = 0.01 * (a.base.mean(axis=1, keepdims=True) - COOL_degC)
-    return np.asarray(-PER_100_K_SD * hotter * a.moved(Perturbation(conductivity=small)) / small)
+    """Less where it is hot, as rig.toml might have stated."""
+    s, air = a.rim.setup, _at_parting(a, a.rim.inputs[:, 4])
+    rim = replace(a.rim, setup=replace(s, steel=s.steel.about(air, _at_parting(a, a.surface))))
+    window = replace(a.fit.side.window, rim=rim)
+    return -by_conductivity_slope(window, a.share, a.h_W_m2K, 0.01 * PER_100_K_SD)
 
 
 def _film_air(a: About) -> Array:

@@ -79,6 +79,11 @@ class Unevenness:
         return float(np.sqrt(off_K @ np.linalg.solve(self._level[1], off_K)))
 
     @property
+    def level_covariance_K2(self) -> Array:
+        """Covariance (2, 2) of the level at the depth of b, cos and sin [K2]."""
+        return np.asarray(self._level[1])
+
+    @property
     def significance(self) -> float:
         """Distance of the level from zero in standard uncertainties: below 3 in 99 of 100 even disks."""
         return self.level_z(self._level[0])

@@ -17,9 +17,10 @@ from calibration import Array
 from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
+from tcdyn.conduction.flux import track
 from tcdyn.conduction.modal import INPUTS, RimGains
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import HertzBeside, Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -94,7 +95,7 @@ class RimMeans:
         )
         points = (*(places[3:] if bore else places[:3]), *extra)
         width = self.half_width_m * (1 + p.half_width)
-        flux = HertzBeside(width, p.shift_m) if p.shift_m else "hertz"
+        flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
         mesh, rates, film = BORE_MESH if bore else FIT_MESH, tuple(self.rates_1_s), len(self.banks) > len(INPUTS)
         return cached_gains(rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film)
 
@@ -201,17 +202,17 @@ def disk_window(
     Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
     """
     t, dt, off = test.time_s[rows], test.dt_s, test.events.unload_s
+    straight = disk.setup.steel.straight(temperatures)
     first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
     starts = np.concatenate([np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)])
     counts = np.diff(np.append(starts, len(t)))
-    each = np.repeat(1.0 / counts, counts), np.arange(first, len(t)), np.append(starts, len(t)) - first
-    blocks = sparse.csr_array(each, shape=(len(starts), len(t)))
+    each = np.repeat(1.0 / counts, counts), np.arange(first, len(t))
+    blocks = sparse.csr_array((*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t)))
     seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, OUTER].astype(float), LEAST_SEEN)
-    power, held = power_seen(test, rows, chain)
-    rates = node_rates(dt)
+    (power, held), rates = power_seen(test, rows, chain), node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
-    inner = temperatures[:, INNER] + disk.inner_K[rows]
+    inner = straight[:, INNER] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_degC[rows], *film_seen(test, disk, rows, chain)]
     return DiskWindow(
         disk=disk.name,
@@ -220,7 +221,7 @@ def disk_window(
         blocks=blocks,
         at_s=blocks @ t,
         counts=counts,
-        y=blocks @ temperatures[:, OUTER],
+        y=blocks @ straight[:, OUTER],
         weight=np.sqrt(counts[:, None] * seen) / noise_K[None, OUTER] * ~disk.out[OUTER],
         rim=RimMeans(
             disk.setup,

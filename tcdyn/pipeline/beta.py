@@ -27,7 +27,7 @@ from tcdyn.contact import (
     FrictionAdded,
     contact_force,
     equal_radius_m,
-    half_width_m,
+    hertz_contact,
     speed_course,
     surface_speed_m_s,
 )
@@ -37,6 +37,7 @@ from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.traces import bridged, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
 SLOWER_S = 3.0  # after the parting a changed speed is told
 BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
@@ -140,7 +141,7 @@ def prepare(
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
-    half_width = half_width_m(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
+    contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
     disks = {}
     for d in DISKS:
@@ -148,7 +149,9 @@ def prepare(
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
-        disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update={"friction_rel": friction_rel}))
+        uncertainty = traces.uncertainty.model_copy(update={"friction_rel": friction_rel})
+        setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
+        disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
     return EhlTest(
         time_s=t,
         dt_s=dt,
@@ -160,7 +163,7 @@ def prepare(
         speed_ratio=ratio,
         sliding_speed_m_s=speeds[0] - speeds[1],
         entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
-        half_width_m=half_width,
+        half_width_m=contact.major_m,
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks=disks,
@@ -185,8 +188,7 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     if "setup" not in record.model_fields_set:
         return []
     own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
-    changed = [key for key in changed_keys(own, stated) if not key[0].endswith("angle_deg")]  # no lag asks for angles
-    if not changed:
+    if not (changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]):
         return []
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]

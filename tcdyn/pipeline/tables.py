@@ -17,6 +17,7 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import intervals, profiles_file
+from tcdyn.partition.statement.surface import log_h_prior
 from tcdyn.partition.window import stretch_of
 
 SCHEMA = "tcdyn.beta/1"
@@ -156,7 +157,8 @@ def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -
     for length in lengths:
         found = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
         try:
-            fit = cooling_fit(cooled.window, line.line, test.events.unload_s, length, cooled.noise_K)
+            prior = log_h_prior(cooled.disk.setup.surface)
+            fit = cooling_fit(cooled.window, line.line, test.events.unload_s, length, cooled.noise_K, prior)
         except InputError:
             pass
         else:

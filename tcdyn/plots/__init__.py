@@ -28,6 +28,7 @@ _ROOMS = {
     "partition": (
         "draw_budget", "draw_exponent", "draw_lines", "draw_map", "draw_temperatures", "draw_unloading", "draw_ways",
     ),
+    "around": ("draw_round", "draw_round_surface"),
     "transient": ("draw_junctions", "draw_referee", "draw_window_study"),
     "campaign": ("draw_beta", "draw_friction_coefficient", "draw_temperature", "draw_traction"),
     "conduction": ("draw_comparison", "draw_convergence", "draw_field", "draw_mesh_errors", "draw_profiles"),

@@ -12,6 +12,7 @@ from calibration.disk import DISKS
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.uneven import harmonic_K
+from tcdyn.pipeline.around import around_disk
 from tcdyn.pipeline.tables import (
     budget_table,
     cooling_by_window,
@@ -23,6 +24,7 @@ from tcdyn.pipeline.tables import (
     ways_table,
 )
 from tcdyn.plots import partition as draw
+from tcdyn.plots.around import draw_round, draw_round_surface
 from tcdyn.plots.style import TRUTH, figure
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
 from tcdyn.report.page import Section, write_page
@@ -43,6 +45,7 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
         structure_section(p, name),
         *uncertainty_sections(p, name),
         uneven_section(p, name),
+        around_section(p, name),
         *transient_sections(p, name),
         profile_section(p, name),
         *test_sections(p, name),
@@ -178,6 +181,23 @@ def uneven_section(p: Partition, name: str) -> Section:
         table=pd.DataFrame(rows),
         figure=picture,
         caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
+    )
+
+
+def around_section(p: Partition, name: str) -> Section:
+    """The temperature round each disk at the end of the load."""
+    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
+    for disk, whole, surface in zip(DISKS, axes[:2], axes[2:]):
+        around = around_disk(p, disk)
+        draw_round(around, whole)
+        draw_round_surface(around, surface)
+    return Section(
+        f"{name}: the temperature round the disks",
+        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
+        "first harmonic that was found. Nothing is measured deeper than the junctions d, b, f.",
+        figure=picture,
+        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
+        "across the running surface with its 95 % band.",
     )
 
 

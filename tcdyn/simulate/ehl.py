@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,10 +12,10 @@ import pandas as pd
 
 from calibration import Array
 from calibration.disk import CHANNELS, DISKS
-from tcdyn.contact import half_width_m
-from tcdyn.simulate.implicit import Stepping, integrate, steady_state
+from tcdyn.contact import hertz_contact
+from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
-from tcdyn.simulate.mesh import DiskMesh
+from tcdyn.simulate.mesh import DiskMesh, DiskSystem
 from tcdyn.simulate.programme import EhlCondition, ehl_test
 from tcdyn.simulate.round import seen_round, uneven_system
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
@@ -56,6 +56,7 @@ class EhlTruth:
     h_fast_W_m2K: float
     h_slow_W_m2K: float
     half_width_m: float
+    pressure_Pa: float  # greatest of the contact
     friction_N: float  # nominal level, before drift
     load_on_s: float
     unload_s: float
@@ -138,13 +139,14 @@ def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOption
     ambient = o.ambient_degC + float(rng.uniform(-0.7, 0.7))
     phases = tuple(float(p) for p in rng.uniform(0, 1, 6))
     h_fast = o.h_fast_W_m2K if o.h_fast_W_m2K is not None else h_fast
-    width = half_width_m(test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m)
+    contact = hertz_contact(test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m)
     return EhlTruth(
         test=test,
         beta=o.beta if o.beta is not None else beta,
         h_fast_W_m2K=h_fast,
         h_slow_W_m2K=h_fast / truth.gear_ratio**truth.speed_exponent,
-        half_width_m=width * truth.half_width_scale,
+        half_width_m=contact.major_m * truth.half_width_scale,
+        pressure_Pa=contact.pressure_Pa,
         friction_N=o.friction_N if o.friction_N is not None else friction,
         load_on_s=o.load_on_s + float(on),
         unload_s=o.unload_s + float(off),
@@ -188,7 +190,7 @@ def simulate_ehl(
     for name, share, h in (("fast", drawn.beta, drawn.h_fast_W_m2K), ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K)):
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
-        at = _disk_temperatures(disk, drawn, share, h, o)
+        at = disk_run(disk, drawn, share, h, o, o.duration_s)[1].at
         log, true = log_disk(partial(_junctions, at), o.duration_s, disk, rng, rig.imperfections, spikes=True)
         uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
@@ -207,18 +209,19 @@ def _junctions(at: Callable[[Array], Array], t: Array) -> Array:
 _LAST = ["ambient_degC", "oil_degC"]
 
 
-def _disk_temperatures(
-    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions
-) -> Callable[[Array], Array]:
-    system = uneven_system(disk, h, drawn.half_width_m, o.mesh)
+def disk_run(
+    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
+) -> tuple[DiskSystem, Solution]:
+    """One disk from the start of its test ``until_s``."""
+    under = replace(disk.setup, flux=disk.setup.flux.under(drawn.pressure_Pa))
+    system = uneven_system(replace(disk, setup=under), h, drawn.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
         return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)
 
     start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
-    breaks = sorted({b for b in drawn.breaks_s if 0 < b < o.duration_s})
-    edges = 0.0, *breaks, o.duration_s
-    return integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share).at
+    edges = 0.0, *sorted({b for b in drawn.breaks_s if 0 < b < until_s}), until_s
+    return system, integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share)
 
 
 def _conditions(

@@ -67,8 +67,13 @@ class Solution:
 
 def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Array:
     """The state that no longer changes under constant power and ambient temperature."""
-    load = system.source_power * power_W + system.source_ambient * ambient_degC + system.source_const
-    return np.asarray(_factorise(system.conductance).solve(load))
+    load, factor = _load(system, power_W, ambient_degC), _factorise(system.conductance)
+    state = np.asarray(factor.solve(load))
+    for _ in range(FILM_ROUNDS if system.steel.follows else 0):
+        before, state = state, np.asarray(factor.solve(load + system.steel.conducted_W(state)))
+        if np.abs(state - before).max() <= FILM_TOLERANCE * np.abs(state).max():
+            break
+    return state
 
 
 def integrate(
@@ -84,8 +89,8 @@ def integrate(
 
     ``edges_s`` (ascending) are the ends and the instants between at which power or ambient may jump or kink;
     inside each piece the signals are read strictly within it. The stage equations
-    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size; what another film changes in S
-    stands on their right side and is iterated.
+    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size; what another film changes in
+    S and what steel that follows temperature conducts and holds otherwise, stands on their right side and is iterated.
     """
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
@@ -105,7 +110,7 @@ def integrate(
         stages = np.stack([s(inside).reshape(stage_t.shape) for s in signals], axis=-1)  # (steps, 5, 3)
         edges = np.stack([s(edge_t) for s in signals], axis=-1)
         for i in range(len(t_steps)):
-            rate = _heat(system, y, *edges[i]) / system.capacity
+            rate = system.steel.rate(_heat(system, y, *edges[i]), y, system.capacity)
             times.append(t_steps[i])
             values.append(system.sample @ y)
             rates.append(system.sample @ rate)
@@ -139,8 +144,11 @@ def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, signals: Arra
         guess = y + h * (_A[i, :i] @ stages[:i]) if i else y
         heat = _heat(system, guess, power, ambient, film)
         rate = factor.solve(heat)
-        for _ in range(FILM_ROUNDS if film else 0):
-            before, rate = rate, factor.solve(heat - h * _GAMMA * film * system.surface_m2 * rate)
+        for _ in range(FILM_ROUNDS if film or system.steel.follows else 0):
+            left = heat - h * _GAMMA * film * system.surface_m2 * rate
+            if system.steel.follows:
+                left += system.steel.more_W(guess, guess + h * _GAMMA * rate, rate, system.capacity)
+            before, rate = rate, factor.solve(left)
             if np.abs(rate - before).max() <= FILM_TOLERANCE * np.abs(rate).max():
                 break
         stages[i] = rate
@@ -157,7 +165,7 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: floa
         heat += film * (
             system.surface_air_m2 * ambient - system.surface_m2 * y - system.skin_m2K_W * power * system.track
         )
-    return np.asarray(heat)
+    return np.asarray(heat + system.steel.conducted_W(y) if system.steel.follows else heat)
 
 
 def _load(system: DiskSystem, power: float, ambient: float) -> Array:

@@ -10,6 +10,8 @@ from scipy import sparse
 
 from calibration import Array
 from calibration.errors import InputError
+from tcdyn.simulate.steel import Steel
+from tcdyn.simulate.track import track_shares
 from tcdyn.simulate.truth import DiskTruth
 
 Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
@@ -35,7 +37,8 @@ class DiskSystem:
     the shaft's. ``capacity`` [J/K], ``conductance`` S [W/K], ``sample`` (channels, unknowns) in the order of
     ``channels``. All this is for the film of ``h_W_m2K``; where another wets the running surface, ``surface_m2`` (n,)
     is its area by cell, ``surface_air_m2`` (n,) that against air which is not zero (unknowns may be harmonics),
-    ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it.
+    ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it. ``steel``: how the disk's own
+    conduction and capacity follow temperature.
     """
 
     capacity: Array
@@ -50,6 +53,7 @@ class DiskSystem:
     surface_air_m2: Array
     skin_m2K_W: float
     track: Array
+    steel: Steel
 
     def film_change(self, share: Array) -> Array:
         """How much more a square metre of running surface conducts to ambient when h is ``share`` of its own."""
@@ -70,12 +74,6 @@ def graded_edges(start: float, end: float, first: float, count: int) -> Array:
     return start + np.sign(end - start) * length * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
 
 
-def hertz_shares(edges: Array, half_width_m: float) -> Array:
-    """Share of a parabolic track's heat that falls into each cell, by its exact integral; sums to one."""
-    x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
-    return np.asarray(np.diff(0.75 * (x - x**3 / 3.0)))
-
-
 def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh) -> DiskSystem:
     """Assemble the whole disk, bore to running surface, with washers, shaft and cooled running surface.
 
@@ -94,13 +92,15 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     skin = skin_m2K_W(disk, g)
     area, track = np.zeros(g.size), np.zeros(g.size)
     area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
-    track[g.cells[-1]] = hertz_shares(g.z_edges, half_width_m)
+    track[g.cells[-1]] = track_shares(g.z_edges, half_width_m, s.flux)
 
     ends = g.shaft[[0, -1]]
     to_bearing = np.zeros(g.size)
     to_bearing[ends] = g.shaft_conductance / (0.5 * np.diff(g.shaft_edges)[[0, -1]])
     constant = np.zeros(g.size)
     constant[ends] = to_bearing[ends] * np.asarray(disk.bearing_offset_K)
+
+    constant[g.cells[-1]] += film_W_m2K(disk, g, h_W_m2K) * area[g.cells[-1]] * disk.film_air_K
 
     rho_c = s.density_kg_m3 * s.specific_heat_J_kgK
     return DiskSystem(
@@ -122,6 +122,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         surface_air_m2=area,
         skin_m2K_W=skin,
         track=track,
+        steel=Steel(s.steel, laplacian(ring_links(*_ring(disk, g)), np.zeros(g.size), g.size), g.cells.ravel()[None]),
     )
 
 
@@ -179,7 +180,7 @@ def _links(disk: DiskTruth, g: Grid) -> list[Link]:
     k, dz, dzs = s.conductivity_W_mK, np.diff(g.z_edges), np.diff(g.shaft_edges)
     fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m) + np.log(g.r[0] / s.bore_radius_m) / k
     return [
-        *ring_links(g.cells, g.r, g.face_area, dz, k),
+        *ring_links(*_ring(disk, g)),
         (g.cells[0], g.under, 2 * np.pi * dz / fit),
         (g.shaft[:-1], g.shaft[1:], g.shaft_conductance * 2 / (dzs[1:] + dzs[:-1])),
     ]
@@ -192,6 +193,10 @@ def ring_links(cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, 
         (cells[:-1], cells[1:], np.asarray(np.outer(2 * np.pi * k / np.log(r[1:] / r[:-1]), dz))),
         (cells[:, :-1], cells[:, 1:], np.asarray(np.outer(k * face_area, 2 / (dz[1:] + dz[:-1])))),
     ]
+
+
+def _ring(disk: DiskTruth, g: Grid) -> tuple[NDArray[np.int64], Array, Array, Array, float]:
+    return g.cells, g.r, g.face_area, np.diff(g.z_edges), disk.setup.conductivity_W_mK
 
 
 def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:

@@ -8,7 +8,7 @@ shaft under and beside it; the three exchange heat where the conductance makes p
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from tcdyn.simulate.mesh import (
     ring_links,
     to_ambient_W_K,
 )
+from tcdyn.simulate.steel import Steel
 from tcdyn.simulate.truth import DiskTruth
 
 Wall = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -72,7 +73,25 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
         surface_m2=np.concatenate([even.surface_m2, *(_half_surface(even, len(c)) for c, _, _ in parts)]),
         surface_air_m2=np.append(even.surface_air_m2, zeros),
         track=np.append(even.track, zeros),
+        steel=_steel_round(disk, g, even.steel, starts),
     )
+
+
+def _steel_round(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
+    """The steel of the disk in all unknowns: a harmonic conducts as the even part's temperature has it."""
+    size, blocks = g.cells.size, [even.conduction]
+    for n, (first, beyond) in zip(HARMONICS, pairwise(starts[1:])):
+        block = np.zeros(beyond - first)
+        block[:size] = _round_W_K(disk.setup.conductivity_W_mK, n, g.r_edges, np.diff(g.z_edges)).ravel()
+        links = ring_links(g.cells, g.r, g.face_area, np.diff(g.z_edges), disk.setup.conductivity_W_mK)
+        blocks.append(0.5 * laplacian(links, block, len(block)))
+    cells = np.stack([start + g.cells.ravel() for start in starts[:-1]])
+    return Steel(even.slopes, sparse.csc_matrix(sparse.block_diag(blocks, format="csc")), cells)
+
+
+def _round_W_K(conductivity_W_mK: float, n: int, edges: Array, dz: Array) -> Array:
+    """What a cell's harmonic ``n`` loses to the cells beside it round the ring, (nr, nz) [W/K]."""
+    return np.asarray(2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz))
 
 
 def _half_surface(even: DiskSystem, count: int) -> Array:
@@ -126,7 +145,7 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> tuple[Array, 
     ground = np.append(even[: g.cells.size], np.zeros(cells.size))
     ground[cells[-1]] += even[g.shaft[first:beyond]]  # the shaft outside the disk
     for own, edges, along in ((g.cells, g.r_edges, g.z_edges), (cells, r_edges, z_edges)):
-        ground[own] += 2 * np.pi * k * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), np.diff(along))
+        ground[own] += _round_W_K(k, n, edges, np.diff(along))
     volume = [np.outer(g.face_area, np.diff(g.z_edges)).ravel(), np.outer(area, np.diff(z_edges)).ravel()]
     capacity = s.density_kg_m3 * s.specific_heat_J_kgK * np.concatenate(volume)
     return 0.5 * capacity, 0.5 * laplacian(links, ground, len(ground)), cells[-1, BESIDE : BESIDE + len(g.z)]

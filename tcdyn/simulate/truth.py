@@ -13,6 +13,7 @@ from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
+from calibration.stated.flux import FluxProfile
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class DiskTruth:
     shaft_W_m2K: float  # shaft surface to the enclosure
     bearing_offset_K: tuple[float, float]  # shaft ends against ambient, at z < 0 and z > width
     uneven: BoreContact = BoreContact()
+    film_air_K: float = 0.0  # of what the running surface loses heat to, above the ambient
 
     @property
     def lags_s(self) -> dict[str, float]:
@@ -109,6 +111,10 @@ class RigTruth:
         """The same rig with the bore contact of the named disks uneven."""
         disks = {name: replace(self.disk(name), uneven=contact.get(name, self.disk(name).uneven)) for name in DISKS}
         return replace(self, fast=disks["fast"], slow=disks["slow"])
+
+    def with_film_air(self, warmer_K: float) -> RigTruth:
+        """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""
+        return replace(self, **{name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS})  # type: ignore[arg-type]
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
         """The same rig, measured differently."""
@@ -146,6 +152,8 @@ def draw_truth(
         own = rng_for(seed, "disk", name)
         setup = rig.disk_setup(name)
         moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
+        if uncertain:
+            moved = replace(moved, flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]))
         disks[name] = _draw_disk(own, name, moved if uncertain else setup)
     return RigTruth(
         fast=disks["fast"],
@@ -185,6 +193,11 @@ def _draw_setup(
         washer_conductivity_W_mK=setup.washer_conductivity_W_mK * factors["washer"],
         junctions=junctions,
     )
+
+
+def _draw_flux(rng: np.random.Generator, setup: DiskSetup, rig: Rig, wider: float) -> FluxProfile:
+    off = float(np.clip(rng.standard_normal(), -3, 3)) * 1e-3 * rig.tables(setup.name).uncertainty.flux_shift_mm
+    return replace(setup.flux, shift_m=setup.flux.shift_m + off, at_m=tuple(wider * x for x in setup.flux.at_m))
 
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:

@@ -10,8 +10,9 @@ from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
 
 from calibration.errors import InputError
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
-from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges, hertz_shares
+from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges
 from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
+from tcdyn.simulate.track import hertz_shares
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 Array = NDArray[np.float64]

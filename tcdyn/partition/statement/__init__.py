@@ -1,0 +1,42 @@
+"""What ``rig.toml`` may state beyond the thesis's own model (section 8.3): flux and film along the track, steel that
+follows temperature, a running surface whose loss was measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration import Array
+from tcdyn.partition.statement.steel import (
+    CONDUCTIVITY_SLOPE,
+    SPECIFIC_HEAT_SLOPE,
+    by_conductivity_slope,
+    by_specific_heat_slope,
+)
+from tcdyn.partition.statement.surface import SURFACE_AIR, by_air
+from tcdyn.partition.statement.track import SHIFT, by_film, by_shift
+from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.window import DiskWindow
+from tcdyn.traces import DiskTraces
+
+__all__ = ["statement_effects"]
+
+
+def statement_effects(
+    disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
+) -> tuple[tuple[Unmeasured, ...], Array]:
+    """What readings of a, c, e show more than predicted by one standard uncertainty of each statement, (Q, R, 3) [K].
+
+    Only of those that have an uncertainty.
+    """
+    u, found = disk.uncertainty, dict[Unmeasured, Array]()
+    if u.film_along_rel:
+        found |= {x: u.film_along_rel * k for x, k in by_film(window.rim, share, h_W_m2K).items()}
+    if u.flux_shift_mm:
+        found[SHIFT] = 1e-3 * u.flux_shift_mm * by_shift(window.rim, share, h_W_m2K)
+    if disk.setup.surface.measured and disk.setup.surface.air_u_K:
+        found[SURFACE_AIR] = by_air(window.rim, h_W_m2K, disk.setup.surface.air_u_K)
+    if slope := u.conductivity_slope_per_K:
+        found[CONDUCTIVITY_SLOPE] = by_conductivity_slope(window, share, h_W_m2K, slope)
+    if slope := u.specific_heat_slope_per_K:
+        found[SPECIFIC_HEAT_SLOPE] = by_specific_heat_slope(window.rim, share, h_W_m2K, slope)
+    return tuple(found), np.reshape([*found.values()], (len(found), *window.y.shape))

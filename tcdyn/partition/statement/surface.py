@@ -1,0 +1,44 @@
+"""The running surface's loss as a measured relation of flux and temperature, in place of h and the ambient there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration import Array
+from calibration.stated.surface import SurfaceFlux
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.window import RimMeans
+
+SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
+SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
+LEAST_REL = 1e-4
+RUNNING = 5  # of a rim's inputs: air at the running surface alone, where it is one of them
+
+
+def with_surfaces(test: EhlTest) -> EhlTest:
+    """The test with ``film`` set for disks whose surface was measured: it loses heat to T_a, not to the ambient."""
+    film = {d: still(test, disk.setup.surface) for d, disk in test.disks.items() if disk.setup.surface.measured}
+    return replace(test, film={**test.film, **film}) if film else test
+
+
+def still(test: EhlTest, surface: SurfaceFlux) -> Array:
+    """Columns (N, 2) of ``EhlTest.film`` while the speeds stay: how much warmer than the ambient T_a is, and zero."""
+    warmer = surface.air_degC - test.ambient_degC if surface.measured else np.zeros_like(test.ambient_degC)
+    return np.column_stack([warmer, np.zeros_like(warmer)])
+
+
+def by_air(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
+    """What a, c, e show more if T_a lies ``u_K`` higher, for ever, (R, 3) [K]."""
+    static = rim.gains(h_W_m2K).static[RUNNING]
+    return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
+
+
+def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
+    """Mean and standard deviation of log h [W/m2K] that the relation tells; without one, nothing."""
+    if not surface.measured:
+        return 0.0, np.inf
+    h = surface.heat_transfer_W_m2K
+    return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, LEAST_REL)

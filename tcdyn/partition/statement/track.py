@@ -1,0 +1,38 @@
+"""Along the track: the place of the heat flux and the shape of the film, which ``rig.toml`` states and nobody measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration import Array
+from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.window import Perturbation, RimMeans
+
+SHIFT_STEP_M = 0.25e-3
+SHIFT = Unmeasured("flux shift", "place of the flux")
+ALONG_STEP = 0.1
+ALONG = {
+    Unmeasured(f"film along {name}", "film along the track"): [
+        Perturbation(film=(s * tilt, s * crown)) for s in (ALONG_STEP, -ALONG_STEP)
+    ]
+    for name, tilt, crown in (("the width", 1.0, 0.0), ("the middle", 0.0, 1.0))
+}
+
+
+def by_shift(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
+    """What a, c, e show more when the flux lies a metre further along z, by a central difference, (R, 3) [K/m].
+
+    By the places of d and f round b the sign of a shift is each disk's own.
+    """
+    one, other = (rim.answer(h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+    return np.asarray((one[0] - other[0] + share * (one[1] - other[1])) / (2 * SHIFT_STEP_M))
+
+
+def by_film(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Array]:
+    """What a, c, e show more when h departs from its mean by all of itself along each of ``film_along``'s two shapes,
+    (R, 3) [K] each."""
+    out = {}
+    for what, pair in ALONG.items():
+        one, other = (rest + share * heat for rest, heat in (rim.answer(h_W_m2K, p) for p in pair))
+        out[what] = np.asarray(one - other) / (2 * ALONG_STEP)
+    return out

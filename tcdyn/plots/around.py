@@ -1,0 +1,59 @@
+"""Pictures of the temperature round a disk: the middle plane unrolled, and the running surface against the angle."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from calibration.around import Around
+from calibration.estimate import Z95
+from tcdyn.plots.style import BAND, DISK_COLOUR, TRUTH, dressed
+
+CENTRE_M = 1e-4  # junctions nearer than this to the middle plane are in it
+TONES = 12
+LEFT = "df"  # junctions whose letter stands on the left, clear of a neighbour's
+
+
+def draw_round(around: Around, ax: Axes) -> Axes:
+    """Middle plane of a disk, angle along and depth down, with the junctions: filled those that lie in it.
+
+    A junction's letter stands with what it reads; those beside the middle plane are colder than the colour there.
+    """
+    depth = 1e3 * around.depth_m
+    tones = ax.contourf(around.angle_deg, depth, around.middle_degC, levels=TONES, cmap="cividis")
+    lines = ax.contour(
+        around.angle_deg, depth, around.middle_degC, levels=np.array(tones.levels)[::2], colors="k", linewidths=0.4
+    )
+    ax.clabel(lines, fmt="%.4g", fontsize=7)
+    ax.figure.colorbar(tones, ax=ax, label="middle plane [°C]")
+    for c, seen in around.seen_degC.items():
+        j = around.setup.junctions[c]
+        at, mm = j.angle_deg % 360.0, 1e3 * j.depth_m
+        inside = abs(j.z_m - 0.5 * around.setup.width_m) < CENTRE_M
+        ax.plot(at, mm, "o", color="white", markerfacecolor=TRUTH if inside else "white", markeredgecolor=TRUTH,
+                markersize=6, zorder=4, clip_on=False)  # fmt: skip
+        side = -1 if c in LEFT else 1
+        ax.annotate(
+            f"{c} {seen:.1f}", (at, mm), xytext=(6 * side, 4), textcoords="offset points", fontsize=7.5, zorder=5,
+            ha="left" if side > 0 else "right",
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+        )  # fmt: skip
+    ax.set_ylim(1.02 * depth.max(), 0.0)
+    ax.set_xlim(0.0, 360.0)
+    ax.set_xticks(np.arange(0, 361, 60))
+    ax.set_title(f"{around.disk} disk", loc="left")
+    dressed(ax, "angle round the shaft [deg]", "depth below the running surface [mm]")
+    ax.grid(False)
+    return ax
+
+
+def draw_round_surface(around: Around, ax: Axes) -> Axes:
+    """Mean temperature across the running surface against the angle, with its 95 % band where it has one."""
+    t, u, colour = around.surface_degC, around.surface_u_K, DISK_COLOUR[around.disk]
+    ax.plot(around.angle_deg, t, color=colour, linewidth=1.6)
+    ax.fill_between(around.angle_deg, t - Z95 * u, t + Z95 * u, color=colour, alpha=BAND, linewidth=0)
+    ax.set_xlim(0.0, 360.0)
+    ax.set_xticks(np.arange(0, 361, 60))
+    apart = float(np.ptp(t))
+    ax.set_title(f"{around.disk} disk: {apart:.2g} K between the hottest and the coldest side", loc="left", fontsize=9)
+    return dressed(ax, "angle round the shaft [deg]", "running surface [°C]")
