@@ -1,4 +1,4 @@
-"""Along the track: the place of the heat flux and the shape of the film, which ``rig.toml`` states and nobody measured."""
+"""Along the track: the place of the heat flux and the shape of the film, as ``rig.toml`` states them, unmeasured."""
 
 from __future__ import annotations
 
