@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.flux import HERTZ_FLUX, FluxKind, FluxProfile
 from calibration.stated.steel import EVEN_STEEL, SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
@@ -42,8 +43,7 @@ class Junction:
 class Conditioning:
     """[conditioning]: the known low-pass filter B(s) of the signal conditioning; ``poles = 0`` means none.
 
-    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: the maximally flat filter of that order. The
-    cut-off is that of a 5B-series module's data sheet.
+    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: maximally flat; cut-off of a 5B data sheet.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -109,6 +109,7 @@ class DiskSetup:
     flux: FluxProfile = HERTZ_FLUX
     steel: SteelSlopes = EVEN_STEEL
     surface: SurfaceFlux = NO_FLUX
+    fit: PressFit = NO_FIT
 
     @property
     def diffusivity_m2_s(self) -> float:

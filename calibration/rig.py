@@ -29,6 +29,7 @@ from calibration.disk import (
 )
 from calibration.errors import InputError
 from calibration.result import Result
+from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
@@ -65,6 +66,7 @@ class RigTables(RigTable):
     )
     contact: ContactTable = ContactTable()
     surface: SurfaceFlux = NO_FLUX
+    fit: PressFit = NO_FIT
     conditioning: Conditioning = Conditioning()
     logger: LoggerTable = LoggerTable()
     uncertainty: UncertaintyTable = UncertaintyTable()
@@ -84,6 +86,7 @@ class RigTables(RigTable):
         unknown = sorted(set(self.thermocouples) - set(CHANNELS))
         if unknown:
             raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; the channels are a to f")
+        self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
             if junction.depth_mm >= wall:
@@ -137,6 +140,7 @@ class RigTables(RigTable):
             conditioning=self.conditioning,
             flux=self.contact.flux,
             surface=self.surface,
+            fit=self.fit,
             steel=SteelSlopes(d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC),
         )
 
@@ -283,9 +287,13 @@ def rig_toml(rig: Rig) -> str:
 def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
     lines = ["", f"[{name}]"]
     for key, value in values.items():
-        if isinstance(value, dict):
-            inner = ", ".join(f"{k} = {json.dumps(v)}" for k, v in value.items())
-            lines.append(f"{key} = {{ {inner} }}")
-        else:
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")  # text, numbers, truths: as in TOML
+        lines.append(f"{key} = {_toml_value(value)}")
     return lines
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{k} = {_toml_value(v)}' for k, v in value.items())} }}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml_value, value))}]"
+    return json.dumps(value, ensure_ascii=False)  # text, numbers, truths: as in TOML

@@ -12,6 +12,7 @@ from scipy.signal import savgol_filter
 from scipy.special import ellipe, ellipk
 
 from calibration import Array
+from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
@@ -271,3 +272,19 @@ def contact_conductance_W_m2K(
     14.1
     """
     return 0.170 * (pressure_Pa / hardness_Pa) ** 0.693 * slope * conductivity_W_mK / roughness_m
+
+
+def press_fit(setup: DiskSetup) -> tuple[float, float]:
+    """Pressure [Pa] of the stated press fit of a disk (6.1), and its conductance where it bears [W/m2K] (6.2).
+
+    Raises InputError where the rig states none, or the disk has no bore.
+    """
+    fit, bore_m = setup.fit, setup.bore_radius_m
+    if not (fit.stated and bore_m > 0):
+        raise InputError(
+            f"rig.toml states no press fit of the {setup.name} disk", expected="[fit] with an interference_um above "
+            "zero, and a bore", remedy="`tcdyn rig --show` lists every key with its default",
+        )  # fmt: skip
+    pressure = interference_pressure_Pa(0.5e-6 * fit.interference_um, bore_m, setup.outer_radius_m)
+    surfaces = 1e9 * fit.hardness_GPa, 1e-6 * fit.roughness_um, fit.slope, fit.conductivity_W_mK
+    return pressure, contact_conductance_W_m2K(pressure, *surfaces)

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from calibration.disk import DISKS
+from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from calibration.rig import load_rig
-from tcdyn.cli.common import Json, Quiet, dump, say, spare_inputs, within
+from calibration.stated.fit import amplitude_and_angle, harmonics
+from tcdyn.cli.common import Json, Quiet, check_choice, dump, say, spare_inputs, within
 from tcdyn.cli.simulate import RigPath, Seed, Uneven, contacts
+from tcdyn.contact import press_fit
 from tcdyn.simulate.ehl import EhlOptions
 from tcdyn.simulate.truth import draw_truth
 
@@ -52,9 +54,7 @@ def simulate_round(
     from tcdyn.plots.style import figure
     from tcdyn.simulate.field import around_disks
 
-    if out.suffix.lower() not in PICTURES:
-        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
-    spare_inputs([rig], out=out)
+    _check_picture(out, rig)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
     picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
@@ -70,6 +70,72 @@ def simulate_round(
         low, high = told[d]["surface_degC"]
         say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft", quiet)
     say(f"picture: {out}", quiet)
+
+
+@app.command("fit")
+def fit_round(
+    rig: RigPath = None,
+    disk: Annotated[str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")] = None,
+    out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The press fit that [fit] of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
+
+    [fit], or [slow.fit] for one disk, states interference_um (diametral), hardness_GPa, roughness_um, slope and
+    conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm = 6, share = 0.1 }] and
+    patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. Where there is one, `tcdyn simulate ehl`, `tcdyn round
+    simulate` and `tcdyn beta` use it.
+
+    Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
+    """
+    from tcdyn.plots.around import draw_fit
+    from tcdyn.plots.style import figure
+
+    if disk is not None:
+        check_choice("--disk", disk, DISKS)
+    if out is not None:
+        _check_picture(out, rig)
+    all_of = load_rig(rig)
+    setups = [all_of.disk_setup(d) for d in DISKS if disk in (None, d)]
+    stated = [s for s in setups if s.fit.stated] or setups[:1]
+    told = {s.name: _told(s) for s in stated}
+    if out is not None:
+        picture, axes = figure(len(stated), 1, width_in=7.0, height_in=3.2 * len(stated))
+        for s, ax in zip(stated, axes):
+            draw_fit(s, ax)
+        picture.savefig(out, dpi=150)
+    if json_:
+        print(dump({"picture": out, **told}), end="")
+        return
+    for name, x in told.items():
+        say(
+            f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance {1e-3 * x['bearing_W_m2K']:.2f} kW/m2K "
+            f"where the fit bears, {1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
+            f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
+            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}",
+            quiet,
+        )
+    if out is not None:
+        say(f"picture: {out}", quiet)
+
+
+def _told(setup: DiskSetup) -> dict[str, Any]:
+    """What a stated fit comes to; angles are those of the greatest conductance."""
+    pressure, bearing = press_fit(setup)
+    shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
+    waves = {n: dict(zip(("share", "angle_deg"), amplitude_and_angle(shares, n))) for n in (1, 2)}
+    mean = bearing * float(shares[0].real)
+    return {
+        "pressure_MPa": 1e-6 * pressure, "bearing_W_m2K": bearing, "mean_W_m2K": mean, "first": waves[1],
+        "second": waves[2],
+    }  # fmt: skip
+
+
+def _check_picture(out: Path, rig: Path | None) -> None:
+    if out.suffix.lower() not in PICTURES:
+        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
+    spare_inputs([rig], out=out)
 
 
 def _ends(x: np.ndarray) -> tuple[float, float]:

@@ -6,11 +6,15 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from calibration.around import Around
+from calibration.disk import DiskSetup
 from calibration.estimate import Z95
+from calibration.stated.fit import harmonics, mean_shares
+from tcdyn.contact import press_fit
 from tcdyn.plots.style import BAND, DISK_COLOUR, TRUTH, dressed
 
 CENTRE_M = 1e-4  # junctions nearer than this to the middle plane are in it
 TONES = 12
+STEP_DEG = 0.25  # of a drawn conductance
 LEFT = "df"  # junctions whose letter stands on the left, clear of a neighbour's
 
 
@@ -57,3 +61,23 @@ def draw_round_surface(around: Around, ax: Axes) -> Axes:
     apart = float(np.ptp(t))
     ax.set_title(f"{around.disk} disk: {apart:.2g} K between the hottest and the coldest side", loc="left", fontsize=9)
     return dressed(ax, "angle round the shaft [deg]", "running surface [°C]")
+
+
+def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
+    """Conductance of a stated press fit against the angle, its harmonics 0 to 2, and where the junctions are."""
+    edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
+    angle, colour = 0.5 * (edges[1:] + edges[:-1]), DISK_COLOUR[setup.name]
+    sectors, bearing = setup.fit.sectors(1e3 * setup.bore_radius_m), 1e-3 * press_fit(setup)[1]
+    c = bearing * harmonics(sectors, 2)
+    smooth = c[0].real + 2 * sum((c[n] * np.exp(1j * n * np.deg2rad(angle))).real for n in (1, 2))
+    ax.plot(angle, bearing * mean_shares(sectors, edges), color=colour, linewidth=1.6, label="as stated")
+    ax.plot(angle, smooth, color=TRUTH, linewidth=1.0, linestyle="--", label="mean, first and second harmonic")
+    ax.axhline(0.0, color="k", linewidth=0.4)
+    for name, j in setup.junctions.items():
+        ax.annotate(name, (j.angle_deg % 360.0, 0.01), xycoords=ax.get_xaxis_transform(), ha="center", fontsize=8)
+    ax.set_xlim(0.0, 360.0)
+    ax.set_ylim(min(-0.1 * bearing, ax.get_ylim()[0]), None)
+    ax.set_xticks(np.arange(0, 361, 60))
+    ax.set_title(f"{setup.name} disk", loc="left")
+    ax.legend(fontsize=7.5, frameon=False)
+    return dressed(ax, "angle round the shaft [deg]", "conductance of the fit [kW/m²K]")

@@ -10,6 +10,7 @@ from calibration.disk import DISKS
 from tcdyn.simulate.ehl import EhlOptions, disk_run, draw_test
 from tcdyn.simulate.mesh import DiskSystem, grid_of
 from tcdyn.simulate.programme import ehl_test
+from tcdyn.simulate.round import waves_of
 from tcdyn.simulate.truth import DiskTruth, RigTruth
 
 
@@ -29,7 +30,8 @@ def around_disks(test: str, seed: int, truth: RigTruth, options: EhlOptions | No
 def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) -> Around:
     g, parts = grid_of(disk, o.mesh), [state[rows] for rows in system.steel.cells]
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
-    field = sum(part[:, None] * np.cos(n * angle) for n, part in enumerate(parts)).reshape(*g.cells.shape, len(angle))
+    waves = [np.ones(len(angle)), *(wave(n * angle) for n, wave in waves_of(disk))]
+    field = sum(part[:, None] * wave for wave, part in zip(waves, parts)).reshape(*g.cells.shape, len(angle))
     reads = (system.sample @ state)[: len(system.channels)]
     return Around(
         disk=disk.setup.name,

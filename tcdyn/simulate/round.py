@@ -1,12 +1,14 @@
 """The synthetic disk round its bore: where the press fit conducts unevenly, harmonics of the angle, coupled there.
 
 With the bore's conductance h0 (1 + a cos(psi)), psi the angle from where the fit is best, the temperature is
-T0 + T1 cos(psi) + T2 cos(2 psi). Each T_n obeys conduction in (r, z) with -n^2 T/r^2 added, in the disk and in the
-shaft under and beside it; the three exchange heat where the conductance makes products of their angles.
+T0 + T1 cos(psi) + T2 cos(2 psi); where keyways and patches are stated, sines come to it. Each T_n obeys conduction in
+(r, z) with -n^2 T/r^2 added, in the disk and in the shaft under and beside it; they exchange heat where the conductance
+makes products of their angles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
@@ -32,8 +34,11 @@ from tcdyn.simulate.steel import Steel
 from tcdyn.simulate.truth import DiskTruth
 
 Wall = tuple[NDArray[np.int64], NDArray[np.int64]]
+Wave = tuple[int, Callable[[Array], Array]]
 
 HARMONICS = (1, 2)
+COSINES: tuple[Wave, ...] = tuple((n, np.cos) for n in HARMONICS)
+SINES: tuple[Wave, ...] = tuple((n, np.sin) for n in HARMONICS)
 SHAFT_CELLS = 8  # across the wall of the bored shaft, where the temperature differs round it
 THIN_M = 0.2e-3  # its outermost cell, whose half counts as nothing
 BESIDE = 10  # cells of the shaft on each side of the disk: what differs round it fades over half a radius
@@ -44,23 +49,25 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
     """The disk of ``build_system``, with its harmonics where its bore contact is uneven.
 
     Rows of ``sample``: what each junction sees, in the order of ``channels``; then for an uneven disk the part of that
-    by the first harmonic, by the second, and last the amplitude of the first at the depth and place of b.
+    by the first harmonic, by the second, and last the amplitude of the first at the depth and place of b, of its cosine
+    and, where keyways or patches are stated, of its sine.
     """
     even = build_system(disk, h_W_m2K, half_width_m, mesh)
-    if not disk.uneven.amplitude:
+    if disk.uneven.even:
         return even
-    g = grid_of(disk, mesh)
-    size, parts = g.size, [_harmonic(disk, g, n, h_W_m2K) for n in HARMONICS]
+    g, waves = grid_of(disk, mesh), waves_of(disk)
+    size, parts = g.size, [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
     starts = np.cumsum([0, size, *(len(capacity) for capacity, _, _ in parts)])
     own = sparse.block_diag([even.conductance, *(conductance for _, conductance, _ in parts)], format="csc")
     walls = [(g.cells[0], g.under)] + [(at + g.cells[0], at + faces) for at, (_, _, faces) in zip(starts[1:], parts)]
     whole = own + _coupling(disk, g, walls, int(starts[-1]))
     angles = np.deg2rad([disk.setup.junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels])
     at_cells = even.sample[:, : g.cells.size]
-    seen = [sparse.csr_matrix(at_cells.multiply(np.cos(n * angles)[:, None])) for n in HARMONICS]
+    seen = [sparse.csr_matrix(at_cells.multiply(wave(n * angles)[:, None])) for n, wave in waves]
     amplitude = at_cells[[even.channels.index("b")]]
-    rows = [[(0, even.sample), *((n, part) for n, part in zip(HARMONICS, seen))]]
-    rows += [[(n, part)] for n, part in zip(HARMONICS, seen)] + [[(1, amplitude)]]
+    rows = [[(0, even.sample), *enumerate(seen, start=1)]]
+    rows += [[(k + 1, seen[k]) for k, (of, _) in enumerate(waves) if of == n] for n in HARMONICS]
+    rows += [[(k + 1, amplitude)] for k, (of, _) in enumerate(waves) if of == 1]
     zeros = np.zeros(starts[-1] - size)
     return replace(
         even,
@@ -77,10 +84,17 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
     )
 
 
+def waves_of(disk: DiskTruth) -> tuple[Wave, ...]:
+    """Number and shape of the disk's harmonics, about its fit's best angle, in the order of the unknowns."""
+    if disk.uneven.even:
+        return ()
+    return COSINES + SINES if disk.uneven.sectors else COSINES
+
+
 def _steel_round(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
     """The steel of the disk in all unknowns: a harmonic conducts as the even part's temperature has it."""
     size, blocks = g.cells.size, [even.conduction]
-    for n, (first, beyond) in zip(HARMONICS, pairwise(starts[1:])):
+    for (n, _), (first, beyond) in zip(waves_of(disk), pairwise(starts[1:])):
         block = np.zeros(beyond - first)
         block[:size] = _round_W_K(disk.setup.conductivity_W_mK, n, g.r_edges, np.diff(g.z_edges)).ravel()
         links = ring_links(g.cells, g.r, g.face_area, np.diff(g.z_edges), disk.setup.conductivity_W_mK)
@@ -107,12 +121,13 @@ def seen_round(disk: DiskTruth, readings: Array) -> dict[str, Any]:
     ``second_K``: what each junction reads more by either harmonic. Zeros for an even disk.
     """
     names, contact = sorted(disk.channels), disk.uneven
-    parts = readings[len(names) :] if contact.amplitude else np.zeros(2 * len(names) + 1)
-    first, second, amplitude = parts[: len(names)], parts[len(names) : -1], float(parts[-1])
+    parts = readings[len(names) :] if not contact.even else np.zeros(2 * len(names) + 1)
+    first, second, (cos, *sin) = np.split(parts, [len(names), 2 * len(names)])
+    turned = np.rad2deg(np.arctan2(sum(sin), cos))
     return {
         "contact": {"amplitude": contact.amplitude, "angle_deg": contact.angle_deg},
-        "amplitude_K": abs(amplitude),
-        "angle_deg": (contact.angle_deg + 180.0 * (amplitude < 0)) % 360.0,
+        "amplitude_K": float(np.hypot(cos, sum(sin))),
+        "angle_deg": float(contact.angle_deg + turned) % 360.0,
         "first_K": dict(zip(names, map(float, first))),
         "second_K": dict(zip(names, map(float, second))),
     }
@@ -161,8 +176,8 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     radius, steel = s.bore_radius_m, s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     psi = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
     even = disk.bore_conductance_W_m2K
-    contact = even * (1 + disk.uneven.amplitude * np.cos(psi))
-    shapes = np.stack([np.ones(ROUND), *(np.cos(n * psi) for n in HARMONICS)])
+    contact = even * disk.uneven.relative(psi)
+    shapes = np.stack([np.ones(ROUND), *(wave(n * psi) for n, wave in waves_of(disk))])
     pairs = shapes * (contact / (1 + contact * steel)) @ shapes.T / ROUND
     pairs[0, 0] -= even / (1 + even * steel)
     area = 2 * np.pi * radius * np.diff(g.z_edges)

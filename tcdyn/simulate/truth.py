@@ -9,11 +9,14 @@ from zlib import crc32
 
 import numpy as np
 
+from calibration import Array
 from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
+from calibration.stated.fit import Sectors, amplitude_and_angle, harmonics, mean_shares
 from calibration.stated.flux import FluxProfile
+from tcdyn.contact import press_fit
 
 
 @dataclass(frozen=True)
@@ -54,17 +57,35 @@ class ChannelTruth:
 
 @dataclass(frozen=True)
 class BoreContact:
-    """The press fit conducts 1 + ``amplitude`` cos(angle - ``angle_deg``) of its mean round the bore."""
+    """The press fit conducts 1 + ``amplitude`` cos(angle - ``angle_deg``) of its mean round the bore.
+
+    ``sectors``: what rig.toml states of keyways and patches; all of it conducts, and the other two are its first
+    harmonic.
+    """
 
     amplitude: float = 0.0
     angle_deg: float = 0.0
+    sectors: Sectors = ()
 
     def __post_init__(self) -> None:
-        if not (0 <= self.amplitude <= 1 and abs(self.angle_deg) <= 360):
+        if not (0 <= self.amplitude <= (2 if self.sectors else 1) and abs(self.angle_deg) <= 360):
             raise InputError(
                 f"uneven contact {self.amplitude:g}@{self.angle_deg:g}",
                 expected="an amplitude of 0 (even) to 1 (no contact on one side) at -360 to 360 degrees",
             )
+
+    @property
+    def even(self) -> bool:
+        """Whether it conducts alike all round."""
+        return not (self.amplitude or self.sectors)
+
+    def relative(self, psi_rad: Array) -> Array:
+        """Conductance over its mean at ``psi_rad`` (N,), evenly round from ``angle_deg``, (N,)."""
+        if not self.sectors:
+            return np.asarray(1 + self.amplitude * np.cos(psi_rad))
+        half = 180.0 / len(psi_rad)
+        edges = np.append(np.rad2deg(psi_rad) - half, np.rad2deg(psi_rad[-1]) + half) + self.angle_deg
+        return mean_shares(self.sectors, edges) / harmonics(self.sectors, 0)[0].real
 
 
 @dataclass(frozen=True)
@@ -154,7 +175,7 @@ def draw_truth(
         moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
         if uncertain:
             moved = replace(moved, flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]))
-        disks[name] = _draw_disk(own, name, moved if uncertain else setup)
+        disks[name] = _fitted(_draw_disk(own, name, moved if uncertain else setup), setup)
     return RigTruth(
         fast=disks["fast"],
         slow=disks["slow"],
@@ -222,6 +243,16 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
         shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
         bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
     )
+
+
+def _fitted(disk: DiskTruth, stated: DiskSetup) -> DiskTruth:
+    """The disk with the mean conductance and the unevenness of the press fit that the rig states, if any."""
+    if not stated.fit.stated:
+        return disk
+    sectors, (_, bearing) = stated.fit.sectors(1e3 * stated.bore_radius_m), press_fit(stated)
+    shares = harmonics(sectors, 1)
+    contact = BoreContact(*amplitude_and_angle(shares, 1), sectors)
+    return replace(disk, bore_conductance_W_m2K=bearing * float(shares[0].real), uneven=contact)
 
 
 def truth_as_dict(truth: RigTruth) -> dict[str, Any]:

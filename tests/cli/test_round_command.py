@@ -45,3 +45,63 @@ def test_a_spot_that_cools_what_is_hot_is_refused(tmp_path: Path, capsys: pytest
     table.write_text("temperature_degC,flux_W_m2\n80,4\n90,3\n100,2\n110,1\n")
     assert tcdyn("spot", table) == 2
     assert "the flux falls with temperature" in capsys.readouterr().err
+
+
+FIT = """
+[slow.fit]
+interference_um = 20
+keyways = [{ angle_deg = 40, width_mm = 6, share = 0.1 }]
+patches = [{ from_deg = 300, to_deg = 10, share = 0.2 }]
+"""
+
+
+def test_a_stated_press_fit_is_told_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig, out = tmp_path / "rig.toml", tmp_path / "fit.png"
+    rig.write_text(FIT)
+    assert tcdyn("round", "fit", "--rig", rig, "--out", out, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert out.stat().st_size > 10_000
+    assert set(told) == {"picture", "slow"}
+    slow = told["slow"]
+    assert slow["pressure_MPa"] == pytest.approx(27.3 * 20 / 15.2, rel=0.002)  # section 6.4.3: 27.3 MPa at 15.2 um
+    key = 6 / 20.5 * 180 / 3.141592654
+    assert slow["mean_W_m2K"] / slow["bearing_W_m2K"] == pytest.approx(1 - (0.9 * key + 0.8 * 70) / 360)
+    assert 150 < slow["first"]["angle_deg"] < 200  # away from both
+    assert tcdyn("round", "fit", "--rig", rig) == 0
+    assert "slow disk: pressure 35.9 MPa" in capsys.readouterr().out
+    shown = tmp_path / "shown.toml"
+    assert tcdyn("rig", "--rig", rig, "--show") == 0
+    shown.write_text(capsys.readouterr().out)
+    assert load_rig(shown) == load_rig(rig)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            "patches = [{ from_deg = 10, to_deg = 400 }]",
+            "slow.fit.patches.0.to_deg: Input should be less than or equal",
+        ),
+        ("patches = [{ from_deg = 10, to_deg = 40, share = 1.2 }]", "slow.fit.patches.0.share"),
+        ("patches = [{ from_deg = 40, to_deg = 40 }]", "has no width"),
+        ("patches = [{ from_deg = 10, to_deg = 40 }, { from_deg = 30, to_deg = 5 }]", "overlap from 30 to 40 degrees"),
+        ("keyways = [{ angle_deg = 5, width_deg = 20 }]\npatches = [{ from_deg = 350, to_deg = 356 }]", "overlap"),
+        ("keyways = [{ angle_deg = 5 }]", "one of width_deg and width_mm"),
+        ("keyways = [{ angle_deg = 5, width_mm = 200 }]", "more than the bore's circumference"),
+        ("patches = [{ from_deg = 0, to_deg = 180 }, { from_deg = 180, to_deg = 360 }]", "leave nothing"),
+        ("interference_um = 0\nkeyways = [{ angle_deg = 5, width_deg = 5 }]", "need an interference_um"),
+    ],
+)
+def test_a_fit_that_cannot_be_is_refused(
+    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f"[slow.fit]\n{line if 'interference' in line else 'interference_um = 20'}\n"
+                   f"{'' if 'interference' in line else line}\n")  # fmt: skip
+    assert tcdyn("round", "fit", "--rig", rig) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_without_a_stated_fit_there_is_nothing_to_tell(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tcdyn("round", "fit", "--disk", "slow") == 2
+    assert "states no press fit of the slow disk" in capsys.readouterr().err

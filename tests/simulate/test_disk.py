@@ -9,6 +9,8 @@ from scipy.optimize import brentq
 from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
 
 from calibration.errors import InputError
+from calibration.rig import parse_rig
+from tcdyn.contact import contact_conductance_W_m2K, interference_pressure_Pa
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges
 from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
@@ -237,3 +239,59 @@ def test_harmonics_of_a_disk_that_loses_nothing_obey_the_radial_equation(n: int)
         shape[c] = (r**n + setup.outer_radius_m ** (2 * n) / r**n) * np.cos(angle)
     for c in "ae":
         assert reads[c] / reads["b"] == pytest.approx(shape[c] / shape["b"], rel=0.01)
+
+
+def stepped(amplitude: float, angle_deg: float, steps: int = 360) -> BoreContact:
+    """1 + amplitude cos(angle - angle_deg) as that many sectors, of shares of its greatest."""
+    ends = np.linspace(0.0, 360.0, steps + 1)
+    middle = np.deg2rad(0.5 * (ends[1:] + ends[:-1]) - angle_deg)
+    shares = (1 + amplitude * np.cos(middle)) / (1 + amplitude)
+    return BoreContact(amplitude, 0.0, tuple(zip(ends[:-1], ends[1:], shares)))
+
+
+def test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle() -> None:
+    """Sines and cosines about another angle against cosines about its own: one field, told to 1e-3 of its amplitude."""
+    disk = uneven(0.5, 70.0)
+    setup = disk.setup
+    by_sectors = replace(disk, uneven=stepped(0.5, 70.0))
+    told = []
+    for d in (disk, by_sectors):
+        system = uneven_system(d, 700.0, HALF_WIDTH_m, COARSE)
+        told.append(seen_round(d, system.sample @ steady_state(system, 300.0, 60.0)))
+    one, other = told
+    assert other["amplitude_K"] == pytest.approx(one["amplitude_K"], rel=1e-3)
+    assert other["angle_deg"] == pytest.approx(one["angle_deg"], abs=0.1)
+    for key in ("first_K", "second_K"):
+        np.testing.assert_allclose(
+            [other[key][c] for c in setup.junctions], [one[key][c] for c in setup.junctions],
+            atol=1e-3 * one["amplitude_K"],
+        )  # fmt: skip
+
+
+def test_two_keyways_opposite_each_other_make_a_second_harmonic_alone() -> None:
+    contact = BoreContact(0.0, 0.0, ((50.0, 110.0, 0.0), (230.0, 290.0, 0.0)))
+    disk = replace(uneven(0.0, 0.0), uneven=contact)
+    system = uneven_system(disk, 300.0, HALF_WIDTH_m, COARSE)
+    told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+    assert told["amplitude_K"] < 1e-9
+    second = np.array([told["second_K"][c] for c in "ab"])  # at 0 and 180 degrees, away from the keyways
+    assert (second < -0.05).all()
+
+
+def test_the_rig_file_s_fit_is_what_the_synthetic_rig_has() -> None:
+    patch = {"from_deg": 100.0, "to_deg": 200.0, "share": 0.2}
+    rig = parse_rig({"slow": {"fit": {"interference_um": 20.0, "patches": [patch]}}}, "rig.toml")
+    plain, true = draw_truth(3), draw_truth(3, rig)
+    assert true.fast == plain.fast
+    share = 1 - 0.8 * 100 / 360
+    pressure = interference_pressure_Pa(10e-6)
+    assert true.slow.bore_conductance_W_m2K == pytest.approx(
+        share * contact_conductance_W_m2K(pressure, 4.66e9, 1e-6, 0.1, 16.0)
+    )
+    turn = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    relative = true.slow.uneven.relative(turn)
+    assert relative.mean() == pytest.approx(1.0)
+    first = 2 * np.mean(relative * np.exp(-1j * turn))  # about the best angle: a cosine
+    assert true.slow.uneven.amplitude == pytest.approx(first.real, rel=1e-4)
+    assert abs(first.imag) < 1e-4
+    assert true.slow.uneven.angle_deg == pytest.approx(330.0)  # opposite the patch's middle
