@@ -690,6 +690,10 @@ PARTITION: dict[str, Words] = {
         f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of b; the fit of "
         "both disks found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
     ),
+    "fit.contradicted": "{subject} disk: its readings are {seen_K:.1f} K hotter at {seen_deg:.0f} degrees than in the "
+    "mean round the bore, while the press fit that rig.toml states would make it {told_K:.1f} K at {told_deg:.0f} "
+    "({z:.1f} standard uncertainties apart): [fit] is not used for this disk; look at its keyways and patches, their "
+    "angles and the angle_deg of the junctions",
     "stated.depth": _stated_depth,
     "stated.value": _stated_value,
     "stated.lag": "the lag of the {subject} disk: record {record_s:.3f} s, unloading {unloading_s:.3f} s",

@@ -41,6 +41,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tcdyn.partition.statement.fit import stated_round
 from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import (
     EQUAL_WEIGHTS,
@@ -55,6 +56,7 @@ from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
 WINDOW_S = 5.0
+NOTHING: Mapping[str, Unevenness] = {}
 EXCHANGED_Z, SAME_Z = 5.0, 3.0  # the exponent this far from the speed law's, and its opposite this near
 
 
@@ -182,9 +184,14 @@ def analyse(
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted, (test, again) = test, evened(test, both.uneven)
     lines, speed = steady_lines(test, rows, profile, weights)
+    stated, contradicted = stated_round(test, both)
+    findings += contradicted
+    if stated:
+        again = evened(fitted, both.uneven, stated)[1]
     if again is not None:
-        fitted, (joint, both) = again, joint_fits(again, speed.starts, joint_s, profile)
-        test, _ = evened(again, both.uneven)
+        fitted = unwound(again, again.uneven) if stated else again
+        joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
+        test, _ = evened(again, both.uneven, stated)
         lines, speed = steady_lines(test, rows, profile, weights)
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures")
@@ -252,17 +259,24 @@ def _followed(test: EhlTest) -> EhlTest:
     return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
 
 
-def evened(test: EhlTest, found: Mapping[str, Unevenness]) -> tuple[EhlTest, EhlTest | None]:
-    """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt the test with
-    them, to be fitted again with what is to be expected of such a disk."""
-    expected = {d: found[d].expected for d in DISKS}
+def evened(
+    test: EhlTest, found: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NOTHING
+) -> tuple[EhlTest, EhlTest | None]:
+    """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt, or ``stated``,
+    the test with them, to be fitted again with what is to be expected of such a disk."""
+    expected = {d: stated.get(d, found[d].expected) for d in DISKS}
     known = {d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()}
+    uneven = bool(stated) or any(known[d].second_K > 0 for d in DISKS)
+    return unwound(test, known), replace(test, uneven=expected) if uneven else None
+
+
+def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
+    """The test without the harmonics round the bore that are ``known``."""
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
         disks[d] = replace(disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s))
-    uneven = any(known[d].second_K > 0 for d in DISKS)
-    return replace(test, disks=disks, uneven=known), replace(test, uneven=expected) if uneven else None
+    return replace(test, disks=disks, uneven=known)
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:

@@ -58,7 +58,8 @@ class Unevenness:
     all; ``by_others``: how that moves with a standard uncertainty of what else nobody measured, (8,) each; ``h_W_m2K``:
     the film that it was found with; ``prior_K`` (4,): that prior, of ``SHAPES``; ``second_K``: standard uncertainty of
     the second harmonic at the depth of b; ``about_K`` (2,): the level, cos and sin, about which angles may be wrong;
-    ``span_s``: length of the steady window, over which drift and bend are told.
+    ``span_s``: length of the steady window, over which drift and bend are told; ``stated_K`` and ``stated_second_K``
+    (2,): the level that a stated press fit makes, about which the prior is, and its second harmonic.
     """
 
     prior_K: Array = field(default_factory=lambda: np.array(list(SHAPES.values())))
@@ -69,14 +70,21 @@ class Unevenness:
     second_K: float = 0.0
     about_K: Array = field(default_factory=lambda: np.zeros(2))
     span_s: float = 150.0
+    stated_K: Array = field(default_factory=lambda: np.zeros(2))
+    stated_second_K: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def _level(self) -> tuple[Array, Array]:
-        return self.prior_K[0] * self.found[:2], self.prior_K[0] ** 2 * self.covariance[:2, :2]
+        return self.stated_K + self.prior_K[0] * self.found[:2], self.prior_K[0] ** 2 * self.covariance[:2, :2]
 
     def level_z(self, off_K: Array) -> float:
         """Length of a departure (2,) of the level, cos and sin [K], in standard uncertainties of what was found."""
         return float(np.sqrt(off_K @ np.linalg.solve(self._level[1], off_K)))
+
+    @property
+    def level_K(self) -> Array:
+        """The level at the depth of b, (2,), cos and sin [K]."""
+        return np.asarray(self._level[0])
 
     @property
     def level_covariance_K2(self) -> Array:
@@ -135,6 +143,13 @@ class Unevenness:
 UNKNOWN = Unevenness()
 
 
+def known_kappa(setup: DiskSetup) -> float:
+    """kappa of heat leaving through the washers [1/m]."""
+    washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
+    k = setup.conductivity_W_mK
+    return float(max(np.sqrt(2 * washer / (k * setup.width_m)), LEAST_KAPPA_R / setup.outer_radius_m))
+
+
 def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -> Array:
     """T_n at depths below the running surface over T_n at the depth of b, same shape: I_n(kappa r) + C K_n(kappa r).
 
@@ -145,8 +160,7 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     array([1.  , 0.97])
     """
     k, outer = setup.conductivity_W_mK, setup.outer_radius_m
-    washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
-    kappa = max(np.sqrt(2 * washer / (k * setup.width_m)), LEAST_KAPPA_R / outer)
+    kappa = known_kappa(setup)
     edge = kappa * outer
     lost_i = k * kappa * special.ivp(n, edge) + h_W_m2K * special.iv(n, edge)
     lost_k = k * kappa * special.kvp(n, edge) + h_W_m2K * special.kv(n, edge)
@@ -258,4 +272,6 @@ def found_in(
 def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
     """What a..f read more, (N, 6), by the harmonic that was found, at times since the parting."""
     size_K = known.prior_K[:, None] * known.found.reshape(len(SHAPES), len(SIDES))
-    return np.asarray(in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, CHANNELS))
+    size_K[0] += known.stated_K
+    second = known.stated_second_K @ at_junctions(setup, known.h_W_m2K, CHANNELS, 2)
+    return np.asarray(in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, CHANNELS) + second)

@@ -1,0 +1,116 @@
+"""A stated press fit: what it makes of a disk against the whole-disk solver, and what it does in the fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.disk import CHANNELS
+from calibration.finding import Grade
+from calibration.rig import Rig, load_rig, parse_rig
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.statement.fit import bore_flux_W_m2, predicted, shaft_admittance
+from tcdyn.partition.uneven import UNKNOWN, Unevenness, at_junctions, harmonic_K
+from tcdyn.simulate.implicit import steady_state
+from tcdyn.simulate.mesh import DiskMesh, grid_of
+from tcdyn.simulate.round import seen_round, uneven_system
+from tcdyn.simulate.truth import draw_truth
+from tests.partition.study_rigs import StudyRig, study_rig
+
+SEED, POWER_W, H = 3005, 80.0, 280.0
+
+
+def stating(turned_deg: float = 0.0, roughness_um: float = 10.0) -> Rig:
+    """A slow disk with a keyway and a poor patch beside it."""
+    from_deg, to_deg = ((x + turned_deg) % 360 for x in (90.0, 200.0))
+    fit = {
+        "interference_um": 20.0,
+        "roughness_um": roughness_um,
+        "keyways": [{"angle_deg": (40.0 + turned_deg) % 360, "width_mm": 8.0, "share": 0.05}],
+        "patches": [{"from_deg": from_deg, "to_deg": to_deg, "share": 0.15}],
+    }
+    return parse_rig({"slow": {"fit": fit}}, "rig.toml")
+
+
+@pytest.mark.parametrize("roughness_um", [1.0, 10.0, 30.0])
+def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) -> None:
+    """Conductances of 6.4, 0.64 and 0.21 kW/m2K: sizes to 0.3 of them, the model's stated uncertainty; angle to 5
+    degrees; both harmonics at the junctions with the right sign."""
+    mesh, disk = DiskMesh(radial=48, axial=30, shaft_side=16), draw_truth(SEED, stating(0.0, roughness_um)).slow
+    disk = replace(disk, bearing_offset_K=(0.0, 0.0))
+    system = uneven_system(disk, H, 1.62e-3, mesh)
+    state, grid = steady_state(system, POWER_W, 0.0), grid_of(disk, mesh)
+    told = seen_round(disk, system.sample @ state)
+    even = state[: grid.cells.size].reshape(grid.cells.shape).mean(axis=1)
+    setup = disk.setup
+    inner_K = float(np.interp(setup.outer_radius_m - setup.junctions["b"].depth_m, grid.r, even))
+    found = predicted(setup, H).times(1e-3 * bore_flux_W_m2(setup, POWER_W, H, inner_K))
+    assert np.hypot(*found.first_K) == pytest.approx(told["amplitude_K"], rel=0.3)
+    off = np.rad2deg(np.arctan2(found.first_K[1], found.first_K[0])) - told["angle_deg"]
+    assert abs((off + 180) % 360 - 180) < 5.0
+    for key, level, n in (("first_K", found.first_K, 1), ("second_K", found.second_K, 2)):
+        true = np.array([told[key][c] for c in CHANNELS])
+        np.testing.assert_allclose(level @ at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max())
+
+
+def test_heat_spreads_along_the_shaft() -> None:
+    """A wave heated along all of a solid shaft would meet K n/R; over a part of it less of a hindrance, so more."""
+    setup = load_rig().disk_setup("slow")
+    along = replace(setup, width_m=1.0)
+    for n in (1, 2):
+        endless = setup.conductivity_W_mK * n / setup.bore_radius_m
+        assert shaft_admittance(along, n) == pytest.approx(endless, rel=0.03)
+        assert shaft_admittance(setup, n) > 1.5 * endless
+
+
+def analysed(turned_deg: float) -> tuple[StudyRig, Partition]:
+    """The rig with its fit as it is, by a rig file that states it so much further round."""
+    true = draw_truth(SEED, stating(), uncertain=True)
+    made = study_rig(SEED, truth=true, rig=stating(turned_deg))
+    return made, made.analyse()
+
+
+def off_K(made: StudyRig, found: Unevenness) -> np.ndarray:
+    told = made.told["unevenness"]["slow"]
+    at = np.deg2rad(told["angle_deg"])
+    return found.level_K - told["amplitude_K"] * np.array([np.cos(at), np.sin(at)])
+
+
+def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
+    """The harmonic within its 99 % region, the second within two standard uncertainties of what was subtracted."""
+    made, p = analysed(0.0)
+    found = p.both.uneven["slow"]
+    assert np.hypot(*found.stated_K) > 0.3
+    assert found.level_z(off_K(made, found)) < 3.04
+    assert "fit.contradicted" not in {f.code for f in p.findings}
+    assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
+    for way, estimate in p.ways.items():
+        assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
+    second = found.stated_second_K @ at_junctions(p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2)
+    true = np.array([made.told["unevenness"]["slow"]["second_K"][c] for c in CHANNELS])
+    assert np.abs(true).max() > 0.3
+    assert np.abs(second - true).max() < 2 * found.second_K
+    assert {r.source: r.u_beta_steady for r in p.budget.rows}["second harmonic round the bore"] > 1e-3
+    known, disk = p.test.uneven["slow"], made.test.disks["slow"]
+    since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
+    taken = harmonic_K(known, disk.setup, since_s)
+    np.testing.assert_allclose(p.test.disks["slow"].readings_degC + taken, disk.readings_degC, atol=1e-9)
+
+
+def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
+    """A prior on the far side, at 3 u of the data and more, says so; the disk is found as without a statement."""
+    made, p = analysed(170.0)
+    told = [f for f in p.findings if f.code == "fit.contradicted"]
+    assert [(f.subject, f.grade) for f in told] == [("slow", Grade.LOOK)]
+    assert "[fit] is not used" in told[0].sentence
+    found = p.both.uneven["slow"]
+    assert not found.stated_K.any()
+    assert found.level_z(off_K(made, found)) < 3.04
+    assert p.status == "look"
+
+
+def test_without_a_statement_nothing_is_subtracted() -> None:
+    """To the last bit."""
+    assert not harmonic_K(UNKNOWN, load_rig().disk_setup("slow"), np.linspace(-50.0, 50.0, 101)).any()
