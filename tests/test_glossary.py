@@ -78,6 +78,6 @@ def test_every_key_is_told_with_its_unit_and_no_other(
 
 
 def test_every_number_of_the_rig_file_says_its_unit_by_its_ending() -> None:
-    plain = {"gear_ratio", "poles", "speed_exponent", "speed_exponent_low", "speed_exponent_high"}  # pure numbers
+    plain = {"gear_ratio", "poles", "slope", "speed_exponent", "speed_exponent_low", "speed_exponent_high"}  # pure
     for key in re.findall(r"(\w+) = -?\d", rig_toml(load_rig())):
         assert key in plain or any(key.endswith(ending) for ending in ENDINGS), key

@@ -54,7 +54,7 @@ class PressFit:
     """[fit] of a rig file (sections 6.4.3, (6.1), (6.2)); ``interference_um`` is diametral, zero where none is stated.
 
     Hardness, roughness and slope of the surfaces and the conductivity of the joint are assumed: with each other they
-    give table 6.6. ``uneven_u``: standard uncertainty, beyond what is stated, of cos and sin of the first harmonic of
+    give table 6.6. ``uneven_rel``: standard uncertainty, beyond what is stated, of cos and sin of the first harmonic of
     the conductance, as a share of its mean. Angles are those of the junctions' ``angle_deg``.
     """
 
@@ -64,7 +64,7 @@ class PressFit:
     roughness_um: Annotated[float, Field(gt=0, lt=100)] = 1.0
     slope: Annotated[float, Field(gt=0, lt=2)] = 0.1
     conductivity_W_mK: Annotated[float, Field(gt=0.1, lt=2500)] = 16.0
-    uneven_u: Annotated[float, Field(gt=0, le=2)] = 0.1
+    uneven_rel: Annotated[float, Field(gt=0, le=2)] = 0.1
     keyways: tuple[Keyway, ...] = ()
     patches: tuple[Patch, ...] = ()
 

@@ -184,7 +184,7 @@ def analyse(
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted, (test, again) = test, evened(test, both.uneven)
     lines, speed = steady_lines(test, rows, profile, weights)
-    stated, contradicted = stated_round(test, both)
+    stated, contradicted = stated_round(test, both.estimates, both.uneven)
     findings += contradicted
     if stated:
         again = evened(fitted, both.uneven, stated)[1]

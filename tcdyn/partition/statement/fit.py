@@ -17,11 +17,11 @@ from scipy import special
 
 from calibration import Array
 from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
+from calibration.estimate import Estimate
 from calibration.finding import Finding, look
 from calibration.stated.fit import harmonics
 from tcdyn.contact import press_fit
 from tcdyn.partition.events import DiskTraces, EhlTest
-from tcdyn.partition.joint import BothFit
 from tcdyn.partition.uneven import (
     PER_K,
     SECOND_REL,
@@ -56,26 +56,26 @@ class Predicted:
         """The same for another flux."""
         return Predicted(flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K)
 
-    def apart_z(self, uneven_u: float, flux_rel: float, found: Unevenness) -> float:
+    def apart_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
         """Least distance of what was ``found`` from the statement, in standard uncertainties, whatever heat goes
         through the bore: this is known to ``flux_rel``, and goes outward."""
         size, rel, least = float(np.hypot(*self.first_K)), float(np.hypot(flux_rel, MODEL_REL)), np.inf
         for scale in SCALES:
-            other_K = np.hypot(uneven_u * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size)
+            other_K = np.hypot(uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size)
             off = found.level_K - scale * self.first_K
             z2 = off @ np.linalg.solve(found.level_covariance_K2 + other_K**2 * np.eye(2), off)
             least = min(least, float(z2) + ((scale - 1) / rel) ** 2)
         return float(np.sqrt(least))
 
-    def prior(self, uneven_u: float, flux_rel: float, found: Unevenness) -> Unevenness:
-        """What is to be expected of such a disk, the stated conductance known to ``uneven_u`` of its mean, the heat
+    def prior(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> Unevenness:
+        """What is to be expected of such a disk, the stated conductance known to ``uneven_rel`` of its mean, the heat
         through the bore to ``flux_rel``.
 
         What a fit ``found`` of the first harmonic, without the statement, tells how much heat goes through the bore,
         and so how large the second is, which no fit tells.
         """
         size, rel = float(np.hypot(*self.first_K)), float(np.hypot(flux_rel, MODEL_REL))
-        toward, other_K = self.first_K / max(size, 1e-9), uneven_u * self.per_share_K
+        toward, other_K = self.first_K / max(size, 1e-9), uneven_rel * self.per_share_K
         seen = float(found.level_K @ toward)
         seen_u = float(np.sqrt(toward @ found.level_covariance_K2 @ toward + other_K**2))
         trust = (rel * size) ** 2 / ((rel * size) ** 2 + seen_u**2)
@@ -171,8 +171,11 @@ def predicted(setup: DiskSetup, h_W_m2K: float) -> Predicted:
     return Predicted(np.array([first.real, -first.imag]), np.array([second.real, -second.imag]), float(per_share))
 
 
-def stated_round(test: EhlTest, both: BothFit) -> tuple[dict[str, Unevenness], list[Finding]]:
-    """What is to be expected of each disk with a stated fit, by the fit of both disks that did not know it.
+def stated_round(
+    test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, Unevenness]
+) -> tuple[dict[str, Unevenness], list[Finding]]:
+    """What is to be expected of each disk with a stated fit, by ``estimates`` and what was found ``uneven`` by the fit
+    of both disks that did not know it.
 
     A disk in which that fit found another harmonic, beyond three standard uncertainties, is left as without a
     statement, and a finding says so. ``test``: without the harmonics that were found.
@@ -180,18 +183,19 @@ def stated_round(test: EhlTest, both: BothFit) -> tuple[dict[str, Unevenness], l
     stated: dict[str, Unevenness] = {}
     findings = []
     near = (test.time_s > test.events.unload_s - WINDOW_S) & (test.time_s < test.events.unload_s - 1.0)
-    shares: Mapping[str, float] = {"fast": both.theta[0], "slow": both.theta[4]}
+    beta = estimates["beta"]
+    shares = {"fast": beta.value, "slow": 1 - beta.value}
     for d in DISKS:
-        disk, found = test.disks[d], both.uneven[d]
+        disk, found = test.disks[d], uneven[d]
         if not disk.setup.fit.stated:
             continue
         inner = disk.readings_degC[near][:, INNER] - test.ambient_degC[near, None]
-        whole, film = float(np.mean(test.power_W[near])), both.estimates[f"h_{d}"]
-        u = whole * float(np.hypot(both.estimates["beta"].u, shares[d] * disk.uncertainty.friction_rel))
+        whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
+        u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         flux, flux_u = flux_and_u(disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)))
         least = max(flux, LEAST_SIGMAS * flux_u)  # heat leaves through the bore
         told = predicted(disk.setup, film.value).times(1e-3 * least)
-        known = disk.setup.fit.uneven_u, flux_u / least, found
+        known = disk.setup.fit.uneven_rel, flux_u / least, found
         if (z := told.apart_z(*known)) < SIGNIFICANT:
             stated[d] = told.prior(*known)
             continue
