@@ -62,7 +62,7 @@ def beta(
     --report beta.html
     """
     from tcdyn.pipeline import estimate_beta
-    from tcdyn.pipeline.beta import read_bearing
+    from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.traces import records_by_disk
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
@@ -104,26 +104,36 @@ def campaign(
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")] = None,
     bearing: Bearing = None,
     without: Without = None,
+    model: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="CSV of a model's curve to lay over beta: one of delta_T_us_K_m_s, load_N, "
+            "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; may be given more than once"
+        ),
+    ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Heat partition of every log of a campaign, in one table with the thesis's figures.
+    """Heat partition of every log of a campaign, in one table with the thesis's figures, and as one measurement.
 
-    What is finished is kept: run the same command again to go on after a stop, or to add logs. A log that cannot be
-    analysed has its reason in the table and does not stop the others; the exit code is then 1, and 2 when none could.
+    What all tests of a rig share is solved for once: campaign.json holds beta with its uncertainty within the campaign
+    and absolute, the exponent of the speed law, trends, and which test does not belong; table.csv and table.tex are for
+    a paper. What is finished is kept: run the same command again to go on after a stop, or to add logs; a .beta.json
+    may stand in the place of its log. A log that cannot be analysed has its reason in the table and does not stop the
+    others; the exit code is then 1, and 2 when none could.
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
-    from tcdyn.pipeline.beta import read_bearing
-    from tcdyn.pipeline.campaign import PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
+    from tcdyn.pipeline.bearing import read_bearing
+    from tcdyn.pipeline.campaign import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
     from tcdyn.traces import records_by_disk, rig_of
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
-    for name in (TABLE_FILE, PAGE_FILE):
-        spare_inputs([*logs, rig, bearing, *record], out=out / name)
+    for name in OUTPUTS:
+        spare_inputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     rolling = read_bearing(bearing) if bearing else None
@@ -131,7 +141,7 @@ def campaign(
     settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), quiet or json_) as progress:
-        run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)
+        run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
     from tcdyn.report.campaign import write_campaign_report
 
     report = write_campaign_report(out / PAGE_FILE, run)

@@ -17,9 +17,11 @@ from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
 from tcdyn.pipeline import campaign as stage
-from tcdyn.pipeline.beta import prepare, read_bearing
-from tcdyn.pipeline.campaign import CampaignSettings, run_campaign, spread
+from tcdyn.pipeline.bearing import read_bearing
+from tcdyn.pipeline.beta import prepare
+from tcdyn.pipeline.campaign import CampaignSettings, run_campaign
 from tcdyn.pipeline.campaign_table import COLUMNS, table_columns, trend_table
+from tcdyn.pipeline.spread import spread
 from tests.conftest import Campaign
 
 
@@ -124,7 +126,7 @@ def test_bad_requests_get_one_sentence(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tcdyn.pipeline.campaign.CONNECT_S", 0.5)
+    monkeypatch.setattr("tcdyn.pipeline.spread.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
     assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err
