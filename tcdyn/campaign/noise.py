@@ -116,6 +116,8 @@ def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array, sums: i
     m = max(len(rows) // sums, 1)
     used = np.flatnonzero(rows.any(axis=0))
     starts = np.arange(0, len(rows) - m + 1, m)[:-1]
+    if not len(used):
+        return 1.0
     toward = np.zeros((len(rows), 3, len(starts) * len(used)))
     for k, (start, column) in enumerate((s, c) for s in starts for c in used):
         toward[start : start + m, column, k] = 1 / np.sqrt(m)

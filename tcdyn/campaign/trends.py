@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -136,25 +136,20 @@ def read_curve(path: str | Path) -> Curve:
 
     Raises InputError for a file without them, fewer than two points, or values of x that do not rise.
     """
-    path = Path(path)
-    expected = f"a column beta, and one of {', '.join(AGAINST)}"
-    try:
-        head = path.read_text(encoding="utf-8").partition("\n")[0]
-    except (OSError, UnicodeDecodeError) as problem:
-        raise InputError(f"cannot be read ({type(problem).__name__})", where=str(path), expected=expected) from None
-    names = [name.strip() for name in head.split(",")]
-    over = [a for a in AGAINST if a in names]
-    if len(over) != 1 or "beta" not in names:
-        raise InputError(f"its columns are {', '.join(names)}", where=str(path), expected=expected)
-    given = ["u_beta"] if "u_beta" in names else []
-    values: Mapping[str, Array] = read_numbers(path, (over[0], "beta", *given))
+    values = read_numbers(path, ("beta",), (*AGAINST, "u_beta"))
+    over = [a for a in AGAINST if a in values]
+    if len(over) != 1:
+        raise InputError(
+            f"it holds {' and '.join(over) or 'nothing'} to lay beta over", where=str(path),
+            expected=f"one of {', '.join(AGAINST)}",
+        )  # fmt: skip
     x, beta = values[over[0]], values["beta"]
-    u = values["u_beta"] if given else np.zeros(len(x))
+    u = values.get("u_beta", np.zeros(len(x)))
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise InputError(f"{over[0]} does not rise from row to row", where=str(path), expected="two rows or more")
     if not ((beta > 0) & (beta < 1)).all() or (u < 0).any():
         raise InputError("beta is not a share", where=str(path), expected="beta between 0 and 1, u_beta not below 0")
-    return Curve(path.name, over[0], x, beta, u)
+    return Curve(Path(path).name, over[0], x, beta, u)
 
 
 def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:

@@ -20,6 +20,7 @@ from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
 from tcdyn.campaign import kept_of, rig_fingerprint, sealed
+from tcdyn.campaign.stages import stage_of
 from tcdyn.contact import (
     LEAST_ZERO,
     NOTHING_ADDED,
@@ -43,11 +44,12 @@ SLOWER_S = 3.0  # after the parting a changed speed is told
 
 @dataclass(frozen=True)
 class BetaRun(Result):
-    """One analysed test: the numbers, and the log they came from."""
+    """One analysed test: the numbers, the log they came from, and how many tests that log holds in all."""
 
     log: Log
     partition: Partition
     rig_sha256: str
+    stages: int = 1
 
     def __repr__(self) -> str:
         return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
@@ -215,14 +217,16 @@ def estimate_beta(
     seed: int = 0,
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
+    stage: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
     ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
     ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10). A channel that is dead, missing, or lost for long is left out too, with a finding, as long as the
-    rest still tells beta. Raises InputError for a log, rig or record that does not fit, naming the log.
+    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
+    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
+    Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
     left_out_of(without)
@@ -231,13 +235,14 @@ def estimate_beta(
     while True:
         try:
             progress("reading the log")
-            table = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+            whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+            table, count = stage_of(whole, stage)
             test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
             try:
                 found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
             except InputError as problem:
                 raise problem.at(table.path.name) from None
-            return BetaRun(table, found, rig_fingerprint(rig, records))
+            return BetaRun(table, found, rig_fingerprint(rig, records), count)
         except InputError as problem:
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
@@ -245,6 +250,15 @@ def estimate_beta(
                 raise (first or problem if problem.column else problem) from None
             first, left_out[lost] = first or problem, problem.what
             progress(f"going on without {lost}")
+
+
+def estimate_stages(
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
+) -> tuple[BetaRun, ...]:
+    """:func:`estimate_beta` of every loading in one log that an unloading follows, in order; ``options`` as there."""
+    first = estimate_beta(log, rig, records, stage=1, **options)
+    more = (estimate_beta(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
+    return (first, *more)
 
 
 def summary_of(p: Partition) -> str:

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.files import sha256
 from calibration.files.write import write_text
-from calibration.finding import Finding, note, sentences
-from calibration.record import DiskRecord
+from calibration.finding import Finding, note
 from calibration.result import Result, jsonable
-from calibration.rig import Rig
-from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint, sealed
+from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
-from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import between, steady_start_s
 from tcdyn.pipeline.answers import ANSWER, given_answer, is_altered, read_answer, said_once
-from tcdyn.pipeline.bearing import BearingFile
-from tcdyn.pipeline.beta import estimate_beta
 from tcdyn.pipeline.campaign_table import AGREE, campaign_table, table_csv, table_row
+from tcdyn.pipeline.one_log import CampaignSettings, analyse_log
 from tcdyn.pipeline.spread import spread
-from tcdyn.version import __version__
 
 TABLE_FILE, PAGE_FILE, JOINED_FILE = "campaign.csv", "campaign.html", "campaign.json"
 PAPER_FILES = "table.csv", "table.tex"
@@ -40,42 +30,24 @@ OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
 
 
 @dataclass(frozen=True)
-class CampaignSettings:
-    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such as "fast_c"."""
-
-    rig: Rig
-    records: Mapping[str, DiskRecord]
-    window_s: float = WINDOW_S
-    seed: int = 0
-    bearing: BearingFile | None = None
-    without: tuple[str, ...] = ()
-
-    def fingerprint(self) -> dict[str, Any]:
-        """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
-        return {
-            "version": __version__,
-            "rig_sha256": _hash(self.rig.model_dump_json()),
-            "records_sha256": {d: _hash(r.to_json()) for d, r in sorted(self.records.items())},
-            "bearing_sha256": self.bearing.sha256 if self.bearing else None,
-            "window_s": self.window_s,
-            "seed": self.seed,
-            "without": sorted(self.without) or None,
-        }
-
-
-@dataclass(frozen=True)
 class LogOutcome:
-    """One log: the content of its beta.json, or the sentence that says why there is none."""
+    """One test: the content of its beta.json, or the sentence that says why there is none.
+
+    ``stage``: which of several loadings in its log, from 1; 0 in a log with one.
+    """
 
     log: Path
     data: dict[str, Any] | None
     error: str = ""
     kept: bool = False
+    stage: int = 0
 
     @property
     def name(self) -> str:
-        """The log's name without its ending, also of an answer that was given in its place."""
-        return self.log.name.removesuffix(ANSWER) if self.log.name.endswith(ANSWER) else self.log.stem
+        """The log's name without its ending, also of an answer that was given in its place; with its stage, if any."""
+        if self.log.name.endswith(ANSWER):
+            return self.log.name.removesuffix(ANSWER)
+        return stage_name(self.log, self.stage)
 
 
 @dataclass(frozen=True)
@@ -166,34 +138,37 @@ def run_campaign(
     _check_names(paths)
     folder, curves = Path(out), [read_curve(path) for path in models]
     rig = rig_fingerprint(settings.rig, settings.records)
-    outcomes: dict[int, LogOutcome] = {
-        i: LogOutcome(path, given_answer(path, rig), kept=True)
+    outcomes: dict[int, list[LogOutcome]] = {
+        i: [LogOutcome(path, given_answer(path, rig), kept=True)]
         for i, path in enumerate(paths)
         if path.name.endswith(ANSWER)
     }
     jobs: list[tuple[int, Path]] = []
-    altered = tuple(p.stem for i, p in enumerate(paths) if i not in outcomes and is_altered(_answer_file(p, folder)))
+    altered = tuple(p.stem for i, p in enumerate(paths) if i not in outcomes and is_altered(_answer_file(p, folder, 0)))
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
         kept = _stored(path, folder, settings)
-        if kept is None:
-            jobs.append((i, path))
-        else:
+        if kept:
             outcomes[i] = kept
             progress(path.stem, len(outcomes), len(paths))
+        else:
+            jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
     for at, answer in spread(work, [path.resolve() for _, path in jobs], workers, dask):
         i, path = jobs[at]
         if isinstance(answer, Exception):
-            answer = f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"
-        if isinstance(answer, str):
-            outcomes[i] = LogOutcome(path, None, answer)
-        else:
-            outcomes[i] = LogOutcome(path, answer)
-            write_text(_answer_file(path, folder), json.dumps(answer, indent=2, ensure_ascii=False) + "\n")
+            answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
+        outcomes[i] = []
+        for stage, one in enumerate(answer, 1) if len(answer) > 1 else [(0, answer[0])]:
+            if isinstance(one, str):
+                outcomes[i].append(LogOutcome(path, None, one, stage=stage))
+            else:
+                outcomes[i].append(LogOutcome(path, one, stage=stage))
+                file = _answer_file(path, folder, stage)
+                write_text(file, json.dumps(one, indent=2, ensure_ascii=False) + "\n")
         progress(path.stem, len(outcomes), len(paths))
-    ordered = tuple(outcomes[i] for i in range(len(paths)))
+    ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     write_text(folder / TABLE_FILE, table_csv(table))
     whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
@@ -204,57 +179,36 @@ def run_campaign(
     return CampaignRun(folder, ordered, table, whole, altered)
 
 
-def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
-    """The content of one log's beta.json with what a campaign adds to it, or the sentence of its failure."""
+def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
+    """The stored answers of an earlier run, when all of them stand for the same log and settings; else none."""
     try:
-        return _analysed(path, settings)
-    except InputError as problem:
-        return str(problem).replace(str(path), path.name)
-    except Exception as problem:  # one log must not end a campaign of many
-        return f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
-
-
-def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
-    s = settings
-    run = estimate_beta(path, s.rig, s.records, window_s=s.window_s, seed=s.seed, bearing=s.bearing, without=s.without)
-    test = run.partition.test
-    data = run.to_dict()
-    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
-    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found[:-1]))
-    steady = steady_degC(test)
-    data["campaign"] = {
-        **settings.fingerprint(),
-        "friction_coefficient": test.friction_N / test.load_N,
-        "bearing_N": test.added.value_N if settings.bearing else None,
-        "bulk_degC": {d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS},
-        "steady_degC": steady,
-    }
-    return sealed(data)
-
-
-def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
-    """Mean reading of each junction when steady [degC], None of one left out; their mean is the bulk one (6.4.1)."""
-    rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
-    return {
-        d: {c: None if c in test.disks[d].left_out else float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS
-    }
-
-
-def _stored(path: Path, folder: Path, settings: CampaignSettings) -> LogOutcome | None:
-    """The stored answer of an earlier run, when it stands for the same log and settings."""
-    try:
-        data = read_answer(_answer_file(path, folder))
-        own, wanted = data["campaign"], settings.fingerprint()
-        same = data["source"]["sha256"] == sha256(path) and all(own.get(k) == v for k, v in wanted.items())
-        table_row(path.stem, data)
+        first = 0 if _answer_file(path, folder, 0).exists() else 1
+        count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
+        return [_stored_one(path, folder, settings, k) for k in ([0] if count == 1 else range(1, count + 1))]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
-        return None
-    return LogOutcome(path, data, kept=True) if same else None
+        return []
 
 
-def _answer_file(path: Path, folder: Path) -> Path:
-    return folder / f"{path.stem}.beta.json"
+def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
+    data = read_answer(_answer_file(path, folder, stage))
+    own, wanted = data["campaign"], settings.fingerprint()
+    if data["source"]["sha256"] != sha256(path) or any(own.get(k) != v for k, v in wanted.items()):
+        raise ValueError("of another log or other settings")
+    table_row(path.stem, data)
+    return LogOutcome(path, data, kept=True, stage=stage)
+
+
+def stage_name(path: Path, stage: int) -> str:
+    """A test's name: its log's, with the number of its loading where there are several.
+
+    >>> stage_name(Path("EHL_D4.csv"), 0), stage_name(Path("EHL_D4.csv"), 2)
+    ('EHL_D4', 'EHL_D4.2')
+    """
+    return path.stem + (f".{stage}" if stage else "")
+
+
+def _answer_file(path: Path, folder: Path, stage: int) -> Path:
+    return folder / f"{stage_name(path, stage)}{ANSWER}"
 
 
 def _check_names(paths: Sequence[Path]) -> None:
@@ -268,7 +222,3 @@ def _check_names(paths: Sequence[Path]) -> None:
                 remedy="rename one: the answers are named after the logs",
             )
         seen[path.stem] = path
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()

@@ -43,7 +43,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
     if run.failed:
         lost = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=lost))
-    if run.joined is not None:
+    if run.joined is not None and len(run.joined.posterior.tests) > 1:
         sections += joined_sections(run.joined)
     if len(good):
         sections += [
@@ -112,7 +112,9 @@ def campaign_verdict(run: CampaignRun) -> str:
     low, high = ranked[0], ranked[-1]
     said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
     shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
-    whole = f"{joined_verdict(run.joined)}\n\n" if run.joined is not None and len(good) > 1 else ""
+    whole = (
+        f"{joined_verdict(run.joined)}\n\n" if run.joined is not None and len(run.joined.posterior.tests) > 1 else ""
+    )
     apart = [str(t) for t in good["test"][good["agree"] != "yes"]]
     agree = f"in {len(good) - len(apart)} of {len(good)} tests" + (f", not in {', '.join(apart)}" if apart else "")
     lost = f" {len(run.failed)} of {len(table)} logs could not be analysed." if run.failed else ""

@@ -26,27 +26,26 @@ COMMON = 1e-3
 
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
-    """Table of beta with both uncertainties, trend, exponent, models and junctions."""
-    many = len(joined.posterior.tests) > 1
-    sections = [Section("β of each test, all tests as one measurement", BOTH if many else "", beta_table(joined))]
-    if many:
-        fig, (ax,) = figure(height_in=4.4)
-        draw.draw_joined_beta(joined, ax)
-        said = f"{trend_sentence(joined)}\n\n{_models(joined)}"
-        caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
-        table = trend_words(joined)
-        sections.append(Section("Does β depend on ΔT u_s?", said, figure=fig, caption=caption))
-        if len(table):
-            told = (
-                "Generalised least squares with the covariance of all tests. Scatter: of the tests about the line, "
-                "beyond their uncertainties; where it is not zero, the line alone does not tell β."
-            )
-            sections.append(Section("Trends of β", told, table))
+    """Table of beta with both uncertainties, trend, exponent, models and junctions, of two tests or more."""
+    fig, (ax,) = figure(height_in=4.4)
+    draw.draw_joined_beta(joined, ax)
+    caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
+    sections = [
+        Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
+        Section(
+            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=fig, caption=caption
+        ),
+    ]
+    if joined.trends:
+        told = (
+            "Generalised least squares with the covariance of all tests. Scatter: of the tests about the line, beyond "
+            "their uncertainties; where it is not zero, the line alone does not tell β."
+        )
+        sections.append(Section("Trends of β", told, trend_words(joined)))
     both, axes = figure(1, 2, height_in=3.6)
     draw.draw_exponent(joined, axes[0])
     draw.draw_junctions(joined, axes[1])
-    sections.append(Section("Exponent of the speed law, and the junctions", exponent_words(joined), figure=both))
-    return sections
+    return [*sections, Section("Exponent of the speed law, and the junctions", exponent_words(joined), figure=both)]
 
 
 def joined_verdict(joined: JoinedCampaign) -> str:
