@@ -41,7 +41,8 @@ COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
 OPTIONAL = ("beta", "h_fast_W_m2K")
 BODY_W_K = 1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
 EDGES = 0.995  # excess at d and f over that at b
-FOLLOWS_S = 1.0  # the inner row feels the parting this much later
+FOLLOWS_S = 0.3  # the inner row feels the parting this much later
+MASS = 0.86  # of the disk's heat capacity that cools with the row d, b, f
 LINE = StaticLine(gain=1.0, offset=0.0, covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)), range_degC=(20.0, 160.0))
 LAGS_S, LAG_U_S, APART_U_S = (0.54, 0.12), 0.05, 0.008  # of a plunge-tested chain: two lags, u of the mean, u of each
 
@@ -228,7 +229,7 @@ def _traces(
     surface = 2 * np.pi * setup.outer_radius_m * setup.width_m
     volume = np.pi * (setup.outer_radius_m**2 - setup.bore_radius_m**2) * setup.width_m
     out_W_K = h_W_m2K * surface + BODY_W_K
-    tau = volume * setup.density_kg_m3 * setup.specific_heat_J_kgK / out_W_K
+    tau = MASS * volume * setup.density_kg_m3 * setup.specific_heat_J_kgK / out_W_K
     since = np.clip(t - off_s, 0.0, None)
     fall = (tau * np.exp(-since / tau) - FOLLOWS_S * np.exp(-since / FOLLOWS_S)) / (tau - FOLLOWS_S)
     excess = power_W / out_W_K * fall

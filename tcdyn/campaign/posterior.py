@@ -93,7 +93,7 @@ class Posterior:
 
     ``order``: names of the tests; ``answers`` (N, 5) of ``ANSWERS``; ``covariance`` (5 N, 5 N) of them, test by test;
     ``shared``: names of what the rig has in common; ``found`` (S,) of it and ``shared_covariance`` (S, S), in stated
-    standard uncertainties.
+    standard uncertainties. ``widened``: factor of that covariance within ``covariance``, see :func:`birge`.
     """
 
     tests: tuple[KeptTest, ...] = field(repr=False)
@@ -103,6 +103,7 @@ class Posterior:
     shared: tuple[str, ...] = field(repr=False)
     found: Array = field(repr=False)
     shared_covariance: Array = field(repr=False)
+    widened: float = 1.0
 
     @property
     def order(self) -> tuple[str, ...]:
@@ -174,11 +175,22 @@ def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> P
     by = np.zeros((A * len(each), len(shared)))
     for i, (r, k) in enumerate(zip(each, at)):
         by[A * i : A * (i + 1), k] = r.by
-    whole = by @ covariance @ by.T
+    widened = birge(found, covariance)
+    whole = widened * by @ covariance @ by.T
     for i, r in enumerate(each):
         whole[A * i : A * (i + 1), A * i : A * (i + 1)] += r.root @ r.root.T
     answers = np.stack([r.at for r in each]) - (by @ found).reshape(-1, A)
-    return Posterior(tuple(tests), tuple(each), answers, whole, shared, found, covariance)
+    return Posterior(tuple(tests), tuple(each), answers, whole, shared, found, covariance, widened)
+
+
+def birge(found: Array, covariance: Array) -> float:
+    """Square of Birge's ratio (1932) of the shared quantities: how far they were moved over how far they should be.
+
+    Sum of found^2 over what the data told of them, S - trace(covariance), is one on average if the statements of
+    rig.toml and the model hold; a campaign is sure enough to feel where they do not. Never below one.
+    """
+    told = len(found) - float(np.trace(covariance))
+    return max(1.0, float(found @ found) / max(told, 1.0))
 
 
 def refuse_mixed(tests: Sequence[KeptTest]) -> None:

@@ -258,7 +258,7 @@ def test_a_model_s_curve_is_laid_over_the_tests(tmp_path: Path) -> None:
     assert read_curve(path).against == "load_N"
     for text, said in (
         ("load,beta\n800,0.7\n", "nothing to lay beta over"),
-        ("load_N\n800\n", "column beta is missing"),
+        ("load_N,share\n800,1\n", "column beta is missing"),
         ("load_N,beta\n900,0.7\n800,0.7\n", "does not rise"),
         ("load_N,beta\n800,70\n900,71\n", "not a share"),
     ):

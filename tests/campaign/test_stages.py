@@ -67,9 +67,7 @@ def test_a_stage_gives_the_answer_of_its_own_log(made: tuple[StudyRig, StudyRig]
 
 
 def test_a_second_unloading_tightens_lag_and_h(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
-    kept = [
-        kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0] for m, stage in zip(made, stages(joined_log))
-    ]
+    kept = [kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0] for m, stage in zip(made, stages(joined_log))]
     alone, both = solve(kept[:1]).estimates[0], solve(kept).estimates[0]
     for key in ("beta", "h_fast", "h_slow", "lag_fast_s", "lag_slow_s"):
         assert both[key].u / both[key].value < alone[key].u / alone[key].value
