@@ -21,7 +21,8 @@ from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trend
 SCHEMA = "tcdyn.campaign/1"
 FAR_Z = 2.0  # n of the campaign this far from rig.toml's is told
 BENT_P = 0.01  # chance below which a power law is not enough
-MOVED_Z = 3.0  # a junction's pull that is told
+MOVED_Z = 3.5  # a junction's pull that is told: twelve of them, below it in all but one of 200 sound campaigns
+LEAST_TOLD = 0.02  # of a depth's variance: below it a pull means nothing
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def junctions(posterior: Posterior) -> tuple[dict[str, dict[str, Estimate]], dic
             if name in posterior.shared and name in units:
                 k = posterior.shared.index(name)
                 x, variance = float(posterior.found[k]), float(posterior.shared_covariance[k, k])
-                mm = 1e3 * units[name]
-                deeper[d][c] = Estimate.normal(x * mm, float(np.sqrt(variance)) * mm)
-                pulls[d][c] = x / float(np.sqrt(max(1 - variance, 0.02)))
+                mm, wider = 1e3 * units[name], float(np.sqrt(posterior.widened))
+                deeper[d][c] = Estimate.normal(x * mm, float(np.sqrt(variance)) * mm * wider)
+                pulls[d][c] = x / float(np.sqrt(max(1 - variance, LEAST_TOLD))) / wider
     return deeper, pulls

@@ -17,6 +17,7 @@ from calibration.estimate import Z95
 from tcdyn.campaign import solve
 from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
+from tcdyn.campaign.joined import BENT_P, junctions
 from tcdyn.campaign.trends import trend
 from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
 
@@ -62,6 +63,8 @@ def told(made: DrawnCampaign) -> dict[str, float]:
         "slope over load, u / slope": both.slopes[0].u / abs(PER_N),
         "slope over speed, z": (both.slopes[1].value - PER_M_S) / both.slopes[1].u,
         "slope over speed, u / slope": both.slopes[1].u / abs(PER_M_S),
+        "largest pull of a junction": max(abs(z) for own in junctions(p)[1].values() for z in own.values()),
+        "power law doubted": float((law.p_value or 1.0) < BENT_P),
         "sound campaigns that name a test": float(bool(sound)),
         "low friction named": float([(s.name, s.cause) for s in low] == [(made.low.name, "friction")]),
     }
