@@ -745,7 +745,7 @@ def _cause(cause: str, size: float, u: float) -> str:
     """What in one test alone would explain that it departs from all others.
 
     >>> _cause("friction", 0.05, 0.002), _cause("static e slow", -0.6, 0.1)
-    ('its friction reads (5.0 +- 0.2) % low', 'slow_e reads (-0.60 +- 0.10) K otherwise')
+    ('its friction reads (5.00 +- 0.20) % low', 'slow_e reads (-0.60 +- 0.10) K otherwise')
     """
     kind, _, of = cause.partition(" ")
     if cause == "friction":
@@ -771,7 +771,8 @@ CAMPAIGN: dict[str, Words] = {
         f"{subject} does not belong to its campaign: against all other tests chi-squared is {chi2:.0f} on {freedom} "
         f"degrees of freedom; it would "
         + ("belong" if explained else f"belong better (chi-squared {left:.0f})")
-        + f" if {_cause(cause, size, u)} ({abs(z):.0f} standard deviations)"
+        + f" if {_cause(cause, size, u)} ({abs(z):.0f} standard deviations); the others were solved "
+        "without it"
     ),
     "campaign.exponent": "{tests} tests together give the exponent of the speed law n = {n:.3f} +- {u:.3f}; rig.toml "
     "assumes {assumed:.3f}: speed_exponent in its [contact] may be set to it",
@@ -785,5 +786,6 @@ CAMPAIGN: dict[str, Words] = {
 }
 
 WORDS: dict[str, Words] = {
-    **CAMPAIGN, **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
+    **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
+    **CAMPAIGN,
 }  # fmt: skip

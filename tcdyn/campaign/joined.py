@@ -30,7 +30,7 @@ class JoinedCampaign:
     """All tests of a rig together.
 
     ``posterior``: answers and covariance; ``law``: the exponent n; ``trends`` of beta; ``strangers``: tests that do not
-    belong, which are in the posterior all the same; ``curves``: models laid over the tests; ``deeper_mm``: by disk and
+    belong, and are not in the posterior; ``curves``: models laid over the tests; ``deeper_mm``: by disk and
     channel, how much deeper than stated the campaign places a junction; ``pulls``: that in what the data alone would
     move it by; ``single``: beta of each test alone; ``by_law``: beta by each test's steady lines and the campaign's n;
     ``status`` and ``delta_T_us`` [K m/s] of each test; ``apart``: tests that could not be joined, and why.
@@ -123,8 +123,8 @@ def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:
 def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()) -> JoinedCampaign | None:
     """One posterior of the contents of beta.json by test; None where none can be joined.
 
-    A test whose answer is withheld stands apart. Raises InputError for tests of different rigs, by name, for a kept
-    block of another schema, and for a curve that the tests do not reach.
+    A test whose answer is withheld stands apart, and so does one that does not belong. Raises InputError for tests of
+    different rigs, by name, for a kept block of another schema, and for a curve that the tests do not reach.
     """
     apart = {name: "its answer is withheld" for name, data in answers.items() if data.get("status") == "withheld"}
     used = {name: data for name, data in answers.items() if name not in apart}
@@ -133,13 +133,19 @@ def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = (
     if missing := [name for name, data in used.items() if "kept" not in data]:
         raise InputError("keeps nothing for a campaign", where=missing[0], remedy=AGAIN)
     posterior = solve([kept_test(name, data) for name, data in used.items()])
+    odd = strangers(posterior)
+    if odd:
+        names = {s.name for s in odd}
+        own = [(t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names]
+        posterior = solve([t for t, _ in own], [r for _, r in own])
+        used = {name: data for name, data in used.items() if name not in names}
     law = speed_law(posterior)
     deeper, pulls = junctions(posterior)
     return JoinedCampaign(
         posterior=posterior,
         law=law,
         trends=trends(posterior),
-        strangers=strangers(posterior),
+        strangers=odd,
         curves=tuple(curve_test(posterior, c) for c in curves),
         deeper_mm=deeper,
         pulls=pulls,

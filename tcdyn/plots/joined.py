@@ -53,7 +53,7 @@ def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
         x, law.each, yerr=Z95 * law.u_within, fmt="o", color=TRUTH, markersize=3, capsize=2, linewidth=0.9,
         label="each test, against the others",
     )  # fmt: skip
-    return dressed(ax, "entraining speed [m/s]", "exponent n of h ~ u^n [1]", legend=True)
+    return dressed(ax, "entraining speed [m/s]", "exponent n of h ~ u^n [1]", loc="lower left")
 
 
 def draw_junctions(joined: JoinedCampaign, ax: Axes) -> Axes:

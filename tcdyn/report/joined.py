@@ -23,6 +23,11 @@ WORDS = {
 }  # fmt: skip
 SURE = 0.05
 COMMON = 1e-3
+LEAST = 1e-12
+N_CAPTION = (
+    "Left: bars of the tests against each other, band of all together; it may lie beside the points, since errors that "
+    "all share move some tests more than others, and their differences tell them. Right: 95 % bars."
+)
 
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
@@ -45,7 +50,10 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
     both, axes = figure(1, 2, height_in=3.6)
     draw.draw_exponent(joined, axes[0])
     draw.draw_junctions(joined, axes[1])
-    return [*sections, Section("Exponent of the speed law, and the junctions", exponent_words(joined), figure=both)]
+    last = Section(
+        "Exponent of the speed law, and the junctions", exponent_words(joined), figure=both, caption=N_CAPTION
+    )
+    return [*sections, last]
 
 
 def joined_verdict(joined: JoinedCampaign) -> str:
@@ -109,7 +117,7 @@ def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
                 "β over": word + (f" (beside {beside})" if beside else ""),
                 "slope": f"{pm([size * s.value], [size * s.u])[0]} per {unit}",
                 "95 % interval": " to ".join(rounded(size * end, size * s.u)[0] for end in (s.low95, s.high95)),
-                "chance if zero": f"{r['p_value']:.2g}",
+                "chance if zero": f"{r['p_value']:.2g}" if r["p_value"] > LEAST else f"below {LEAST:g}",
                 "scatter [1]": f"{r['scatter']:.4f}",
             }
         )

@@ -231,6 +231,8 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
     said = next(f.sentence for f in whole.findings if f.code == "campaign.stranger")
     assert f"{at.name} does not belong" in said
     assert ("% low" in said) == (low < 1)
+    assert at.name not in whole.to_dict()["order"]
+    assert whole.to_dict()["do_not_belong"][0]["test"] == at.name
 
 
 def test_sound_campaigns_name_no_test() -> None:
