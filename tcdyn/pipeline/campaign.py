@@ -137,11 +137,10 @@ def run_campaign(
     paths = [Path(p) for p in logs]
     _check_names(paths)
     folder, curves = Path(out), [read_curve(path) for path in models]
-    rig = rig_fingerprint(settings.rig, settings.records)
+    given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(ANSWER)]
+    rig = rig_fingerprint(settings.rig, settings.records) if given else ""
     outcomes: dict[int, list[LogOutcome]] = {
-        i: [LogOutcome(path, given_answer(path, rig), kept=True)]
-        for i, path in enumerate(paths)
-        if path.name.endswith(ANSWER)
+        i: [LogOutcome(path, given_answer(path, rig), kept=True)] for i, path in given
     }
     jobs: list[tuple[int, Path]] = []
     altered = tuple(p.stem for i, p in enumerate(paths) if i not in outcomes and is_altered(_answer_file(p, folder, 0)))
