@@ -2,82 +2,67 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.files import sha256
 from calibration.files.write import write_text
-from calibration.finding import Finding, sentences
-from calibration.record import DiskRecord
+from calibration.finding import Finding, note
 from calibration.result import Result, jsonable
-from calibration.rig import Rig
-from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import between, steady_start_s
-from tcdyn.pipeline.beta import BearingFile, estimate_beta
+from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
+from tcdyn.campaign.tables import paper_csv, paper_latex
+from tcdyn.campaign.trends import read_curve
+from tcdyn.pipeline.answers import ANSWER, given_answer, is_altered, read_answer, said_once
 from tcdyn.pipeline.campaign_table import AGREE, campaign_table, table_csv, table_row
-from tcdyn.version import __version__
+from tcdyn.pipeline.one_log import CampaignSettings, analyse_log
+from tcdyn.pipeline.spread import spread
 
-Job = TypeVar("Job")
-Answer = TypeVar("Answer")
-
-CONNECT_S = 10.0  # to a Dask scheduler
-TABLE_FILE, PAGE_FILE = "campaign.csv", "campaign.html"
-
-
-@dataclass(frozen=True)
-class CampaignSettings:
-    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such as "fast_c"."""
-
-    rig: Rig
-    records: Mapping[str, DiskRecord]
-    window_s: float = WINDOW_S
-    seed: int = 0
-    bearing: BearingFile | None = None
-    without: tuple[str, ...] = ()
-
-    def fingerprint(self) -> dict[str, Any]:
-        """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
-        return {
-            "version": __version__,
-            "rig_sha256": _hash(self.rig.model_dump_json()),
-            "records_sha256": {d: _hash(r.to_json()) for d, r in sorted(self.records.items())},
-            "bearing_sha256": self.bearing.sha256 if self.bearing else None,
-            "window_s": self.window_s,
-            "seed": self.seed,
-            "without": sorted(self.without) or None,
-        }
+TABLE_FILE, PAGE_FILE, JOINED_FILE = "campaign.csv", "campaign.html", "campaign.json"
+PAPER_FILES = "table.csv", "table.tex"
+OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
 
 
 @dataclass(frozen=True)
 class LogOutcome:
-    """One log: the content of its beta.json, or the sentence that says why there is none."""
+    """One test: the content of its beta.json, or the sentence that says why there is none.
+
+    ``stage``: which of several loadings in its log, from 1; 0 in a log with one.
+    """
 
     log: Path
     data: dict[str, Any] | None
     error: str = ""
     kept: bool = False
+    stage: int = 0
+
+    @property
+    def name(self) -> str:
+        """The log's name without its ending, also of an answer that was given in its place; with its stage, if any."""
+        if self.log.name.endswith(ANSWER):
+            return self.log.name.removesuffix(ANSWER)
+        return stage_name(self.log, self.stage)
 
 
 @dataclass(frozen=True)
 class CampaignRun(Result):
-    """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run."""
+    """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run.
+
+    ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs whose stored answer
+    was not as it had been written.
+    """
 
     folder: Path
     outcomes: tuple[LogOutcome, ...]
     table: pd.DataFrame
+    joined: JoinedCampaign | None = None
+    altered: tuple[str, ...] = ()
 
     @property
     def failed(self) -> tuple[LogOutcome, ...]:
@@ -91,13 +76,18 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """What was noticed in all tests, each with its log's name; that the ways agree is in the table."""
-        return [
-            Finding.from_dict(found).at(o.log.stem)
+        """What all tests together show, then what was noticed in each, with its log's name; what repeats is said once.
+
+        That the ways agree is in the table.
+        """
+        each = [
+            (o.name, Finding.from_dict(found))
             for o in self.outcomes
             for found in (o.data["findings"] if o.data else [])
             if found["code"] != AGREE
         ]
+        own = [note("campaign.altered", subject=name) for name in self.altered]
+        return [*own, *(self.joined.findings if self.joined else ()), *said_once(each)]
 
     def summary(self) -> str:
         """How many logs did what, and the range of beta."""
@@ -108,6 +98,10 @@ class CampaignRun(Result):
         if len(good):
             said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
             said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
+        if self.joined is not None and len(self.joined.posterior.tests) > 1:
+            inside, whole = (max(e[k].u for e in self.joined.posterior.estimates) for k in ("beta_within", "beta"))
+            said += f"\nall tests as one: u of beta {inside:.4f} at most within the campaign, {whole:.4f} absolute"
+            said += f"; exponent n {self.joined.law.exponent}"
         return said
 
     def to_dict(self) -> dict[str, Any]:
@@ -129,94 +123,91 @@ def run_campaign(
     *,
     workers: int = 1,
     dask: str | None = None,
+    models: Sequence[str | Path] = (),
     progress: Progress = lambda *_: None,
 ) -> CampaignRun:
-    """Analyse every log into ``out``/<stem>.beta.json and gather ``out``/campaign.csv.
+    """Analyse every log into ``out``/<stem>.beta.json; gather ``out``/campaign.csv and, as one, ``out``/campaign.json.
 
     A log whose stored answer has the same log, records, rig and settings is not analysed again. Each answer is
-    written when it is ready, so a stopped campaign goes on where it was. With ``dask`` (a scheduler's address) the
-    workers must see the logs under the same paths. Raises InputError for no log, or two of the same name.
+    written when it is ready, so a stopped campaign goes on where it was. A <stem>.beta.json among ``logs`` is a test
+    whose log is not at hand: it stands as it is. ``models``: files of curves to lay over the tests. With ``dask`` (a
+    scheduler's address) the workers must see the logs under the same paths. Raises InputError for no log, two of the
+    same name, a given answer that is not as it was written or of another rig, and a curve that the tests do not reach.
     """
     paths = [Path(p) for p in logs]
     _check_names(paths)
-    folder = Path(out)
-    outcomes: dict[int, LogOutcome] = {}
+    folder, curves = Path(out), [read_curve(path) for path in models]
+    given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(ANSWER)]
+    rig = rig_fingerprint(settings.rig, settings.records) if given else ""
+    outcomes: dict[int, list[LogOutcome]] = {
+        i: [LogOutcome(path, given_answer(path, rig), kept=True)] for i, path in given
+    }
     jobs: list[tuple[int, Path]] = []
+    altered = tuple(p.stem for i, p in enumerate(paths) if i not in outcomes and is_altered(_answer_file(p, folder, 0)))
     for i, path in enumerate(paths):
+        if i in outcomes:
+            continue
         kept = _stored(path, folder, settings)
-        if kept is None:
-            jobs.append((i, path))
-        else:
+        if kept:
             outcomes[i] = kept
             progress(path.stem, len(outcomes), len(paths))
+        else:
+            jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
     for at, answer in spread(work, [path.resolve() for _, path in jobs], workers, dask):
         i, path = jobs[at]
         if isinstance(answer, Exception):
-            answer = f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"
-        if isinstance(answer, str):
-            outcomes[i] = LogOutcome(path, None, answer)
-        else:
-            outcomes[i] = LogOutcome(path, answer)
-            write_text(_answer_file(path, folder), json.dumps(answer, indent=2, ensure_ascii=False) + "\n")
+            answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
+        outcomes[i] = []
+        for stage, one in enumerate(answer, 1) if len(answer) > 1 else [(0, answer[0])]:
+            if isinstance(one, str):
+                outcomes[i].append(LogOutcome(path, None, one, stage=stage))
+            else:
+                outcomes[i].append(LogOutcome(path, one, stage=stage))
+                file = _answer_file(path, folder, stage)
+                write_text(file, json.dumps(one, indent=2, ensure_ascii=False) + "\n")
         progress(path.stem, len(outcomes), len(paths))
-    ordered = tuple(outcomes[i] for i in range(len(paths)))
-    table = campaign_table([table_row(o.log.stem, o.data, o.error) for o in ordered])
+    ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
+    table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     write_text(folder / TABLE_FILE, table_csv(table))
-    return CampaignRun(folder, ordered, table)
+    whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
+    if whole is not None:
+        write_text(folder / JOINED_FILE, json.dumps(jsonable(whole.to_dict()), indent=2, ensure_ascii=False) + "\n")
+        for name, text in zip(PAPER_FILES, (paper_csv(whole), paper_latex(whole))):
+            write_text(folder / name, text)
+    return CampaignRun(folder, ordered, table, whole, altered)
 
 
-def analyse_log(path: Path, settings: CampaignSettings) -> dict[str, Any] | str:
-    """The content of one log's beta.json with what a campaign adds to it, or the sentence of its failure."""
+def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
+    """The stored answers of an earlier run, when all of them stand for the same log and settings; else none."""
     try:
-        return _analysed(path, settings)
-    except InputError as problem:
-        return str(problem).replace(str(path), path.name)
-    except Exception as problem:  # one log must not end a campaign of many
-        return f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
-
-
-def _analysed(path: Path, settings: CampaignSettings) -> dict[str, Any]:
-    s = settings
-    run = estimate_beta(path, s.rig, s.records, window_s=s.window_s, seed=s.seed, bearing=s.bearing, without=s.without)
-    test = run.partition.test
-    data = run.to_dict()
-    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
-    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found[:-1]))
-    steady = steady_degC(test)
-    data["campaign"] = {
-        **settings.fingerprint(),
-        "friction_coefficient": test.friction_N / test.load_N,
-        "bearing_N": test.added.value_N if settings.bearing else None,
-        "bulk_degC": {d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS},
-        "steady_degC": steady,
-    }
-    return dict(json.loads(json.dumps(data)))
-
-
-def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
-    """Mean reading of each junction when steady [degC], None of one left out; their mean is the bulk one (6.4.1)."""
-    rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
-    return {
-        d: {c: None if c in test.disks[d].left_out else float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS
-    }
-
-
-def _stored(path: Path, folder: Path, settings: CampaignSettings) -> LogOutcome | None:
-    """The stored answer of an earlier run, when it stands for the same log and settings."""
-    try:
-        data = json.loads(_answer_file(path, folder).read_text(encoding="utf-8"))
-        own, wanted = data["campaign"], settings.fingerprint()
-        same = data["source"]["sha256"] == sha256(path) and all(own.get(k) == v for k, v in wanted.items())
-        table_row(path.stem, data)
+        first = 0 if _answer_file(path, folder, 0).exists() else 1
+        count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
+        return [_stored_one(path, folder, settings, k) for k in ([0] if count == 1 else range(1, count + 1))]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
-        return None
-    return LogOutcome(path, data, kept=True) if same else None
+        return []
 
 
-def _answer_file(path: Path, folder: Path) -> Path:
-    return folder / f"{path.stem}.beta.json"
+def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
+    data = read_answer(_answer_file(path, folder, stage))
+    own, wanted = data["campaign"], settings.fingerprint()
+    if data["source"]["sha256"] != sha256(path) or any(own.get(k) != v for k, v in wanted.items()):
+        raise ValueError("of another log or other settings")
+    table_row(path.stem, data)
+    return LogOutcome(path, data, kept=True, stage=stage)
+
+
+def stage_name(path: Path, stage: int) -> str:
+    """A test's name: its log's, with the number of its loading where there are several.
+
+    >>> stage_name(Path("EHL_D4.csv"), 0), stage_name(Path("EHL_D4.csv"), 2)
+    ('EHL_D4', 'EHL_D4.2')
+    """
+    return path.stem + (f".{stage}" if stage else "")
+
+
+def _answer_file(path: Path, folder: Path, stage: int) -> Path:
+    return folder / f"{stage_name(path, stage)}{ANSWER}"
 
 
 def _check_names(paths: Sequence[Path]) -> None:
@@ -230,70 +221,3 @@ def _check_names(paths: Sequence[Path]) -> None:
                 remedy="rename one: the answers are named after the logs",
             )
         seen[path.stem] = path
-
-
-def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
-
-
-def spread(
-    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
-) -> Iterator[tuple[int, Answer | Exception]]:
-    """Yield (position in ``jobs``, answer) in the order in which they are ready.
-
-    ``dask``: address of a scheduler, e.g. "tcp://host:8786"; without it ``workers`` processes of this machine, or
-    this process for one. ``function`` should return its failures: an exception that a Dask worker raises comes as
-    the answer, any other is raised here. Raises InputError for no worker, or a scheduler that does not answer.
-
-    >>> sorted(spread(abs, [-3, 2]))
-    [(0, 3), (1, 2)]
-    """
-    if dask is not None:
-        return _on_dask(function, jobs, dask)
-    if workers < 1:
-        raise InputError(f"{workers} workers", expected="at least 1")
-    if workers == 1 or len(jobs) < 2:
-        return ((i, function(job)) for i, job in enumerate(jobs))
-    return _in_processes(function, jobs, min(workers, len(jobs)))
-
-
-def _in_processes(
-    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int
-) -> Iterator[tuple[int, Answer | Exception]]:
-    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
-    try:
-        yield from pool(delayed(lambda i, job: (i, function(job)))(i, job) for i, job in enumerate(jobs))
-    except TerminatedWorkerError:
-        raise InputError(
-            "a worker process was killed, perhaps for want of memory",
-            remedy="run the same command with fewer workers; what is finished is kept",
-        ) from None
-
-
-def _on_dask(
-    function: Callable[[Job], Answer], jobs: Sequence[Job], address: str
-) -> Iterator[tuple[int, Answer | Exception]]:
-    try:
-        from dask.distributed import Client, as_completed
-    except ImportError:
-        raise InputError(
-            "dask.distributed is not installed",
-            remedy="pip install 'tcdyn[dask]', or use workers",
-            parameters=("workers",),
-        ) from None
-    try:
-        client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as problem:
-        raise InputError(
-            f"no Dask scheduler answers at {address} ({type(problem).__name__})",
-            expected="an address such as tcp://host:8786",
-            remedy="start one with `dask scheduler` and `dask worker`, or use workers=2",
-            parameters=("workers=2",),
-        ) from None
-    with client:
-        place = {client.submit(function, job, pure=False): i for i, job in enumerate(jobs)}
-        for future in as_completed(place, loop=client.loop):
-            try:
-                yield place[future], future.result()
-            except Exception as problem:
-                yield place[future], problem
