@@ -738,6 +738,26 @@ PIPELINE: dict[str, Words] = {
     "follow.torn": "{count} lines without the right number of fields were left out",
 }
 
+# tcdyn/sensor and tables compensated with it
+SENSOR: dict[str, Words] = {
+    "sensor.exact": "the lag of {lag_s:.4g} s was stated without an uncertainty: it is taken as exact, and the bands "
+    "of what it compensates hold noise only; state one, such as 1.5+-0.1",
+    "sensor.gain": "{subject}: the gain is {gain:.4g} +- {u:.2g}, not 1: the lag is removed, the gain is left in",
+    "sensor.carried": lambda columns, **_: (
+        f"{some(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
+    ),
+    "sensor.unit_assumed": "column {subject} states no unit: read as degrees Celsius",
+    "sensor.unit_doubt": "column {subject} reads {value:.4g} {unit} in the middle; is that its unit?",
+    "sensor.few_decimals": "the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz",
+    "sensor.uneven": "rows stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): answers are that "
+    "uncertain in time",
+    "sensor.short": "a stretch of {count} rows is too short to be compensated: its answers are empty",
+    "sensor.dead": "column {subject} shows nothing in a stretch: its answers there are empty",
+    "sensor.left": "column {subject} cannot be compensated in a stretch ({problem}): its answers there are empty",
+    "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
+}
+
 WORDS: dict[str, Words] = {
     **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
+    **SENSOR,
 }  # fmt: skip

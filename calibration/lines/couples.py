@@ -164,7 +164,7 @@ def _reference(couple: str) -> _Reference:
 def _grid(couple: str) -> tuple[Array, Array]:
     """Every degree of the type's range, where Newton's steps start, and the emf there."""
     ref = REFERENCES[couple]
-    degrees = np.arange(ref.low_degC, ref.high_degC + 1.0)
+    degrees: Array = np.arange(ref.low_degC, ref.high_degC + 1.0, dtype=np.float64)
     return degrees, _emf(ref, degrees)
 
 

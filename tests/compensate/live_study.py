@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from calibration.disk import Conditioning
 from tcdyn.chain import Chain
 from tcdyn.compensate import LiveSmoother, smooth
-from tcdyn.pipeline.causal import INTENSITY_K2_S3
 from tcdyn.pipeline.learn import _noise
+from tcdyn.pipeline.source import INTENSITY_K2_S3
 from tests.compensate.live_world import NAMES, TAUS_S, World, record, world
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
