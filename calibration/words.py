@@ -754,6 +754,11 @@ SENSOR: dict[str, Words] = {
     "sensor.short": "a stretch of {count} rows is too short to be compensated: its answers are empty",
     "sensor.dead": "column {subject} shows nothing in a stretch: its answers there are empty",
     "sensor.left": "column {subject} cannot be compensated in a stretch ({problem}): its answers there are empty",
+    "sensor.coloured": "{subject}: what the fit leaves is not white; its colour is taken into account",
+    "sensor.misfit": "{subject}: the fit leaves {rms_K:.2g} K rms where the noise is {noise_K:.2g} K: the surroundings "
+    "did not make one clean step, or the sensor is no chain of lags",
+    "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, for a lag of {lag_s:.3g} s: its "
+    "end is extrapolated",
     "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
 }
 

@@ -166,9 +166,9 @@ class Chain(Result):
 
 
 def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
-    """One chain for each of ``count`` channels: a single one is that of all, and a number is one lag [s].
+    """One chain for each of ``count`` channels: a single one is that of all, a number is one lag [s].
 
-    Raises InputError for another number of chains, and for several numbers, which could be lags or channels.
+    Raises InputError for another count of chains, and for several numbers: lags or channels?
 
     >>> [c.taus_s for c in chains_for(1.5, 2)]
     [(1.5,), (1.5,)]

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.finding import doubts
+from calibration.files import sha256
+from calibration.finding import Finding, doubts
+from calibration.record import InputFile
 from calibration.result import jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, in_one_line, say, spare_inputs, warn
+from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units
 from tcdyn.sensor import SensorFile, read_sensor, stated, write_sensor
+from tcdyn.sensor.table import once_each, open_source, read_columns
+from tcdyn.sensor.units import matching, units_of
 
 app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a file that compensate and follow take.")
+Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
+OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
 Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]
 Out = Annotated[Path, typer.Option(help="*.sensor.json to write")]
 Name = Annotated[str | None, typer.Option("--name", help="what the sensor is called; default: the file's name")]
@@ -69,6 +76,82 @@ def show(
     """
     sensor = read_sensor(file)
     print(dump(sensor.to_dict()), end="") if json_ else say(sensor.summary(), quiet)
+
+
+@app.command()
+def plunge(
+    log: Log,
+    column: OneColumn,
+    out: Out,
+    entry_s: Annotated[
+        str | None,
+        typer.Option("--entry-s", help="when it entered, on the table's clock [s]: 12.3+-0.02; else unknown"),
+    ] = None,
+    medium_s: Annotated[
+        str,
+        typer.Option("--medium-s", help="time constant of the surroundings' own step [s]: it is no part of the lag"),
+    ] = "0.02+-0.02",
+    medium: Annotated[
+        str | None, typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522")
+    ] = None,
+    diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")] = None,
+    speed_m_s: Annotated[float | None, typer.Option("--speed-m-s", help="with --medium: another speed")] = None,
+    cutoff_hz: Cutoff = None,
+    poles: Poles = 2,
+    shape: Shape = "cascade",
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag from one step of the surroundings: t50, t63.2, t90 and the chain, entry instant unknown.
+
+    Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water --diameter-mm 3
+    """
+    from tcdyn.sensor.film import Film
+    from tcdyn.sensor.plunge import plunge_sensor
+
+    if (medium is None) != (diameter_mm is None):
+        raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
+    film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
+    made = plunge_sensor(
+        t, values[0], names[0], sensor=name or named(out), conditioning=filter_of(cutoff_hz, poles, shape),
+        entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
+        medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
+    )  # fmt: skip
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+def read(
+    log: Path, columns: list[str], time: str | None, options: dict[str, Any], plain: tuple[str, ...] = ()
+) -> tuple[Any, list[Any], list[Finding], list[str]]:
+    """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
+    opened = open_source(log, time, [*columns, *plain])
+    names = []
+    for wanted in (*columns, *plain):
+        hits = matching(wanted, [n for n in opened.table.names if n != opened.time], opened.table.where)
+        if len(hits) > 1:
+            raise InputError(
+                f"{wanted!r} means {len(hits)} columns", where=str(log), expected="one", remedy=f"name {hits[0]!r}"
+            )
+        names += hits
+    found_units, told = units_of(names[: len(columns)], options["unit"], options["couple"], options["cold"])
+    t, values, found = read_columns(log, names, found_units, opened.time)
+    return t, [values[n] for n in names], [*told, *found], names
+
+
+def source(log: Path) -> InputFile:
+    """What the file says of the table it was made from."""
+    return InputFile(file=log.name, sha256=sha256(log))
+
+
+def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
+    """The sensor with what was noticed while reading before what the fit noticed."""
+    return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
 
 
 def value_and_u(text: str, option: str) -> tuple[float, float]:

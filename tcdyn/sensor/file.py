@@ -179,16 +179,16 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
     """
     if chain.lag_s <= 0:
         return {}
-    here = _passes(chain)
+    here = passes(chain)
     other = [
-        _passes(chain.with_lag_shift(max(lag_u_s, 1e-3 * chain.lag_s))),
-        _passes(chain.with_split_shift(split_u_s)),
+        passes(chain.with_lag_shift(max(lag_u_s, 1e-3 * chain.lag_s))),
+        passes(chain.with_split_shift(split_u_s)),
     ]
     per_lag = np.abs(other[0] - here) * (lag_u_s / max(lag_u_s, 1e-3 * chain.lag_s))
     return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(per_lag, np.abs(other[1] - here)))}
 
 
-def _passes(chain: Chain) -> Array:
+def passes(chain: Chain) -> Array:
     """When the step response passes each of the shares (3,) [s]."""
     t = chain.lag_s * np.linspace(0, 12, 4801)
     step = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")

@@ -15,7 +15,7 @@ from calibration.files import Table, open_table, shown
 from calibration.files.table import PIECE_ROWS
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED
-from tcdyn.sensor.units import Unit, doubtful, time_column, unit_in
+from tcdyn.sensor.units import Unit, doubtful, time_column
 
 MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a stretch, for its answer only; of it
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
@@ -67,9 +67,8 @@ def open_source(path: str | Path, time: str | None = None, known: Sequence[str] 
 def read_columns(
     path: str | Path, columns: Sequence[str], units: Mapping[str, Unit] | None = None, time: str | None = None
 ) -> tuple[Array, dict[str, Array], list[Finding]]:
-    """Even times (N,) [s] and columns on them (N,), temperatures [degC] by their units, NaN where missing.
+    """Even times (N,) [s] and columns on them (N,), those with ``units`` in degrees Celsius, NaN where missing.
 
-    ``units``: by column; by its name where it is left out, and as it stands where that tells none.
     Raises InputError for a missing column, time that does not rise, or fewer than ten rows.
     """
     source = open_source(path, time, columns)
@@ -86,7 +85,7 @@ def read_columns(
     size = int(grid.place[-1]) + 1
     out = {}
     for name in columns:
-        unit = given.get(name) or (Unit(unit_in(name)) if unit_in(name) in ("degC", "K", "degF") else None)
+        unit = given.get(name)
         values = raw[name]
         if unit is not None:
             found += doubtful(name, unit, values)
