@@ -759,6 +759,23 @@ SENSOR: dict[str, Words] = {
     "did not make one clean step, or the sensor is no chain of lags",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, for a lag of {lag_s:.3g} s: its "
     "end is extrapolated",
+    "sensor.pair_difference": "{subject}: the traces tell the difference of the lags, {difference_s:.3g} +- {u_s:.2g} "
+    "s, but hardly the lags themselves: the fluid changed too slowly for their ratio",
+    "sensor.pair_misfit": "{subject}: the two do not see one fluid through one lag each: what is left is {ratio:.2g} "
+    "times the noise",
+    "sensor.pair_flow": "{subject}: the lags change with the flow; the file holds those of {what}",
+    "sensor.one_mode": "{subject}: the answer to the current tells one mode only; what further ones add to the lag is "
+    "a guess",
+    "sensor.conversion": "{subject}: the plunge's lag is converted from heating inside, to {percent:.2g} % (95 %): it "
+    "holds for heat that flows radially past the junction, which stores none farther in",
+    "sensor.noise_driving": lambda subject, lags, **_: (
+        f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower ones add their time"
+        + ("; of the two lags found one may be the fluid's" if lags == 2 else "")
+    ),
+    "sensor.noise_unsteady": "{subject}: the fluctuations are {ratio:.2g} times as large in one quarter as in another: "
+    "the process is not steady",
+    "sensor.noise_misfit": "{subject}: the spectrum is not that of white fluctuations behind one or two lags (p = "
+    "{p_value:.1g}): the lag is not to be trusted",
     "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
 }
 

@@ -85,11 +85,11 @@ def plunge(
     out: Out,
     entry_s: Annotated[
         str | None,
-        typer.Option("--entry-s", help="when it entered, on the table's clock [s]: 12.3+-0.02; else unknown"),
+        typer.Option("--entry-s", help="when it entered, on the table's clock [s]: 12.3+-0.02"),
     ] = None,
     medium_s: Annotated[
         str,
-        typer.Option("--medium-s", help="time constant of the surroundings' own step [s]: it is no part of the lag"),
+        typer.Option("--medium-s", help="time constant of the surroundings' own step [s], no part of the lag"),
     ] = "0.02+-0.02",
     medium: Annotated[
         str | None, typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522")
@@ -123,6 +123,99 @@ def plunge(
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
         medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
     )  # fmt: skip
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def pair(
+    log: Log,
+    columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
+    out: Out,
+    speed: Annotated[
+        str | None, typer.Option("--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5")
+    ] = None,
+    exponent: Annotated[
+        str, typer.Option("--exponent", help="with --speed: n and its standard deviation")
+    ] = "0.5+-0.1",
+    change_s: Annotated[
+        list[float] | None, typer.Option("--change-s", help="when the flow stepped [s]; lags constant between; repeat")
+    ] = None,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
+
+    Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
+    """
+    from tcdyn.sensor.pair import pair_sensor
+
+    wanted = [c.strip() for c in columns.split(",")]
+    if len(wanted) != 2 or wanted[0] == wanted[1]:
+        raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
+    t, values, found, names = read(log, wanted, time, units(unit, couple, cold_junction), (speed,) if speed else ())
+    made = pair_sensor(
+        t, values[0], values[1], (names[0], names[1]), sensor=name or named(out), speed=values[2] if speed else None,
+        changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
+    )  # fmt: skip
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def current(
+    log: Log,
+    column: OneColumn,
+    current: Annotated[str, typer.Option("--current", help="column of the heating current; its unit does not matter")],
+    out: Out,
+    off_only: Annotated[
+        bool, typer.Option("--off-only", help="use rows without current only: a thermocouple is not read while heated")
+    ] = False,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag in place from a loop current step (LCSR), heating, cooling or both, converted to that of a plunge.
+
+    Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
+    """
+    from tcdyn.sensor.current import current_sensor
+
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction), (current,))
+    made = current_sensor(
+        t, values[0], values[1], names[0], sensor=name or named(out), off_only=off_only, inputs=[source(log)]
+    )
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def noise(
+    log: Log,
+    column: OneColumn,
+    out: Out,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag in place from the process's own noise at constant conditions, and whether the conditions hold.
+
+    Example: tcdyn sensor noise steady.csv --column T1 --out pipe.sensor.json
+    """
+    from tcdyn.sensor.fluctuations import noise_sensor
+
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
+    made = noise_sensor(t, values[0], names[0], sensor=name or named(out), inputs=[source(log)])
     finish(with_findings(made, found), out, json_, quiet, (log,))
 
 
