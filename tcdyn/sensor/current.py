@@ -29,7 +29,7 @@ from tcdyn.sensor.fits import Fitted, averaged, colour_of, fit_curve, weights_of
 CONVERSION_REL = 0.05  # of the lag, 1 sd: of a sensor that is no homogeneous cylinder (plants report 10 % at 95 %)
 TAIL_REL = 0.4  # of the second mode and those that the record does not tell, 1 sd
 ALONE = (0.15, 0.12)  # the same over the first mode where no second is told: between a slender film and none
-RESOLVED = 0.35  # standard uncertainty of the logarithm of a time constant
+RESOLVED = 0.35  # standard uncertainty of the logarithm of the first two time constants
 COARSE = 1500  # rows for the first guesses
 
 
@@ -226,10 +226,5 @@ def _fitted(
         found = fit_curve(f"{count} modes", model, y, names, start, scale, noise=noise)
     except InputError:
         return None
-    u = np.sqrt(np.maximum(np.diag(found.covariance)[3 + count :], 0.0))
-    sizes = np.abs(found.optimum.theta[3 : 3 + count])
-    u_size = np.sqrt(np.maximum(np.diag(found.covariance)[3 : 3 + count], 0.0))
-    apart = np.diff(np.sort(found.optimum.theta[3 + count :]))
-    if count > 1 and (u.max() > RESOLVED or np.any(u_size > 0.5 * sizes) or (len(apart) and apart.min() < 0.3)):
-        return None
-    return found if u.max() < 1.0 else None
+    slowest = 3 + count + np.argsort(found.optimum.theta[3 + count :])[::-1][:2]
+    return found if np.all(np.diag(found.covariance)[slowest] < RESOLVED**2) else None

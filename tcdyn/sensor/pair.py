@@ -89,7 +89,7 @@ def pair_sensor(
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
     noise = tuple(max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second))
-    if np.nanstd(first - second) < 3 * max(noise) / np.sqrt(2):
+    if np.nanstd(first - second) < 1.05 * np.hypot(noise[0], noise[1]):
         raise InputError(
             f"{columns[0]} and {columns[1]} read the same within noise", expected="two sensors of different size"
         )

@@ -13,6 +13,7 @@ from calibration.errors import InputError
 from calibration.lines.couples import emf_mV
 from tcdyn.chain import Chain
 from tcdyn.compensate import smooth
+from tcdyn.compensate.intensity import spectral_level
 from tcdyn.identify import IOData, fit
 from tcdyn.pipeline import sensors as pipeline
 from tcdyn.pipeline.causal import Settings
@@ -20,7 +21,7 @@ from tcdyn.pipeline.follow import follow
 from tcdyn.pipeline.sensors import compensate_table
 from tcdyn.sensor import read_sensor, stated, step_times, table, write_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
-from tests.sensor.sensor_world import logged, write, written
+from tests.sensor.sensor_world import lagged, logged, write, written
 
 PROBE = stated("probe", ["T1"], [(1.5, 0.1)])
 
@@ -231,3 +232,15 @@ def test_the_commands_write_a_file_and_a_table(tmp_path: Path, capsys: pytest.Ca
     assert run_cli("sensor", "new", "--tau-s", "fast", "--column", "T1", "--out", probe) == 2
     assert run_cli("sensor", "show", probe) == 0
     assert run_cli("compensate", log, "--out", tmp_path / "o.csv") == 2
+
+
+def test_a_long_swing_that_stands_in_one_line_of_the_spectrum_is_followed() -> None:
+    """20 K at 0.015 Hz behind 1.5 s: all it does lies below where bends matter; the noise decides nothing."""
+    t, levels = np.arange(0, 500, 0.1), []
+    for seed in range(5):
+        x = 100 + 20 * np.sin((t + seed) / 10.5)
+        y = lagged(x, (1.5,), 0.1) + 0.1 * np.random.default_rng(seed).standard_normal(len(t))
+        levels.append(spectral_level(y, 0.1, Chain(1.5), 0.01))
+    assert max(levels) < 2 * min(levels)  # three of five were a million times less, and the swing was taken for none
+    done = smooth(y, 0.1, 1.5)
+    assert np.sqrt(np.mean((done.temperature[:, 0] - x)[50:-50] ** 2)) < 0.1  # the noise of a reading
