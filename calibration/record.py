@@ -201,17 +201,17 @@ def read_record(path: str | Path) -> DiskRecord:
 
     Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot be.
     """
-    return parse_record(read_json(path, "a disk record", "tcdyn calibrate"), str(path))
+    return parse_record(read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json"), str(path))
 
 
-def read_json(path: str | Path, expected: str, writer: str) -> Any:
+def read_json(path: str | Path, expected: str, writer: str, called: str = "file") -> Any:
     """What a JSON file holds, no key twice; InputError that says what was ``expected`` and which command writes it."""
     try:
         return json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_no_twins)
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), remedy=f"`{writer}` writes one") from None
     except (OSError, ValueError, RecursionError) as problem:
-        remedy = f"give the file that `{writer}` wrote"
+        remedy = f"give the {called} that `{writer}` wrote"
         raise InputError(
             f"not readable as JSON ({problem})", where=str(path), expected=expected, remedy=remedy
         ) from None

@@ -178,12 +178,11 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     if np.ndim(chains) == 0:  # type: ignore[arg-type]
         return [Chain(chains)] * count  # type: ignore[arg-type]
     listed = list(chains)  # type: ignore[arg-type]
-    if not all(isinstance(chain, Chain) for chain in listed):
+    if not all(isinstance(c, Chain) for c in listed):
         lags = ", ".join(map(str, listed))
         raise InputError(
-            f"chains are [{lags}]", expected="a chain, one lag in seconds, or one chain per channel",
-            remedy=f"write Chain([{lags}]) for a sensor of several lags, [Chain({listed[0]}), ...] for several sensors",
-        )  # fmt: skip
+            f"chains are [{lags}]", remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel"
+        )
     if len(listed) != count:
         raise InputError(f"{count} channels but {len(listed)} chains", expected="one chain, or one per channel")
     return listed

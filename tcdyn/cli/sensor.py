@@ -42,10 +42,12 @@ def _sensor() -> None:
 
 @app.command()
 def new(
-    tau_s: Annotated[list[str], typer.Option("--tau-s", help="a lag [s] and its uncertainty: 1.5+-0.1; once for each")],
+    tau_s: Annotated[
+        list[str], typer.Option("--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each")
+    ],
     column: Columns,
     out: Out,
-    delay_s: Annotated[str, typer.Option("--delay-s", help="dead time [s]: 0.2+-0.05")] = "0",
+    delay_s: Annotated[str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")] = "0",
     cutoff_hz: Cutoff = None,
     poles: Poles = 2,
     shape: Shape = "cascade",
@@ -85,11 +87,11 @@ def plunge(
     out: Out,
     entry_s: Annotated[
         str | None,
-        typer.Option("--entry-s", help="when it entered, on the table's clock [s]: 12.3+-0.02"),
+        typer.Option("--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"),
     ] = None,
     medium_s: Annotated[
         str,
-        typer.Option("--medium-s", help="time constant of the surroundings' own step [s], no part of the lag"),
+        typer.Option("--medium-s", help="time constant of the surroundings' own step in seconds, no part of the lag"),
     ] = "0.02+-0.02",
     medium: Annotated[
         str | None, typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522")
@@ -138,7 +140,8 @@ def pair(
         str, typer.Option("--exponent", help="with --speed: n and its standard deviation")
     ] = "0.5+-0.1",
     change_s: Annotated[
-        list[float] | None, typer.Option("--change-s", help="when the flow stepped [s]; lags constant between; repeat")
+        list[float] | None,
+        typer.Option("--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"),
     ] = None,
     time: TimeColumn = None,
     unit: TableUnits = None,

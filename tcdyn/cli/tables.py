@@ -27,7 +27,7 @@ TableUnits = Annotated[
 ]
 TableCouple = Annotated[str | None, typer.Option("--couple", help="of millivolts: type E, J, K, N or T (ITS-90)")]
 ColdJunction = Annotated[
-    str, typer.Option("--cold-junction", help="of millivolts: reference junction [degC], or its column")
+    str, typer.Option("--cold-junction", help="of millivolts: reference junction in degC, or its column")
 ]
 
 

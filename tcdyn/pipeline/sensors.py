@@ -22,7 +22,7 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.sensor.file import SensorFile
-from tcdyn.sensor.table import Grid, Part, Source, on_grid, once_each, open_source, parts, places
+from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open_source, parts, places
 from tcdyn.sensor.units import Unit, doubtful, matching, units_of
 
 MOST_VALUES = 400_000  # that are smoothed at once
@@ -217,7 +217,7 @@ def _answered(
 
 
 def _smoothed(
-    worn: Sequence[Worn], read: Mapping[str, Array], grid: Grid, size: int, found: list[Finding]
+    worn: Sequence[Worn], read: Mapping[str, Array], grid: EvenTimes, size: int, found: list[Finding]
 ) -> Iterator[tuple[Sequence[Worn], Compensated]]:
     """The smoother for columns together; one by one where one of them cannot be smoothed, which is told."""
     y = np.stack([on_grid(read[w.column], grid, size) for w in worn], axis=1)

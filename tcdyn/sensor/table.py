@@ -24,7 +24,7 @@ TIMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "time
 
 
 @dataclass(frozen=True)
-class Grid:
+class EvenTimes:
     """Where the rows of a stretch stand on even times: ``place`` (N,) in samples, every ``dt_s`` [s]."""
 
     place: NDArray[np.intp]
@@ -94,7 +94,7 @@ def read_columns(
     return t[0] + grid.dt_s * np.arange(size), out, [*found, *told]
 
 
-def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Grid, list[Finding]]:
+def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTimes, list[Finding]]:
     """The rows (N,) on an even grid; stamps of few decimals that repeat are taken as even where they are.
 
     ``dt_s``: the interval, where an earlier stretch told it.
@@ -118,7 +118,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Grid, 
         raise InputError("all rows have one time", where=where, expected="time that rises")
     if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted
         dt = dt_s or span / (n - 1)
-        return Grid(np.arange(n, dtype=np.intp), dt), [note("sensor.few_decimals", rate_Hz=1 / dt)]
+        return EvenTimes(np.arange(n, dtype=np.intp), dt), [note("sensor.few_decimals", rate_Hz=1 / dt)]
     usual = dt_s or float(np.median(step))
     many = np.maximum(np.rint(step / usual), 1.0)
     dt = dt_s or float(step.sum() / many.sum())
@@ -131,7 +131,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[Grid, 
         place = np.maximum.accumulate(place)
         stray = float(np.sqrt(np.mean(((time_s - time_s[0]) / dt - place) ** 2)))
     found = [look("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
-    return Grid(place.astype(np.intp), dt), found
+    return EvenTimes(place.astype(np.intp), dt), found
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def parts(source: Source, columns: Sequence[str], lag_s: float) -> Iterator[Part
             yield Part(time, data, slice(behind, 1), tuple(found))
 
 
-def on_grid(values: Array, grid: Grid, size: int) -> Array:
+def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
     """Values (N,) at their places (size,), NaN where no row stands; rows of one place are averaged."""
     ok = np.isfinite(values)
     total = np.bincount(grid.place[ok], values[ok], minlength=size)
