@@ -12,6 +12,7 @@ import pytest
 
 import tcdyn
 from calibration.compare import diff_records
+from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.result import Result
 from tcdyn.pipeline import BetaRun
@@ -26,6 +27,8 @@ matplotlib.use("Agg")
 
 import tcdyn.plots
 
+RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
+
 WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff"}
 
 
@@ -39,7 +42,7 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     from tcdyn.simulate.plunge import simulate_hole
 
     rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
-    chain = tcdyn.Chain((0.6, 0.1))
+    chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
     y = chain.response(u, 0.1, "zoh") + rng.normal(0, 0.1, len(u))
