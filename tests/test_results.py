@@ -17,10 +17,10 @@ from calibration.errors import InputError
 from calibration.result import Result
 from tcdyn.pipeline import BetaRun
 from tcdyn.pipeline.calibrate import CalibrationRun
-from tcdyn.pipeline.campaign import CampaignRun
-from tcdyn.pipeline.campaign_table import campaign_table, table_row
+from tcdyn.pipeline.campaign.one_log import steady_degC
+from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.campaign.table import campaign_table, table_row
 from tcdyn.pipeline.demo import DemoRun, compare_with_truth
-from tcdyn.pipeline.one_log import steady_degC
 from tests.conftest import Campaign
 
 matplotlib.use("Agg")

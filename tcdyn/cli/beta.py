@@ -155,7 +155,7 @@ def campaign(
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
     from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.campaign import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
+    from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
     from tcdyn.traces import records_by_disk, rig_of
 
     if dask is not None and workers is not None:

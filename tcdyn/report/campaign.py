@@ -9,8 +9,8 @@ import pandas as pd
 
 from calibration.disk import LEFT_OUT
 from calibration.estimate import rounded, with_u
-from tcdyn.pipeline.campaign import CampaignRun
-from tcdyn.pipeline.campaign_table import trend_table
+from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.campaign.table import trend_table
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure
 from tcdyn.report.beta import ASSUMED

@@ -23,8 +23,8 @@ from tcdyn.partition.steady import disk_line, steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.pipeline import beta as stage
 from tcdyn.pipeline.beta import estimate_beta, prepare
-from tcdyn.pipeline.campaign_table import table_row
-from tcdyn.pipeline.one_log import CampaignSettings, analyse_log
+from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
+from tcdyn.pipeline.campaign.table import table_row
 from tcdyn.pipeline.tables import junctions_table
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig

@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from calibration.finding import look, note
 from tcdyn.campaign import JoinedCampaign, joined
-from tcdyn.pipeline.answers import said_once
-from tcdyn.pipeline.campaign_table import table_columns
+from tcdyn.pipeline.campaign.answers import said_once
+from tcdyn.pipeline.campaign.table import table_columns
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.joined import draw_joined_beta
 from tcdyn.plots.style import figure
