@@ -30,6 +30,7 @@ LAG_OWN_S = 0.01  # of a disk's lag from test to test
 FRICTION_OWN_REL = 0.0005  # of the friction's scale from test to test, beside its zero
 MODEL_OWN = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
 ROUND_OWN = 0.3  # of a pattern round the bore, that does not grow with heat
+FILM_OWN = 0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
 OWN = ("parting", "uneven drift", "uneven bend")  # of the test alone, wholly
 
 
@@ -142,6 +143,8 @@ def loading_of(what: Unmeasured, disk: str, test: EhlTest, both: BothFit, power_
         by_zero = float(np.hypot(zero_u(test), test.added.u_N)) / test.friction_N
         own = float(np.hypot(FRICTION_OWN_REL, by_zero)) / max(total, 1e-12)
         return Loading({what.name: float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0))
+    if what.source == "film along the track":
+        return Loading({f"{what.name} {disk}": float(np.sqrt(1 - FILM_OWN**2))}, FILM_OWN)
     if kind == "uneven":
         shape, side = place.split(", ")
         return _round(shape, side, disk, both, power_W)
