@@ -21,8 +21,8 @@ from calibration.files import Table, open_table, read_whole, sha256
 from calibration.files.table import PIECE_ROWS
 from calibration.files.write import write_log
 from calibration.finding import Finding, Place, look, sentences
+from calibration.lines.couples import in_degC
 from calibration.lines.oven import oven_frame
-from calibration.lines.transducers import in_degC
 from calibration.noise import SPIKES, clean, course_noise_K
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig

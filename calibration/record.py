@@ -9,7 +9,7 @@ from contextlib import suppress
 from copy import deepcopy
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -26,14 +26,17 @@ from calibration.rig import RigTables
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
+_Model = TypeVar("_Model", bound=BaseModel)
 LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
 
 
-class _Part(BaseModel):
+class RecordPart(BaseModel):
+    """What stands in a file of known keys: no other key is taken."""
+
     model_config = ConfigDict(**STRICT, populate_by_name=True)
 
 
-class InputFile(_Part):
+class InputFile(RecordPart):
     """One file that the record was made from."""
 
     file: str
@@ -44,7 +47,7 @@ Lag = Annotated[float, Field(ge=0, lt=600)]
 Positive = Annotated[float, Field(gt=0, lt=600)]
 
 
-class ChannelChain(_Part):
+class ChannelChain(RecordPart):
     """What stands in the file of one channel's ``tcdyn.Chain``: its parameters [s] by their names there, B left out.
 
     ``lag_s`` is the chain's first moment, the filter B included; ``split_u_s``: standard uncertainty of how much of
@@ -60,7 +63,7 @@ class ChannelChain(_Part):
     split_u_s: Lag = 0.0
 
 
-class ChainRecord(_Part):
+class ChainRecord(RecordPart):
     """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order a to f."""
 
     structure: str = Field(min_length=1, max_length=40)
@@ -74,7 +77,7 @@ class ChainRecord(_Part):
         _known(self.channels, "channels")
         if set(self.differential_lag_s) != set(self.channels):
             raise ValueError("differential_lag_s: must name the channels of the chain")
-        matrix = _square(self.covariance, len(self.channels))
+        matrix = square_matrix(self.covariance, len(self.channels))
         common = float(np.mean([channel.lag_s.value for channel in self.channels.values()]))
         _agrees(self.common_lag_s, common, "common_lag_s: {} s, but the lags' mean is {} s")
         for name, u in zip(sorted(self.channels), np.sqrt(np.maximum(np.diag(matrix), 0.0))):
@@ -85,7 +88,7 @@ class ChainRecord(_Part):
         return self
 
 
-class DiskRecord(Result, _Part):
+class DiskRecord(Result, RecordPart):
     """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
 
     schema_: Literal["tcdyn.disk/2"] = Field(default=SCHEMA, alias="schema")
@@ -198,19 +201,20 @@ def read_record(path: str | Path) -> DiskRecord:
 
     Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot be.
     """
-    where = str(path)
+    return parse_record(read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json"), str(path))
+
+
+def read_json(path: str | Path, expected: str, writer: str, called: str = "file") -> Any:
+    """What a JSON file holds, no key twice; InputError that says what was ``expected`` and which command writes it."""
     try:
-        data = json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_no_twins)
+        return json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_no_twins)
     except FileNotFoundError:
-        raise InputError("no such file", where=where, remedy="`tcdyn calibrate` writes one") from None
+        raise InputError("no such file", where=str(path), remedy=f"`{writer}` writes one") from None
     except (OSError, ValueError, RecursionError) as problem:
+        remedy = f"give the {called} that `{writer}` wrote"
         raise InputError(
-            f"not readable as JSON ({problem})",
-            where=where,
-            expected="a disk record",
-            remedy="give the *.disk.json that `tcdyn calibrate` wrote",
+            f"not readable as JSON ({problem})", where=str(path), expected=expected, remedy=remedy
         ) from None
-    return parse_record(data, where)
 
 
 def parse_record(data: Any, where: str) -> DiskRecord:
@@ -227,19 +231,26 @@ def parse_record(data: Any, where: str) -> DiskRecord:
             f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected, remedy=remedy
         )
     data = _from_0_1(data) if schema == OF_0_1 else data
+    return validated(
+        DiskRecord,
+        data,
+        where,
+        "a record as `tcdyn calibrate` writes it",
+        "do not edit records by hand; calibrate again",
+    )
+
+
+def validated(model: type[_Model], data: Any, where: str, expected: str, remedy: str) -> _Model:
+    """``data`` as a ``model``; InputError that names the first key that is wrong."""
     try:
-        return DiskRecord.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as problem:
         first = problem.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         message = first["msg"].removeprefix("Value error, ")
         got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
-        raise InputError(
-            f"{key + ': ' if key else ''}{message}{got}",
-            where=where,
-            expected="a record as `tcdyn calibrate` writes it",
-            remedy="do not edit records by hand; calibrate again",
-        ) from None
+        what = f"{key + ': ' if key else ''}{message}{got}"
+        raise InputError(what, where=where, expected=expected, remedy=remedy) from None
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
@@ -271,7 +282,8 @@ def _agrees(stated: Estimate, found_s: float, words: str) -> None:
         raise ValueError(words.format(f"{stated.value:.4g}", f"{found_s:.4g}"))
 
 
-def _square(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+def square_matrix(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Rows of a covariance as an array (size, size); ValueError for one that is none."""
     if len(rows) != size or any(len(row) != size for row in rows):
         raise ValueError(f"covariance: must be {size} x {size}, one row a channel")
     matrix = np.array(rows, dtype=float)

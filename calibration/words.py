@@ -742,6 +742,95 @@ PIPELINE: dict[str, Words] = {
     "follow.torn": "{count} lines without the right number of fields were left out",
 }
 
+# tcdyn/campaign
+
+
+def _cause(cause: str, size: float, u: float) -> str:
+    """What in one test alone would explain that it departs from all others.
+
+    >>> _cause("friction", 0.05, 0.002), _cause("static e slow", -0.6, 0.1)
+    ('its friction reads (5.00 +- 0.20) % low', 'slow_e reads (-0.60 +- 0.10) K otherwise')
+    """
+    kind, _, of = cause.partition(" ")
+    if cause == "friction":
+        value, spread = rounded(100 * abs(size), 100 * u)
+        return f"its friction reads ({value} +- {spread}) % {'low' if size > 0 else 'high'}"
+    value, spread = rounded(size, u)
+    match kind:
+        case "half-width":
+            value, spread = rounded(100 * size, 100 * u)
+            return f"the contact's half-width is ({value} +- {spread}) % off what the load says"
+        case "ambient":
+            return f"its ambient reads ({value} +- {spread}) K otherwise"
+        case "parting":
+            return f"its parting is ({value} +- {spread}) s off"
+        case "lag":
+            return f"the lag of the {of} disk is ({value} +- {spread}) s longer"
+    channel, _, disk = of.partition(" ")
+    return f"{disk}_{channel} reads ({value} +- {spread}) K otherwise"
+
+
+CAMPAIGN: dict[str, Words] = {
+    "campaign.stranger": lambda subject, cause, size, u, z, chi2, left, freedom, explained, **_: (
+        f"{subject} does not belong to its campaign: against all other tests chi-squared is {chi2:.0f} on {freedom} "
+        f"degrees of freedom; it would "
+        + ("belong" if explained else f"belong better (chi-squared {left:.0f})")
+        + f" if {_cause(cause, size, u)} ({abs(z):.0f} standard deviations); the others were solved "
+        "without it"
+    ),
+    "campaign.exponent": "{tests} tests together give the exponent of the speed law n = {n:.3f} +- {u:.3f}; rig.toml "
+    "assumes {assumed:.3f}: speed_exponent in its [contact] may be set to it",
+    "campaign.power_law": "one power of the speed is not enough for h: n changes by {per_doubled:.3f} +- {u:.3f} while "
+    "the speed doubles (chance {p:.2g})",
+    "campaign.junction": "all tests together place {subject} {deeper_mm:.2f} +- {u_mm:.2f} mm deeper than stated "
+    "({z:.1f} standard deviations): look at its depth_mm in rig.toml",
+    "campaign.apart": "{subject} is not joined with the other tests: {why}",
+    "campaign.altered": "{subject} in the results folder is not as it was written: its log was analysed again",
+    "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",
+}
+
+# tcdyn/sensor and tables compensated with it
+SENSOR: dict[str, Words] = {
+    "sensor.exact": "the lag of {lag_s:.4g} s was stated without an uncertainty: it is taken as exact, and the bands "
+    "of what it compensates hold noise only; state one, such as 1.5+-0.1",
+    "sensor.gain": "{subject}: the gain is {gain:.4g} +- {u:.2g}, not 1: the lag is removed, the gain is left in",
+    "sensor.carried": lambda columns, **_: (
+        f"{some(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
+    ),
+    "sensor.unit_assumed": "column {subject} states no unit: read as degrees Celsius",
+    "sensor.unit_doubt": "column {subject} reads {value:.4g} {unit} in the middle; is that its unit?",
+    "sensor.few_decimals": "the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz",
+    "sensor.uneven": "rows stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): answers are that "
+    "uncertain in time",
+    "sensor.short": "a stretch of {count} rows is too short to be compensated: its answers are empty",
+    "sensor.dead": "column {subject} shows nothing in a stretch: its answers there are empty",
+    "sensor.left": "column {subject} cannot be compensated in a stretch ({problem}): its answers there are empty",
+    "sensor.coloured": "{subject}: what the fit leaves is not white; its colour is taken into account",
+    "sensor.misfit": "{subject}: the fit leaves {rms_K:.2g} K rms where the noise is {noise_K:.2g} K: the surroundings "
+    "did not make one clean step, or the sensor is no chain of lags",
+    "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, for a lag of {lag_s:.3g} s: its "
+    "end is extrapolated",
+    "sensor.pair_difference": "{subject}: the traces tell the difference of the lags, {difference_s:.3g} +- {u_s:.2g} "
+    "s, but hardly the lags themselves: the fluid changed too slowly for their ratio",
+    "sensor.pair_misfit": "{subject}: the two do not see one fluid through one lag each: what is left is {ratio:.2g} "
+    "times the noise",
+    "sensor.pair_flow": "{subject}: the lags change with the flow; the file holds those of {what}",
+    "sensor.one_mode": "{subject}: the answer to the current tells one mode only; what further ones add to the lag is "
+    "a guess",
+    "sensor.conversion": "{subject}: the plunge's lag is converted from heating inside, to {percent:.2g} % (95 %): it "
+    "holds for heat that flows radially past the junction, which stores none farther in",
+    "sensor.noise_driving": lambda subject, lags, **_: (
+        f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower ones add their time"
+        + ("; of the two lags found one may be the fluid's" if lags == 2 else "")
+    ),
+    "sensor.noise_unsteady": "{subject}: the fluctuations are {ratio:.2g} times as large in one quarter as in another: "
+    "the process is not steady",
+    "sensor.noise_misfit": "{subject}: the spectrum is not that of white fluctuations behind one or two lags (p = "
+    "{p_value:.1g}): the lag is not to be trusted",
+    "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
+}
+
 WORDS: dict[str, Words] = {
     **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
+    **CAMPAIGN, **SENSOR,
 }  # fmt: skip

@@ -3,7 +3,7 @@
 The names below read as the workflow; each is imported when it is first used, so that ``import tcdyn`` is quick.
 
 >>> import tcdyn
->>> round(tcdyn.Chain((0.6, 0.1)).lag_s, 3)
+>>> round(tcdyn.Chain([0.6, 0.1], conditioning=tcdyn.Conditioning(cutoff_Hz=4.0, poles=2)).lag_s, 3)
 0.78
 """
 
@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from calibration.disk import Conditioning
     from calibration.errors import InputError
     from calibration.log import iter_log, read_log, write_log
     from calibration.record import read_record, write_record
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "__version__": "tcdyn.version",
+    "Conditioning": "calibration.disk",
     "InputError": "calibration.errors",
     "load_rig": "calibration.rig",
     "iter_log": "calibration.log",
@@ -47,6 +49,7 @@ _HOMES = {
 
 __all__ = [
     "Chain",
+    "Conditioning",
     "IOData",
     "InputError",
     "__version__",

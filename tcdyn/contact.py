@@ -178,10 +178,15 @@ def _line_through(raw: Array, dt_s: float) -> Array:
     """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
     filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
-    left = 2 * float(white_noise_sd(filled)) / max(NOISE_LEFT * abs(float(np.median(filled))), 1e-12)
-    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, len(filled))
-    window = max(2 * int((count - 1) // 2) + 1, 1)
+    window = line_length(float(white_noise_sd(filled)), float(np.median(filled)), dt_s, len(filled))
     return np.asarray(savgol_filter(filled, window, min(1, window - 1), mode="interp"))
+
+
+def line_length(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
+    """Samples, an odd number, of the running straight line through a force of ``level_N`` with noise, of ``most``."""
+    left = 2 * noise_N / max(NOISE_LEFT * abs(level_N), 1e-12)
+    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, most)
+    return max(2 * int((count - 1) // 2) + 1, 1)
 
 
 def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:

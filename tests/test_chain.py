@@ -8,13 +8,16 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain, Structure, cement_lags, equalised
+from tcdyn.compensate import smooth
+
+B = Conditioning(cutoff_Hz=4.0, poles=2)
 
 CHAINS = {
-    "two lags": Chain((0.6, 0.1)),
-    "zero and dead time": Chain((0.6, 0.2), 0.1, 0.23),
+    "two lags": Chain((0.6, 0.1), conditioning=B),
+    "zero and dead time": Chain((0.6, 0.2), 0.1, 0.23, conditioning=B),
     "butterworth": Chain((0.5,), conditioning=Conditioning(2.0, 3, "butterworth")),
-    "complex poles": Chain((0.1,), pair=(0.3, 0.5)),
-    "cement": Chain((0.2,), cement_s=0.8),
+    "complex poles": Chain((0.1,), pair=(0.3, 0.5), conditioning=B),
+    "cement": Chain((0.2,), cement_s=0.8, conditioning=B),
 }
 
 
@@ -40,7 +43,7 @@ def test_slow_sine_response_is_the_frequency_response(name):
 @pytest.mark.parametrize("hold", ["foh", "zoh"])
 def test_response_does_not_depend_on_the_grid(hold):
     # dead time 0.123 s is 2.46 samples of the coarse grid and 123 of the fine one
-    chain = Chain((0.5, 0.1), 0.05, 0.123)
+    chain = Chain((0.5, 0.1), 0.05, 0.123, conditioning=B)
     u = np.random.default_rng(0).normal(size=200)
     n = 199 * 50 + 1
     fine = np.interp(np.arange(n) / 50, np.arange(200), u) if hold == "foh" else np.repeat(u, 50)[:n]
@@ -90,7 +93,7 @@ def test_control_transfer_function_agrees_at_low_frequency(name):
 def test_discrete_form_is_the_response_without_dead_time():
     from scipy.signal import lfilter
 
-    chain = Chain((0.5, 0.1), 0.05)
+    chain = Chain((0.5, 0.1), 0.05, conditioning=B)
     u = np.random.default_rng(2).normal(size=300)
     for hold in ("foh", "zoh"):
         b, a = chain.discrete(0.05, hold)
@@ -101,16 +104,25 @@ def test_discrete_form_is_the_response_without_dead_time():
 
 def test_negative_lags_are_refused():
     with pytest.raises(InputError, match="must not be negative"):
-        Chain((-0.1,))
+        Chain((-0.1,), conditioning=B)
     with pytest.raises(InputError, match="must be positive"):
-        Chain((0.1,), pair=(0.2, 0.0))
+        Chain((0.1,), pair=(0.2, 0.0), conditioning=B)
 
 
 KINDS = {
-    "lags": (Chain((0.66, 0.1)), Chain((0.6, 0.12))),
-    "lag, zero and dead time": (Chain((0.5,), 0.1, 0.05), Chain((0.6,), 0.12, 0.15)),
-    "complex pair": (Chain((0.2,), pair=(0.2, 0.7)), Chain((0.22,), pair=(0.25, 0.6))),
-    "cement": (Chain((0.2,), cement_s=0.6), Chain((0.25,), cement_s=0.8)),
+    "lags": (Chain((0.66, 0.1), conditioning=B), Chain((0.6, 0.12), conditioning=B)),
+    "lag, zero and dead time": (
+        Chain((0.5,), 0.1, 0.05, conditioning=B),
+        Chain((0.6,), 0.12, 0.15, conditioning=B),
+    ),
+    "complex pair": (
+        Chain((0.2,), pair=(0.2, 0.7), conditioning=B),
+        Chain((0.22,), pair=(0.25, 0.6), conditioning=B),
+    ),
+    "cement": (
+        Chain((0.2,), cement_s=0.6, conditioning=B),
+        Chain((0.25,), cement_s=0.8, conditioning=B),
+    ),
 }
 
 
@@ -132,3 +144,23 @@ def test_a_channel_is_made_to_read_as_another_chain_would(name):
 def test_structures_that_cannot_be_are_refused(name, words):
     with pytest.raises(InputError, match=words):
         Structure.of(name)
+
+
+def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:
+    t = np.arange(0, 10, 0.05)
+    step = Chain(1.5).response((t > 0).astype(float), 0.05, "zoh", "zero")
+    assert step[1:] == pytest.approx(1 - np.exp(-(t[1:] - 0.05) / 1.5), abs=1e-12)
+    assert Chain([0.5, 0.1]) == Chain(np.array([0.5, 0.1])) == Chain((0.5, 0.1))
+    assert Chain([0.5, 0.1]).lag_s == pytest.approx(0.6)
+    for wrong in ("slow", [[0.5], "x"], None, float("nan"), float("inf"), -1.0):
+        with pytest.raises(InputError, match="lags"):
+            Chain(wrong)  # type: ignore[arg-type]
+
+
+def test_the_smoother_takes_a_lag_as_a_number_and_refuses_a_list_that_could_mean_two_things() -> None:
+    t = np.arange(0, 20, 0.05)
+    y = Chain(1.5).response(20 + np.sin(t / 3), 0.05) + 0.01 * np.random.default_rng(1).standard_normal(len(t))
+    assert smooth(y, 0.05, 1.5).temperature == pytest.approx(smooth(y, 0.05, Chain((1.5,))).temperature)
+    assert np.max(np.abs(smooth(y, 0.05, 1.5).temperature[:, 0] - 20 - np.sin(t / 3))[20:-20]) < 0.05
+    with pytest.raises(InputError, match="for a sensor of several lags"):
+        smooth(np.column_stack([y, y]), 0.05, [0.5, 0.1])  # type: ignore[list-item]

@@ -77,6 +77,17 @@ def test_every_key_is_told_with_its_unit_and_no_other(
             assert with_unit(section, key), key
 
 
+def test_every_key_of_a_sensor_file_is_told_with_its_unit() -> None:
+    from tcdyn.sensor import stated
+
+    data = stated("s", ["a", "b"], [(1.5, 0.1)]).to_dict()
+    found = dict(keys(data))
+    assert set(found) - told("*.sensor.json") - ESTIMATE == set()
+    for key, value in keys({k: v for k, v in data.items() if k != "fit"}):
+        if number(value) and key not in ESTIMATE:
+            assert with_unit("*.sensor.json", key), key
+
+
 def test_every_number_of_the_rig_file_says_its_unit_by_its_ending() -> None:
     plain = {"gear_ratio", "poles", "slope", "speed_exponent", "speed_exponent_low", "speed_exponent_high"}  # pure
     for key in re.findall(r"(\w+) = -?\d", rig_toml(load_rig())):

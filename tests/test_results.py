@@ -12,18 +12,22 @@ import pytest
 
 import tcdyn
 from calibration.compare import diff_records
+from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.result import Result
 from tcdyn.pipeline import BetaRun
 from tcdyn.pipeline.calibrate import CalibrationRun
-from tcdyn.pipeline.campaign import CampaignRun, steady_degC
-from tcdyn.pipeline.campaign_table import campaign_table, table_row
+from tcdyn.pipeline.campaign.one_log import steady_degC
+from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.campaign.table import campaign_table, table_row
 from tcdyn.pipeline.demo import DemoRun, compare_with_truth
 from tests.conftest import Campaign
 
 matplotlib.use("Agg")
 
 import tcdyn.plots
+
+RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
 WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff"}
 
@@ -38,7 +42,7 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     from tcdyn.simulate.plunge import simulate_hole
 
     rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
-    chain = tcdyn.Chain((0.6, 0.1))
+    chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([25.0, 75.0], 40), 20)
     y = chain.response(u, 0.1, "zoh") + rng.normal(0, 0.1, len(u))

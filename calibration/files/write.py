@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -86,6 +86,37 @@ def write_log(frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str]
     with atomic_path(target) as beside:
         writer(frame, beside, notes)
     return target
+
+
+@contextmanager
+def log_writer(
+    path: str | Path, names: Sequence[str], metadata: Mapping[str, str]
+) -> Iterator[Callable[[pd.DataFrame], None]]:
+    """A function that appends frames of the columns ``names`` to ``path``, .csv or .parquet: whole at the end, or not.
+
+    As ``write_log``, in memory that does not grow. Raises InputError for another ending or an unwritable place.
+    """
+    target = Path(path)
+    notes = {_one_line(k).replace(":", " "): _one_line(v) for k, v in metadata.items()}
+    ending = target.suffix.lower()
+    if ending not in (".csv", ".parquet"):
+        expected = "an output ending in .csv or .parquet"
+        raise InputError(f"ending {target.suffix!r}", where=str(target), expected=expected)
+    with atomic_path(target) as beside:
+        if ending == ".parquet":
+            fields = pa.schema([(n, pa.float64()) for n in names], metadata=dict(notes))
+            with pq.ParquetWriter(beside, fields) as parquet:
+                yield lambda frame: parquet.write_table(_arrow(frame).replace_schema_metadata(dict(notes)))
+            return
+        with open(beside, "wb") as stream:
+            stream.write("".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8"))
+            stream.write((",".join(_cell(n) for n in names) + "\n").encode("utf-8"))
+            plain = pacsv.WriteOptions(include_header=False)
+            yield lambda frame: pacsv.write_csv(_arrow(frame), stream, plain)
+
+
+def _cell(name: str) -> str:
+    return f'"{name}"' if "," in name else name
 
 
 def _one_line(text: object) -> str:

@@ -36,6 +36,10 @@ class Chain(Result):
     ``cement_s`` = thickness^2/diffusivity onto an insulated junction, a half-order lag with first moment cement/2.
     ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the filter's own lag.
 
+    One lag may be given as a number, several in any sequence. There is no filter unless one is given.
+
+    >>> Chain(1.5).lag_s, Chain([0.5, 0.1]).taus_s
+    (1.5, (0.5, 0.1))
     >>> Chain((0.6, 0.1), conditioning=Conditioning(4.0, 2)).lag_s.__round__(4)
     0.7796
     """
@@ -43,13 +47,29 @@ class Chain(Result):
     taus_s: tuple[float, ...]
     zero_s: float = 0.0
     delay_s: float = 0.0
-    conditioning: Conditioning = field(default_factory=Conditioning)
+    conditioning: Conditioning = NO_CONDITIONING
     pair: tuple[float, float] | None = None
     cement_s: float = 0.0
     lag_s: float = field(init=False, compare=False)
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self, taus_s: float | Sequence[float], zero_s: float = 0.0, delay_s: float = 0.0,
+            conditioning: Conditioning = NO_CONDITIONING, pair: tuple[float, float] | None = None,
+            cement_s: float = 0.0,
+        ) -> None: ...  # fmt: skip
+
     def __post_init__(self) -> None:
-        if any(tau < 0 for tau in self.taus_s) or self.delay_s < 0:
+        try:
+            taus = tuple(map(float, np.ravel(self.taus_s)))
+        except (TypeError, ValueError):
+            raise InputError(
+                f"Chain: lags are {self.taus_s!r}",
+                expected="one lag in seconds, Chain(1.5), or several, Chain([1.5, 0.2])",
+            ) from None
+        object.__setattr__(self, "taus_s", taus)
+        if not all(0 <= tau < np.inf for tau in taus) or not 0 <= self.delay_s < np.inf:
             raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
         if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
             raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
@@ -143,6 +163,29 @@ class Chain(Result):
         if len(taus) == 1:
             return replace(self, taus_s=(taus[0] - moved,), delay_s=self.delay_s + moved)
         return replace(self, taus_s=(taus[0] - moved, taus[1] + moved, *taus[2:]))
+
+
+def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
+    """One chain for each of ``count`` channels: a single one is that of all, a number is one lag [s].
+
+    Raises InputError for another count of chains, and for several numbers: lags or channels?
+
+    >>> [c.taus_s for c in chains_for(1.5, 2)]
+    [(1.5,), (1.5,)]
+    """
+    if isinstance(chains, Chain):
+        return [chains] * count
+    if np.ndim(chains) == 0:  # type: ignore[arg-type]
+        return [Chain(chains)] * count  # type: ignore[arg-type]
+    listed = list(chains)  # type: ignore[arg-type]
+    if not all(isinstance(c, Chain) for c in listed):
+        lags = ", ".join(map(str, listed))
+        raise InputError(
+            f"chains are [{lags}]", remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel"
+        )
+    if len(listed) != count:
+        raise InputError(f"{count} channels but {len(listed)} chains", expected="one chain, or one per channel")
+    return listed
 
 
 def cement_lags() -> tuple[float, ...]:

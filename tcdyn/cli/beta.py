@@ -52,45 +52,73 @@ def beta(
         bool, typer.Option(help="leave out dead channels, stop at swapped ones, warn of misplaced junctions")
     ] = True,
     seed: Seed = 0,
+    stage: Annotated[
+        int | None, typer.Option(min=1, help="one of several loadings in the log, from 1 (default: all of them)")
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Heat partition by the speed law, the cooling fits and the joint fits, cross-checked, with an uncertainty budget.
 
+    A log with several loadings and unloadings holds several tests, D4.1, D4.2: each is analysed, numbers go to
+    beta.1.json, beta.2.json, and all into one report.
+
     Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
     --report beta.html
     """
-    from tcdyn.pipeline import estimate_beta
-    from tcdyn.pipeline.beta import read_bearing
+    from tcdyn.pipeline.bearing import read_bearing
+    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
     from tcdyn.traces import records_by_disk
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
+    own_rig = load_rig(rig) if rig else None
     with stages(quiet or json_, verbose) as progress:
-        run = estimate_beta(
-            log, load_rig(rig) if rig else None, records, window_s=window_s, seed=seed, sensor_check=sensor_check,
-            bearing=rolling, without=without or (), progress=progress,
-        )  # fmt: skip
-        text = dump(run.to_dict())
-        if out is not None:
-            write_text(out, text)
+        options = {
+            "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
+            "without": without or (), "progress": progress,
+        }  # fmt: skip
+        if stage is None:
+            runs = estimate_stages(log, own_rig, records, **options)
+        else:
+            runs = (estimate_beta(log, own_rig, records, stage=stage, **options),)  # type: ignore[arg-type]
+        texts = [dump(run.to_dict()) for run in runs]
+        files = [] if out is None else [out] if len(runs) == 1 else [numbered(out, k) for k in range(1, len(runs) + 1)]
+        for file, text in zip(files, texts):
+            write_text(file, text)
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
 
-            write_beta_report(report, {log.stem: run.partition})
+            write_beta_report(report, {run.log.path.stem: run.partition for run in runs})
     if json_:
-        print(text, end="")
+        data = [run.to_dict() for run in runs]
+        print(texts[0] if len(runs) == 1 else dump(data), end="")
     else:
-        warn(run.partition.noticed, quiet)  # the summary ends with the verdict
-        say(run.summary(), quiet)
-        for word, path in (("numbers", out), ("report", report)):
-            if path is not None:
-                say(f"{word}: {path}", quiet)
-    if run.partition.status != "sound":
-        in_one_line(log.name, run.partition.findings)
+        for run in runs:
+            if len(runs) > 1:
+                say(f"{run.log.path.stem}:", quiet)
+            warn(run.partition.noticed, quiet)  # the summary ends with the verdict
+            say(run.summary(), quiet)
+        for file in files:
+            say(f"numbers: {file}", quiet)
+        if report is not None:
+            say(f"report: {report}", quiet)
+    doubtful = [run for run in runs if run.partition.status != "sound"]
+    for run in doubtful:
+        in_one_line(run.log.path.name, run.partition.findings)
+    if doubtful:
         raise typer.Exit(1)
+
+
+def numbered(path: Path, number: int) -> Path:
+    """The file of one of several tests in a log.
+
+    >>> numbered(Path("out/beta.json"), 2).name
+    'beta.2.json'
+    """
+    return path.with_name(f"{path.stem}.{number}{path.suffix}")
 
 
 def campaign(
@@ -104,26 +132,36 @@ def campaign(
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")] = None,
     bearing: Bearing = None,
     without: Without = None,
+    model: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="CSV of a model's curve to lay over beta: one of delta_T_us_K_m_s, load_N, "
+            "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; may be given more than once"
+        ),
+    ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Heat partition of every log of a campaign, in one table with the thesis's figures.
+    """Heat partition of every log of a campaign, in one table with the thesis's figures, and as one measurement.
 
-    What is finished is kept: run the same command again to go on after a stop, or to add logs. A log that cannot be
-    analysed has its reason in the table and does not stop the others; the exit code is then 1, and 2 when none could.
+    What all tests of a rig share is solved for once: campaign.json holds beta with its uncertainty within the campaign
+    and absolute, the exponent of the speed law, trends, and which test does not belong; table.csv and table.tex are for
+    a paper. What is finished is kept: run the same command again to go on after a stop, or to add logs; a .beta.json
+    may stand in the place of its log. A log that cannot be analysed has its reason in the table and does not stop the
+    others; the exit code is then 1, and 2 when none could.
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
-    from tcdyn.pipeline.beta import read_bearing
-    from tcdyn.pipeline.campaign import PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
+    from tcdyn.pipeline.bearing import read_bearing
+    from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
     from tcdyn.traces import records_by_disk, rig_of
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
-    for name in (TABLE_FILE, PAGE_FILE):
-        spare_inputs([*logs, rig, bearing, *record], out=out / name)
+    for name in OUTPUTS:
+        spare_inputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     rolling = read_bearing(bearing) if bearing else None
@@ -131,7 +169,7 @@ def campaign(
     settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), quiet or json_) as progress:
-        run = run_campaign(logs, settings, out, workers=count, dask=dask, progress=progress)
+        run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
     from tcdyn.report.campaign import write_campaign_report
 
     report = write_campaign_report(out / PAGE_FILE, run)

@@ -46,6 +46,10 @@ Verbose = Annotated[
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
 RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
 
+OptionalRecordFiles = Annotated[
+    list[Path] | None, typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
+]
+
 
 def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
     """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""

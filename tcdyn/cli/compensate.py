@@ -14,9 +14,9 @@ from calibration.result import jsonable
 from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
+    OptionalRecordFiles,
     OwnRigFile,
     Quiet,
-    RecordFiles,
     Verbose,
     check_choice,
     dump,
@@ -26,6 +26,17 @@ from tcdyn.cli.common import (
     warn,
     within,
 )
+from tcdyn.cli.tables import (
+    ColdJunction,
+    SensorFiles,
+    TableColumns,
+    TableCouple,
+    TableUnits,
+    TimeColumn,
+    of_table,
+    only_with_records,
+    units,
+)
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.compensate import CompensatedLog, Way
@@ -33,7 +44,8 @@ if TYPE_CHECKING:
 
 def compensate(
     log: Annotated[Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")],
-    record: RecordFiles,
+    record: OptionalRecordFiles = None,
+    sensor: SensorFiles = None,
     out: Annotated[
         Path | None, typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)")
     ] = None,
@@ -69,6 +81,11 @@ def compensate(
         typer.Option("--noise-only", help="only take out noise and static errors; the lag stays in"),
     ] = False,
     follow: Annotated[bool, typer.Option("--follow", hidden=True, help="now tcdyn follow")] = False,
+    column: TableColumns = None,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
     json_: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -76,7 +93,21 @@ def compensate(
     """Undo static errors and lag of every logged thermocouple; a standard deviation stands beside each sample.
 
     Example: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out D4.compensated.csv
+
+    Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
+    if sensor:
+        asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
+                 "--report": report, "--covariance": covariance, "--noise-only": noise_only or None,
+                 "--method": None if method == "smoother" else method}  # fmt: skip
+        only_with_records([option for option, value in asked.items() if value])
+        target = out or log.with_name(f"{log.stem}.compensated.csv")
+        table_options = {"columns": column or (), "time": time, **units(unit, couple, cold_junction)}
+        return of_table(log, sensor, target, table_options, json_, quiet, verbose)
+    if not record:
+        raise InputError(
+            "no record and no sensor was given", remedy="add --record DISK.disk.json or --sensor S.sensor.json"
+        )
     from tcdyn.pipeline import compensate_log
     from tcdyn.traces import records_by_disk
 

@@ -46,11 +46,21 @@ def design(
         float,
         bounded("--power-W", "heat into this disk before unloading", 0, 1e6, ends=False),
     ] = 100.0,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; beta, "
+            "h_fast_W_m2K if expected): u of beta, n and slopes, with the junctions of --rig"
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """What planned plunges, a soldering-iron touch, a loading and an unloading will tell of the lags.
+
+    With --campaign: what planned EHL tests will tell of beta together, so that junctions are drilled once. Places and
+    angles are those of rig.toml, of both disks; noise and rate as given; --out is then a .csv.
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
@@ -58,7 +68,10 @@ def design(
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan, StepPlan
 
-    spare_inputs([rig, fluid], out=out)
+    spare_inputs([rig, fluid, campaign], out=out)
+    if campaign is not None:
+        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, json_, quiet)
+        return
     check_choice("--disk", disk, DISKS)
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
@@ -88,6 +101,25 @@ def design(
         print(dump(result.to_dict()), end="")
         return
     say(result.summary(), quiet)
+    if out is not None:
+        say(f"\nwrote {out}", quiet)
+
+
+def _campaign(
+    plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, json_: bool, quiet: bool
+) -> None:
+    from calibration.files.write import write_text
+    from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
+
+    if out is not None and out.suffix.lower() != ".csv":
+        raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv for a planned campaign")
+    found = predict_campaign(read_plan(plan), load_rig(rig), Logging(rate_Hz=rate_Hz, noise_K=noise_K))
+    if out is not None:
+        write_text(out, found.table().to_csv(index=False))
+    if json_:
+        print(dump(found.to_dict()), end="")
+        return
+    say(found.summary(), quiet)
     if out is not None:
         say(f"\nwrote {out}", quiet)
 

@@ -7,12 +7,14 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from calibration.errors import InputError
 from calibration.rig import load_rig
-from tcdyn.cli.common import Json, OwnRigFile, Quiet, RecordFiles, dump, say, spare_inputs, warn, within
+from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, say, spare_inputs, warn, within
+from tcdyn.cli.tables import SensorFiles, only_with_records
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -20,8 +22,9 @@ if TYPE_CHECKING:
 
 def follow(
     log: Annotated[Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")],
-    record: RecordFiles,
     out: Annotated[Path, typer.Option(help="output that is appended to: .csv")],
+    record: OptionalRecordFiles = None,
+    sensor: SensorFiles = None,
     rig: OwnRigFile = None,
     behind_s: Annotated[
         float,
@@ -53,16 +56,23 @@ def follow(
     """Compensate a log while it grows, row by row, in bounded memory; Ctrl-C ends it, --state goes on later.
 
     Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv --behind-s 0.5
+
+    Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
     from tcdyn.pipeline.causal import Settings
     from tcdyn.pipeline.follow import follow as run
+    from tcdyn.sensor import read_sensor
     from tcdyn.traces import records_by_disk
 
     silent = quiet or json_
-    records = records_by_disk(record)
+    if bool(record) == bool(sensor):
+        raise InputError("needs --record or --sensor, one of them", remedy="--sensor is for any table, without a rig")
+    records: Any = [read_sensor(path) for path in sensor] if sensor else records_by_disk(record or [])
+    if sensor:
+        only_with_records([option for option, value in (("--rig", rig), ("--report", report)) if value])
     settings = Settings(behind_s, noise_k, intensity, learn_s)
     rig_table = load_rig(rig) if rig else None
-    spare_inputs([log, rig, *record], out=out, report=report, state=state)
+    spare_inputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
     def announce(plan: Causal) -> None:
         before = plan.before_use()

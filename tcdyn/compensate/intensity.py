@@ -47,10 +47,14 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     shape = np.abs(chain.frequency_response(f[keep])) ** 2 / (w**4 * dt_s)
     level = _whittle(power, shape, noise_var)
     for _ in range(3):
-        near = w > NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
+        band = NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
+        near = w > band
         if np.count_nonzero(near) < 100:
             break
-        level = _whittle(power[near], shape[near], noise_var)
+        refined = _whittle(power[near], shape[near], noise_var)
+        if float(corner_rad_s(chain, np.array(refined / (noise_var * dt_s)))) < band:
+            break  # noise only is left there: what the trace does stands below, in a line, say
+        level = refined
     return level
 
 

@@ -59,9 +59,9 @@ class InverseFilter:
 def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFilter:
     """The proper inverse of ``chain`` for samples every ``dt_s`` [s], exact for a trace straight between samples.
 
-    >>> f = proper_inverse(Chain((0.6,)), 1 / 75, 1.0)
+    >>> f = proper_inverse(Chain(0.6), 1 / 75, 1.0)
     >>> round(f.remaining_shift_s, 3), round(float(f.b.sum() / f.a.sum()), 9)
-    (0.243, 1.0)
+    (0.159, 1.0)
 
     Raises:
         InputError: bandwidth not below half the sampling frequency.
@@ -86,7 +86,7 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
 def invert(
     y: ArrayLike,
     dt_s: float,
-    chains: Chain | Sequence[Chain],
+    chains: float | Chain | Sequence[Chain],
     bandwidth_Hz: float,
     *,
     noise_sd: ArrayLike | None = None,

@@ -16,7 +16,7 @@ from calibration.estimate import with_u
 from calibration.finding import Finding, by_share, look, sentences
 from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from calibration.result import Result, jsonable
-from tcdyn.chain import Chain, Sensor, sensors
+from tcdyn.chain import Chain, Sensor, chains_for, sensors
 from tcdyn.chain.bursts import made_white, noise_and_white
 from tcdyn.chain.noise import LoggerNoise
 
@@ -49,7 +49,7 @@ class Stretch:
 def stretch_of(
     y: ArrayLike,
     dt_s: float,
-    chains: Chain | Sequence[Chain],
+    chains: float | Chain | Sequence[Chain],
     events_s: Sequence[float] = (),
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
@@ -60,9 +60,7 @@ def stretch_of(
     """
     data = (data := np.array(y, dtype=float)).reshape(len(data), -1)
     n, m = data.shape
-    listed = [chains] * m if isinstance(chains, Chain) else list(chains)
-    if len(listed) != m:
-        raise InputError(f"smooth: {m} channels but {len(listed)} chains", expected="one chain, or one per channel")
+    listed = chains_for(chains, m)
     if n < LEAST_GOOD or not dt_s > 0:
         raise InputError(
             f"smooth: {n} samples every {dt_s:g} s", expected=f"at least {LEAST_GOOD} samples and a positive interval"

@@ -27,7 +27,7 @@ MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along 
 def smooth(
     y: ArrayLike | Stretch,
     dt_s: float,
-    chains: Chain | Sequence[Chain],
+    chains: float | Chain | Sequence[Chain],
     *,
     noise_sd: ArrayLike | None = None,
     intensity: float | Intensity | Sequence[float | Intensity] | None = None,
@@ -48,7 +48,7 @@ def smooth(
         y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing; or what ``stretch_of``
             made of them, with these ``chains``, noise and events.
         dt_s: sampling interval [s].
-        chains: one for all channels, or one per channel.
+        chains: one for all channels, or one per channel; a number is one lag [s].
         noise_sd: per channel [K]; estimated when left out.
         intensity: q, a number or an ``Intensity`` per channel; by likelihood when left out.
         events_s: times from the first sample [s] at which the slope of x may jump (unloading), between samples too.
@@ -134,7 +134,7 @@ def _event_sd(fit: Smoothed, event_s: float, u_s: float) -> Array:
 def deconvolve(
     y: ArrayLike,
     dt_s: float,
-    chains: Chain | Sequence[Chain],
+    chains: float | Chain | Sequence[Chain],
     *,
     criterion: Criterion = "gcv",
     noise_sd: ArrayLike | None = None,
@@ -153,7 +153,7 @@ def deconvolve(
     Args:
         y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing.
         dt_s: sampling interval [s].
-        chains: one for all channels or one per channel.
+        chains: one for all channels or one per channel; a number is one lag [s].
         noise_sd: per channel [K]; estimated when left out.
         lag_covariance, split_u_s, static_u, names: as in ``smooth``.
         trials: number of weights tried, evenly in their logarithm.

@@ -106,7 +106,8 @@ class Identified(Result):
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
-        if Known.of(conditioning).den != self.model.known.den:
+        given, own = Known.of(conditioning).den, self.model.known.den
+        if len(given) != len(own) or not np.allclose(given, own, rtol=1e-9, atol=0.0):
             raise InputError(
                 f"{self.model.name} was identified with another known part", remedy="pass the same conditioning"
             )

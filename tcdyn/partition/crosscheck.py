@@ -22,9 +22,9 @@ from calibration.finding import Finding, look, note
 from tcdyn.partition.alternatives import Alternatives
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.sensors import SensorCheck
+from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.steady import DiskLine, FitShift, speed_law_beta
 
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests

@@ -41,7 +41,8 @@ class EhlTest:
     (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
     ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
     not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
-    see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore.
+    see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore;
+    ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed.
     """
 
     time_s: Array
@@ -63,6 +64,7 @@ class EhlTest:
     slowing: Mapping[str, Array] = field(default_factory=dict)
     film: Mapping[str, Array] = field(default_factory=dict)
     uneven: Mapping[str, Unevenness] = field(default_factory=dict)
+    friction_noise_N: float = 0.0
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:

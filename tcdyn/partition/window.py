@@ -121,10 +121,15 @@ class RimMeans:
         """Model without frictional heat, and per share of one; (..., R, P) each, P with the ``extra`` points."""
         return self.through(REST, h_W_m2K, p, extra), self.through(POWER, h_W_m2K, p, extra)
 
+    @property
+    def inside(self) -> tuple[Point, ...]:
+        """Points just inside the rim at d, b and f."""
+        depth = self.setup.junctions["b"].depth_m - GRADIENT_STEP_M
+        return tuple((depth, self.setup.junctions[c].z_m) for c in INNER_ROW)
+
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
         """Rise of temperature with radius at d, b and f, as ``answer`` gives it; (..., R, 3) each [K/m]."""
-        depth = self.setup.junctions["b"].depth_m - GRADIENT_STEP_M
-        rest, power = self.answer(h_W_m2K, p, tuple((depth, self.setup.junctions[c].z_m) for c in INNER_ROW))
+        rest, power = self.answer(h_W_m2K, p, self.inside)
         return (rest[..., 3:] - self.inputs[:, 1:4]) / GRADIENT_STEP_M, power[..., 3:] / GRADIENT_STEP_M
 
 

@@ -13,13 +13,14 @@ import pandas as pd
 
 from calibration.disk import CHANNELS, DISKS, INNER_ROW, OUTER_ROW, left_out_of, still_told
 from calibration.errors import InputError
-from calibration.files import read_numbers, sha256
 from calibration.finding import Finding, look, note
-from calibration.lines.transducers import BearingFriction, fit_bearing_friction
 from calibration.log import COMPENSATED, Log, read_log
+from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
+from tcdyn.campaign import kept_of, rig_fingerprint, sealed
+from tcdyn.campaign.stages import stage_of
 from tcdyn.contact import (
     LEAST_ZERO,
     NOTHING_ADDED,
@@ -33,28 +34,31 @@ from tcdyn.contact import (
 )
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
+from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.traces import bridged, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
 SLOWER_S = 3.0  # after the parting a changed speed is told
-BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
 
 @dataclass(frozen=True)
 class BetaRun(Result):
-    """One analysed test: the numbers, and the log they came from."""
+    """One analysed test: the numbers, the log they came from, and how many tests that log holds in all."""
 
     log: Log
     partition: Partition
+    rig_sha256: str
+    stages: int = 1
 
     def __repr__(self) -> str:
         return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``beta.json`` (design, section 8)."""
-        return beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
+        """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
+        data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
+        return sealed({**data, "kept": kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -170,6 +174,7 @@ def prepare(
         findings=tuple(found),
         added=added,
         slowing=slowing,
+        friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
     )
 
 
@@ -214,14 +219,16 @@ def estimate_beta(
     seed: int = 0,
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
+    stage: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
     ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
     ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10). A channel that is dead, missing, or lost for long is left out too, with a finding, as long as the
-    rest still tells beta. Raises InputError for a log, rig or record that does not fit, naming the log.
+    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
+    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
+    Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
     left_out_of(without)
@@ -230,13 +237,14 @@ def estimate_beta(
     while True:
         try:
             progress("reading the log")
-            table = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+            whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+            table, count = stage_of(whole, stage)
             test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
             try:
                 found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
             except InputError as problem:
                 raise problem.at(table.path.name) from None
-            return BetaRun(table, found)
+            return BetaRun(table, found, rig_fingerprint(rig, records), count)
         except InputError as problem:
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
@@ -244,6 +252,15 @@ def estimate_beta(
                 raise (first or problem if problem.column else problem) from None
             first, left_out[lost] = first or problem, problem.what
             progress(f"going on without {lost}")
+
+
+def estimate_stages(
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
+) -> tuple[BetaRun, ...]:
+    """:func:`estimate_beta` of every loading in one log that an unloading follows, in order; ``options`` as there."""
+    first = estimate_beta(log, rig, records, stage=1, **options)
+    more = (estimate_beta(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
+    return (first, *more)
 
 
 def summary_of(p: Partition) -> str:
@@ -261,40 +278,3 @@ def summary_of(p: Partition) -> str:
         lines[f"joint {d}"] = (f"joint {d}", f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s")
     said = [f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()]
     return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
-
-
-@dataclass(frozen=True)
-class BearingFile:
-    """Lines of figure 2.25 and the file they came from."""
-
-    friction: BearingFriction
-    file: str
-    sha256: str
-
-    def added(self, load_N: float, speed_rpm: float) -> FrictionAdded:
-        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm], for ``prepare``.
-
-        Says so when load or speed lies outside what was measured.
-        """
-        value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
-        if not bool(self.friction.outside(load_N, speed_rpm)):
-            return FrictionAdded(value, u)
-        speeds = self.friction.speeds_rpm
-        said = look(
-            "bearing.extrapolated", file=self.file, load_N=load_N, speed_rpm=speed_rpm,
-            loads_N=self.friction.load_range_N, speeds_rpm=(min(speeds), max(speeds)),
-        )  # fmt: skip
-        return FrictionAdded(value, u, (said,))
-
-
-def read_bearing(path: str | Path) -> BearingFile:
-    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
-
-    Raises InputError for an unreadable file, a missing column, a value that is no number, or too few loads a speed.
-    """
-    values = read_numbers(path, BEARING_COLUMNS)
-    try:
-        lines = fit_bearing_friction(*(values[name] for name in BEARING_COLUMNS))
-    except InputError as problem:
-        raise problem.at(str(path)) from None
-    return BearingFile(lines, Path(path).name, sha256(path))

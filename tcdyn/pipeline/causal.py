@@ -14,17 +14,16 @@ from scipy import signal
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, static_u
-from calibration.record import DiskRecord
-from calibration.rig import Rig
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
 from tcdyn.compensate.live_model import LiveState
 from tcdyn.compensate.record import SPIKE
-from tcdyn.traces import DiskChannels, disk_channels
+from tcdyn.sensor.units import u_name
+from tcdyn.traces import DiskChannels
 
 Array = NDArray[np.float64]
-INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
+CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
 TOLD_GAP_S, LONGEST_GAP_S = 1.0, 60.0  # told; beyond which nothing is known any more
 COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
 
@@ -119,25 +118,28 @@ class Causal:
     def of(
         cls,
         names: Sequence[str],
-        kind: str,
-        records: Mapping[str, DiskRecord],
-        rig: Rig,
+        channels: Sequence[DiskChannels],
+        level_K2_s3: float | None,
         settings: Settings,
         learnt: Mapping[str, Any],
     ) -> Causal:
         """The plan for columns ``names``; ``learnt``: dt_s, dead (columns that show nothing), noise_K and before_K.
 
+        ``level_K2_s3``: how suddenly slopes may change where the settings do not say; None: by lag and noise.
         The last two by channel: noise that is white, and as it comes out of the filter before which it was white.
         """
         alive = [
             one
-            for disk in channels_of(kind, records, rig)
+            for disk in channels
             for one in zip(disk.columns, disk.lines, disk.chains, np.diag(disk.lag_covariance_s2), disk.split_u_s)
             if one[0] not in learnt["dead"]
         ]
         junctions, lines, chains, variances, split_u = zip(*alive)
-        dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or INTENSITY_K2_S3[kind]
+        dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or level_K2_s3
         after, before = (np.array([learnt[k][n] for n in junctions], dtype=float) for k in ("noise_K", "before_K"))
+        if level is None:
+            corner = CORNER_LAGS / np.array([max(c.lag_s, dt) for c in chains])
+            level = np.hypot(after, before) ** 2 * dt * corner**4 * (1 + CORNER_LAGS**2)
         engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
         return cls(
             tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)),
@@ -158,7 +160,7 @@ class Causal:
     @property
     def output_names(self) -> tuple[str, ...]:
         """All columns, then a standard deviation for each temperature of a junction."""
-        return (*self.names, *(_u(n) for n in self.names if n in {*self.junctions, *self.dead}))
+        return (*self.names, *(u_name(n) for n in self.names if n in {*self.junctions, *self.dead}))
 
     @property
     def shifts_s(self) -> Array:
@@ -252,7 +254,7 @@ class Causal:
         for i, (name, shift) in enumerate(zip(self.junctions, self.shifts_s / self.dt_s)):
             whole = int(np.floor(shift + 1e-6))
             part = shift - whole if shift - whole > 1e-6 else 0.0
-            for source, column in ((state.found, name), (state.found_u, _u(name))):
+            for source, column in ((state.found, name), (state.found_u, u_name(name))):
                 values = source[whole : whole + ready, i]
                 if part:
                     values = (1 - part) * values + part * source[whole + 1 : whole + 1 + ready, i]
@@ -277,18 +279,6 @@ class Causal:
         }
 
 
-def channels_of(kind: str, records: Mapping[str, DiskRecord], rig: Rig) -> list[DiskChannels]:
-    """How each disk with a record is read in a log of this kind."""
-    return [
-        disk_channels(record, rig.disk_setup(disk), f"{disk}_" if kind == "ehl" else "")
-        for disk, record in records.items()
-    ]
-
-
 def _joined(waiting: Array, new: Array) -> Array:
     """New rows behind those that wait; an empty list that came back from JSON has lost its columns."""
     return np.concatenate([waiting.reshape(-1, new.shape[1]), new])
-
-
-def _u(column: str) -> str:
-    return column.replace("_degC", "_u_K")

@@ -12,19 +12,18 @@ from typing import IO, Any
 
 import numpy as np
 
-from calibration.columns import KNOWN, match_columns
 from calibration.errors import InputError
 from calibration.files import shown
-from calibration.files.dialect import HEAD_BYTES, is_number
-from calibration.files.growing import GrowingTable, open_growing
+from calibration.files.dialect import HEAD_BYTES
+from calibration.files.growing import GrowingTable
 from calibration.files.write import write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
-from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.pipeline.causal import Causal, CausalState, Settings
-from tcdyn.pipeline.compensate import DECIMALS, kind_of_columns
+from tcdyn.pipeline.compensate import DECIMALS
 from tcdyn.pipeline.learn import begin
+from tcdyn.pipeline.source import GrowingLog, Known, growing_log
 from tcdyn.traces import rig_of
 
 STATE = "tcdyn.follow/4"
@@ -51,7 +50,7 @@ class FollowRun:
 
 def follow(
     log: str | Path,
-    records: Mapping[str, DiskRecord],
+    records: Known,
     out: str | Path,
     rig: Rig | None = None,
     settings: Settings | None = None,
@@ -73,11 +72,12 @@ def follow(
     Raises InputError for a log that is no growing text table, is compensated already, became shorter, or is not the
     one of the state file; for an end before anything could be learnt.
     """
-    log, out, rig, settings = Path(log), Path(out), rig or rig_of(records), settings or Settings()
     if not records:
         raise InputError(
             "no record was given", remedy="add records=DISK.disk.json", parameters=("records=DISK.disk.json",)
         )
+    log, out, settings = Path(log), Path(out), settings or Settings()
+    rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
     if out.suffix.lower() != ".csv":
         raise InputError(f"ending {out.suffix!r}", where=str(out), expected=".csv: only a text file grows in place")
     if log.resolve() == out.resolve():
@@ -93,10 +93,10 @@ def follow(
     rows: list[list[float]] = []
     left = _restored(state, key, table, out) if state and state.exists() else None
     if left:
-        plan = Causal.of(names, source.kind, records, rig, settings, left["plan"])
+        plan = Causal.of(names, source.channels, source.level_K2_s3, settings, left["plan"])
         now, written, size = CausalState.from_json(left["state"]), left["where"]["written"], left["where"]["out_bytes"]
     else:
-        begun = _learnt(source, records, rig, settings, patience)
+        begun = _learnt(source, settings, patience)
         if begun is None:
             ended = "stopped before anything was learnt; nothing was written"
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
@@ -120,27 +120,12 @@ def follow(
                 saved_at = time.monotonic()
             if ended:
                 break
-            rows = source.rows(patience)
+            rows = _rows(source, patience)
         rest = plan.rest(now)  # a run that goes on from the state file writes these rows again, then better known
         _append(stream, _lines(rest), out)
         written += len(rest)
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
     return FollowRun(table.rows, written, table.bad, ended, plan, (*plan.findings, *torn, *now.findings))
-
-
-@dataclass(frozen=True)
-class _Source:
-    """The growing log, its kind, and which field of a row is which canonical column."""
-
-    table: GrowingTable
-    kind: str
-    places: dict[str, int]
-
-    def rows(self, patience: _Patience) -> list[list[float]]:
-        """New rows of canonical columns; none after a pause."""
-        rows = self.table.new_rows(list(self.places.values()))
-        patience.saw(rows is not None)
-        return rows or []
 
 
 @dataclass
@@ -169,12 +154,12 @@ class _Patience:
         return f"no growth for {self.idle_s:g} s" if still else ""
 
 
-def _header(log: Path, rig: Rig, records: Mapping[str, DiskRecord], patience: _Patience) -> _Source | None:
+def _header(log: Path, rig: Rig | None, records: Known, patience: _Patience) -> GrowingLog | None:
     """The log once it can be read; None when the run was stopped before. Raises what is wrong with its header."""
     while True:
         problem = InputError("no two rows came below the header", where=shown(log))
         try:
-            if found := _source(log, rig, records):
+            if found := growing_log(log, rig, records):
                 patience.saw(True)
                 return found
         except InputError as error:
@@ -188,31 +173,15 @@ def _header(log: Path, rig: Rig, records: Mapping[str, DiskRecord], patience: _P
             raise problem
 
 
-def _source(log: Path, rig: Rig, records: Mapping[str, DiskRecord]) -> _Source | None:
-    """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
-    growing = open_growing(log, (*KNOWN, *rig.columns(next(iter(records))).values()))
-    if growing is None:
-        return None
-    where, table = shown(log), growing.table
-    if table.metadata.get("tcdyn") == COMPENSATED:
-        raise InputError(
-            "is compensated already",
-            where=where,
-            expected="a log as the logger wrote it",
-            remedy="give the raw log; static lines and chain must not be applied twice",
-        )
-    if rig.tables(next(iter(records))).logger.millivolts:
-        raise InputError("is in millivolts by rig.toml [logger]", where=where, expected="degrees Celsius to follow")
-    kind, own = kind_of_columns(table.names, rig, records, where)
-    chosen = match_columns(table.names, kind, where, rig.columns(own))
-    places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
-    if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
-        raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")
-    return _Source(growing, kind, places)
+def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
+    """New rows of canonical columns; none after a pause."""
+    rows = source.table.new_rows(list(source.places.values()))
+    patience.saw(rows is not None)
+    return rows or []
 
 
 def _learnt(
-    source: _Source, records: Mapping[str, DiskRecord], rig: Rig, settings: Settings, patience: _Patience
+    source: GrowingLog, settings: Settings, patience: _Patience
 ) -> tuple[Causal, CausalState, list[list[float]]] | None:
     """Plan and state from the first seconds; all rows read so far are still to be advanced. None when stopped."""
     source.table.seek(source.table.first_byte)
@@ -220,7 +189,7 @@ def _learnt(
     names = list(source.places)
     at = names.index("time_s")
     while not rows or not rows[-1][at] - rows[0][at] >= settings.learn_s:
-        new = source.rows(patience)
+        new = _rows(source, patience)
         rows += new
         if not new and (ended := patience.ended()):
             if ended == STOPPED:
@@ -232,12 +201,15 @@ def _learnt(
                 parameters=("learn_s",),
             )
     inside = [r for r in rows if not r[at] - rows[0][at] > settings.learn_s]
-    return (*begin(names, np.array(inside), source.kind, records, rig, settings), rows)
+    return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
 
 
-def _key(log: Path, records: Mapping[str, DiskRecord], settings: Settings) -> dict[str, Any]:
+def _key(log: Path, records: Known, settings: Settings) -> dict[str, Any]:
     """What a state file must agree with."""
-    digests = {d: hashlib.sha256(r.to_json().encode()).hexdigest() for d, r in records.items()}
+    texts = {d: r.to_json() for d, r in records.items()} if isinstance(records, Mapping) else {
+        f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)
+    }  # fmt: skip
+    digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
     return {"schema": STATE, "log": log.name, "records": digests, "settings": vars(settings)}
 
 

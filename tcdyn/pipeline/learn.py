@@ -12,17 +12,16 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.lines.static import apply_static
 from calibration.noise import SPIKES, find_spikes, trace_noise_sd
-from calibration.record import DiskRecord
-from calibration.rig import Rig
 from tcdyn.chain.noise import noise_of
-from tcdyn.pipeline.causal import Causal, CausalState, Settings, channels_of
+from tcdyn.pipeline.causal import Causal, CausalState, Settings
+from tcdyn.traces import DiskChannels
 
 LEAST_SAMPLES, LEAST_NOISE_K, FIRST = 16, 1e-3, 5
 LEAST_AFTER = 0.03  # of the noise from before the filter: less of it after the filter no samples show
 
 
 def begin(
-    names: Sequence[str], rows: Array, kind: str, records: Mapping[str, DiskRecord], rig: Rig, settings: Settings
+    names: Sequence[str], rows: Array, channels: Sequence[DiskChannels], level_K2_s3: float | None, settings: Settings
 ) -> tuple[Causal, CausalState]:
     """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise, starting level."""
     time = rows[:, list(names).index("time_s")]
@@ -40,7 +39,7 @@ def begin(
     even = np.full((int(np.nanmax(place)) + 1, rows.shape[1]), np.nan)
     even[place[np.isfinite(place)].astype(int)] = rows[np.isfinite(place)]
     alive, dead = {}, []
-    for disk in channels_of(kind, records, rig):
+    for disk in channels:
         for name, line, chain in zip(disk.columns, disk.lines, disk.chains):
             y = apply_static(even[:, list(names).index(name)], line)
             if np.count_nonzero(np.isfinite(y)) < LEAST_SAMPLES:
@@ -50,7 +49,7 @@ def begin(
     if not alive:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
     learnt = {"dt_s": dt, "dead": dead} | _noise(alive, dt, settings.noise_K)
-    plan = Causal.of(names, kind, records, rig, settings, learnt)
+    plan = Causal.of(names, channels, level_K2_s3, settings, learnt)
     return plan, plan.start(np.array([np.median(y[np.isfinite(y)][:FIRST]) for y, _ in alive.values()]))
 
 

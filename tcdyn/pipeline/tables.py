@@ -15,8 +15,8 @@ from calibration.estimate import Estimate, rounded, with_u
 from calibration.words import as_known, percent, structure
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
-from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import intervals, profiles_file
+from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.statement.surface import log_h_prior
 from tcdyn.partition.window import stretch_of
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from calibration.disk import DISKS
 from calibration.estimate import Z95
-from tcdyn.pipeline.campaign_table import done_rows, speed_groups, trend
+from tcdyn.pipeline.campaign.table import done_rows, speed_groups, trend
 from tcdyn.plots.style import DARK, GREY, PALE, SERIES_COLOURS, SERIES_LINES, SERIES_MARKERS, TRUTH, dressed, figure
 
 SPEED = "sliding speed"

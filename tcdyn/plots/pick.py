@@ -22,7 +22,7 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
-from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
 

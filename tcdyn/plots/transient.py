@@ -12,8 +12,8 @@ from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.words import percent, structure
 from tcdyn.partition.alternatives import Alternatives
-from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.profile import LEVEL, intervals
+from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 TOP = 9.0

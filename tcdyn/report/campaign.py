@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +9,14 @@ import pandas as pd
 
 from calibration.disk import LEFT_OUT
 from calibration.estimate import rounded, with_u
-from calibration.finding import Finding, note
-from tcdyn.pipeline.campaign import CampaignRun
-from tcdyn.pipeline.campaign_table import trend_table
+from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.campaign.table import trend_table
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure
 from tcdyn.report.beta import ASSUMED
+from tcdyn.report.joined import joined_sections, joined_verdict
 from tcdyn.report.page import Section, pm, write_page
 
-SPIKES = "spikes.gathered"
 WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
     "fast_surface_max_degC": "hottest surface, fast disk [°C]",
@@ -45,6 +43,8 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
     if run.failed:
         lost = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=lost))
+    if run.joined is not None and len(run.joined.posterior.tests) > 1:
+        sections += joined_sections(run.joined)
     if len(good):
         sections += [
             Section("β of each test, by every way", WAYS, partition_table(good)),
@@ -65,7 +65,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
         sections.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
     return write_page(
         path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}", sections,
-        verdict=campaign_verdict(run), findings=gathered(run.findings), assumptions=ASSUMED,
+        verdict=campaign_verdict(run), findings=run.findings, assumptions=ASSUMED,
     )  # fmt: skip
 
 
@@ -79,10 +79,10 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
     lines = "Lines are least squares, drawn where three loads or more were run."
     return [
         Section(
-            "Does β depend on ΔT u_s?",
-            f"{DELTA_T_US}\n\n{beta_trend_words(table)}",
+            "β of each test alone over ΔT u_s",
+            DELTA_T_US,
             figure=beta,
-            caption="Compare figure 7.18. Bars are 95 %.",
+            caption="Each test analysed alone; bars are 95 %.",
         ),
         Section(
             "Hottest running surface",
@@ -112,38 +112,16 @@ def campaign_verdict(run: CampaignRun) -> str:
     low, high = ranked[0], ranked[-1]
     said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
     shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
+    whole = (
+        f"{joined_verdict(run.joined)}\n\n" if run.joined is not None and len(run.joined.posterior.tests) > 1 else ""
+    )
     apart = [str(t) for t in good["test"][good["agree"] != "yes"]]
     agree = f"in {len(good) - len(apart)} of {len(good)} tests" + (f", not in {', '.join(apart)}" if apart else "")
     lost = f" {len(run.failed)} of {len(table)} logs could not be analysed." if run.failed else ""
     return (
-        f"β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
+        f"{whole}β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
         f"The ways to β agree {agree}.{lost}"
     )
-
-
-def gathered(findings: Sequence[Finding]) -> list[Finding]:
-    """The notes of spikes of all tests as one; everything else as it is."""
-    spiky = [f for f in findings if f.code == SPIKES]
-    if len(spiky) < 2:
-        return list(findings)
-    tests = [f.where.partition(":")[0].removeprefix("EHL_") for f in spiky]
-    told = note("campaign.spikes", tests=tests, counts=[f.numbers["count"] for f in spiky])
-    return [told, *(f for f in findings if f.code != SPIKES)]
-
-
-def beta_trend_words(table: pd.DataFrame) -> str:
-    """Whether beta changes with dT u_s, as far as the tests tell; empty with fewer than three set points."""
-    lines = trend_table(table)
-    found = lines[lines["quantity"] == "beta"]
-    if not len(found):
-        return ""
-    r = found.iloc[0]
-    slope = f"{with_u(1000 * r['slope'], 1000 * r['u_slope'])} per 1000 K m/s"
-    ends = [rounded(1000 * r[end], 1000 * r["u_slope"])[0] for end in ("low95_slope", "high95_slope")]
-    interval = f"95 % interval {ends[0]} to {ends[1]}"
-    sure = r["low95_slope"] * r["high95_slope"] > 0
-    verdict = "β changes with ΔT u_s" if sure else "these tests do not show that β depends on ΔT u_s"
-    return f"The least-squares line over {r['number']} tests has the slope {slope} ({interval}): {verdict}."
 
 
 def partition_table(good: pd.DataFrame) -> pd.DataFrame:

@@ -212,7 +212,7 @@ _LAST = ["ambient_degC", "oil_degC"]
 def disk_run(
     disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
 ) -> tuple[DiskSystem, Solution]:
-    """One disk from the start of its test ``until_s``."""
+    """One disk from the start of its test ``until_s``, at the film coefficient ``h`` [W/m2K]."""
     under = replace(disk.setup, flux=disk.setup.flux.under(drawn.pressure_Pa))
     system = uneven_system(replace(disk, setup=under), h, drawn.half_width_m, o.mesh)
 

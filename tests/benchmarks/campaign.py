@@ -11,7 +11,7 @@ from time import perf_counter
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.pipeline import calibrate_disk
-from tcdyn.pipeline.campaign import CampaignSettings, run_campaign
+from tcdyn.pipeline.campaign.run import CampaignSettings, run_campaign
 from tcdyn.simulate.campaign import simulate_campaign
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 

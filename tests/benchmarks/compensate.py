@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import LiveSmoother, deconvolve, proper_inverse, smooth
 from tests.compensate.test_noise import CHAIN, DT_S, EVENT_S, disturbance, logged
+
+RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
 Array = NDArray[np.float64]
 
@@ -114,7 +117,7 @@ def unloading(records: int = 10) -> None:
     """12 degC in the first second, noise 0.15: ours, and a smoother that knows the true spectrum of the cooling."""
     dt, n, off = 1 / 75, 3000, 20.0067
     x, fine = junction_after_unloading(dt, n, off)
-    chain = Chain((0.6, 0.07))
+    chain = Chain((0.6, 0.07), conditioning=RIG_FILTER)
     rng = np.random.default_rng(1)
     clean = chain.response(fine, dt / 8)[::8, None]
     y = clean + 0.15 * rng.standard_normal((n, records))
@@ -171,7 +174,7 @@ def whole_log() -> None:
     """12 channels, 2000 s at 75 Hz, with standard deviations; the causal inverse in samples per second."""
     dt, n, off = 1 / 75, 150_000, 1500.0067
     _, fine = junction_after_unloading(dt, n, off, 2)
-    chain = Chain((0.6, 0.07))
+    chain = Chain((0.6, 0.07), conditioning=RIG_FILTER)
     rng = np.random.default_rng(2)
     flux = signal.lfilter([1e-3], [1, -0.999], rng.standard_normal(2 * n))
     y = chain.response(fine + 3 * flux, dt / 2)[::2, None] + 0.15 * rng.standard_normal((n, 12))

@@ -14,7 +14,7 @@ import pandas as pd
 from cal_cases import csv_text, ehl_frame, hole_frame, immersion_frame, lvm_text, oven_frame, write
 
 from calibration.files.write import write_log
-from calibration.lines.transducers import emf_mV
+from calibration.lines.couples import emf_mV
 
 REFUSED, FLAGGED = "refused", "flagged"
 

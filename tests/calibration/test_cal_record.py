@@ -35,6 +35,8 @@ from tcdyn.report.certificate import certificate_assumptions, certificate_sectio
 from tcdyn.report.page import write_page
 from tcdyn.traces import record_chains
 
+RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
+
 
 def make_chain(shift_s: float = 0.0) -> ChainRecord:
     lags = {c: 0.70 + 0.01 * k + (shift_s if c == "e" else 0.0) for k, c in enumerate(CHANNELS)}
@@ -164,10 +166,10 @@ def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(
 
 
 CHAINS = {
-    "three lags": Chain((0.4, 0.2, 0.1)),
-    "a lag, a zero and a dead time": Chain((0.5,), zero_s=0.1, delay_s=0.2),
-    "a pair": Chain((), pair=(0.3, 0.5)),
-    "a cement": Chain((0.2,), cement_s=0.8),
+    "three lags": Chain((0.4, 0.2, 0.1), conditioning=RIG_FILTER),
+    "a lag, a zero and a dead time": Chain((0.5,), zero_s=0.1, delay_s=0.2, conditioning=RIG_FILTER),
+    "a pair": Chain((), pair=(0.3, 0.5), conditioning=RIG_FILTER),
+    "a cement": Chain((0.2,), cement_s=0.8, conditioning=RIG_FILTER),
 }
 
 

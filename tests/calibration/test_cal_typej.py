@@ -1,4 +1,4 @@
-"""Type J on ITS-90, both ways."""
+"""Thermocouples on ITS-90, both ways; logs in millivolts of type J."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from calibration.columns import is_couple
 from calibration.errors import InputError
-from calibration.lines.transducers import emf_mV, temperature_degC
+from calibration.lines.couples import emf_mV, temperature_degC
 from calibration.log import read_log, write_log
 from calibration.rig import parse_rig, rig_toml
 
@@ -22,6 +22,32 @@ def test_emf_agrees_with_the_published_table():
     own = emf_mV(np.array(list(table), dtype=float))
     assert own == pytest.approx(list(table.values()), abs=5e-6)  # the table's last digit
     assert emf_mV([-210.0, 1200.0]) == pytest.approx([-8.095, 69.553], abs=5e-4)
+
+
+# emf [mV] of the published tables (NIST Monograph 175, reference junction at 0 degC), to their last digit
+TABLES = {
+    "E": {-200: -8.825, -100: -5.237, 100: 6.319, 500: 37.005, 1000: 76.373},
+    "J": {-210: -8.095, -100: -4.633, 100: 5.269, 500: 27.393, 1200: 69.553},
+    "K": {-200: -5.891, -100: -3.554, 25: 1.000, 100: 4.096, 500: 20.644, 1000: 41.276, 1372: 54.886},
+    "N": {-200: -3.990, -100: -2.407, 100: 2.774, 500: 16.748, 1000: 36.256, 1300: 47.513},
+    "T": {-200: -5.603, -100: -3.379, 25: 0.992, 100: 4.279, 300: 14.862, 400: 20.872},
+}
+
+
+@pytest.mark.parametrize("couple", TABLES)
+def test_every_type_agrees_with_its_published_table_and_both_ways_agree(couple):
+    table = TABLES[couple]
+    assert emf_mV(np.array(list(table), dtype=float), couple) == pytest.approx(list(table.values()), abs=5.1e-4)
+    t = np.linspace(min(table), max(table), 5000)
+    assert temperature_degC(emf_mV(t, couple), couple=couple) == pytest.approx(t, abs=1e-8)  # Newton's last step
+    assert np.all(np.diff(emf_mV(t, couple)) > 0)
+    below, at = emf_mV(-1e-9, couple), emf_mV(1e-9, couple)  # the two ranges join
+    assert float(at - below) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_type_that_there_is_not_is_refused():
+    with pytest.raises(InputError, match="E or J or K or N or T"):
+        emf_mV(20.0, "X")
 
 
 @given(st.floats(-210, 1200))

@@ -16,10 +16,13 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
-from tcdyn.pipeline import campaign as stage
-from tcdyn.pipeline.beta import prepare, read_bearing
-from tcdyn.pipeline.campaign import CampaignSettings, run_campaign, spread
-from tcdyn.pipeline.campaign_table import COLUMNS, table_columns, trend_table
+from tcdyn.pipeline import one_log as stage
+from tcdyn.pipeline.bearing import read_bearing
+from tcdyn.pipeline.beta import prepare
+from tcdyn.pipeline.campaign.one_log import CampaignSettings
+from tcdyn.pipeline.campaign.run import run_campaign
+from tcdyn.pipeline.campaign.spread import spread
+from tcdyn.pipeline.campaign.table import COLUMNS, table_columns, trend_table
 from tests.conftest import Campaign
 
 
@@ -100,6 +103,47 @@ def test_finished_logs_are_not_analysed_again(
         assert run_campaign([log], changed, done[0]).failed  # it was asked for again
 
 
+def test_an_altered_answer_is_not_kept(
+    done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called")))
+    text = (done[0] / "EHL_B3.beta.json").read_text(encoding="utf-8")
+    (tmp_path / "EHL_B3.beta.json").write_text(text.replace('"load_N": 18', '"load_N": 19', 1), encoding="utf-8")
+    again = run_campaign([campaign.files.ehl["B3"]], settings_of(campaign), tmp_path)
+    assert [o.error for o in again.failed] == ["called"]
+    assert [f.code for f in again.findings] == ["campaign.altered"]
+
+
+def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
+    done: tuple[Path, int], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = tmp_path / "EHL_B3.beta.json"
+    shutil.copy(done[0] / kept.name, kept)
+    other = tmp_path / "EHL_B4.beta.json"
+    shutil.copy(kept, other)
+    out = tmp_path / "o"
+    code = tcdyn("campaign", kept, other, *records(campaign), "--out", out, "-q")
+    capsys.readouterr()
+    assert code == (0 if json.loads(kept.read_text(encoding="utf-8"))["status"] == "sound" else 1)
+    whole = json.loads((out / "campaign.json").read_text(encoding="utf-8"))
+    assert whole["order"] == ["EHL_B3", "EHL_B4"]
+    assert (out / "table.tex").exists()
+    assert "all tests as one measurement" in (out / "campaign.html").read_text(encoding="utf-8")
+    data = json.loads(kept.read_text(encoding="utf-8"))
+    data["kept"]["right"][0] += 1e-7
+    other.write_text(json.dumps(data), encoding="utf-8")
+    assert tcdyn("campaign", kept, other, *records(campaign), "--out", out, "-q") == 2
+    assert "EHL_B4.beta.json: its content is not what was written" in capsys.readouterr().err
+    other.write_text(kept.read_text(encoding="utf-8")[:5000], encoding="utf-8")
+    assert tcdyn("campaign", other, *records(campaign), "--out", out, "-q") == 2
+    assert "EHL_B4.beta.json: cannot be read" in capsys.readouterr().err
+    rig = tmp_path / "rig.toml"
+    rig.write_text("[disk]\nconductivity_W_mK = 43.0\n", encoding="utf-8")
+    given = [*records(campaign)[2:], "--rig", rig]
+    assert tcdyn("campaign", kept, *given, "--out", out, "-q") == 2
+    assert "EHL_B3.beta.json: was analysed with another rig.toml" in capsys.readouterr().err
+
+
 def test_another_log_of_the_same_name_is_analysed_again(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,7 +168,7 @@ def test_bad_requests_get_one_sentence(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tcdyn.pipeline.campaign.CONNECT_S", 0.5)
+    monkeypatch.setattr("tcdyn.pipeline.campaign.spread.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
     assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err
@@ -222,10 +266,29 @@ def test_trend_lines_are_those_of_the_data() -> None:
     for speed in ("10.1 m/s", "20.1 m/s"):
         assert lines.loc[("fast_bulk_degC", speed), "slope"] == pytest.approx(0.03)
         assert lines.loc[("fast_bulk_degC", speed), "intercept"] == pytest.approx(50)
-    assert lines.loc[("beta", "all"), "slope"] == pytest.approx(-2e-4)
     two = synthetic_table().query("load_N < 1500")
-    assert set(trend_table(two)["quantity"]) <= {"beta"}  # two loads a speed: no line, whatever the scatter
+    assert trend_table(two).empty  # two loads a speed: no line, whatever the scatter
     assert len(COLUMNS) + 6 + sum(e for _, e in COLUMNS.values()) == len(table_columns())
+
+
+@pytest.mark.slow
+def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Path) -> None:
+    one = pd.read_csv(campaign.files.ehl["B3"])
+    later = one.assign(time_s=one["time_s"] + one["time_s"].iloc[-1] + 1 / 75)
+    log = tmp_path / "EHL_B3.csv"
+    pd.concat([one, later]).to_csv(log, index=False, float_format="%.6f")
+    out = tmp_path / "o"
+    run_ = run_campaign([log], settings_of(campaign), out)
+    assert [o.name for o in run_.outcomes] == ["EHL_B3.1", "EHL_B3.2"]
+    assert not run_.failed
+    assert run_.joined is not None
+    a, b = (e["beta"] for e in run_.joined.posterior.estimates)
+    assert abs(a.value - b.value) < 0.2 * a.u
+    assert run_campaign([log], settings_of(campaign), out).kept == 2
+    tcdyn("beta", log, *records(campaign), "--out", tmp_path / "beta.json", "-q")
+    assert (tmp_path / "beta.1.json").exists()
+    assert (tmp_path / "beta.2.json").exists()
+    assert tcdyn("beta", log, *records(campaign), "--stage", 3, "-q") == 2
 
 
 @pytest.mark.slow

@@ -18,15 +18,18 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibration.disk import Conditioning
 from tcdyn.chain import Chain
 from tcdyn.compensate import LiveSmoother, smooth
-from tcdyn.pipeline.causal import INTENSITY_K2_S3
 from tcdyn.pipeline.learn import _noise
+from tcdyn.pipeline.source import INTENSITY_K2_S3
 from tests.compensate.live_world import NAMES, TAUS_S, World, record, world
+
+RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
 Array = NDArray[np.float64]
 DT_S, TOTAL_S, SETTLED_S, LEARN_S, AT_ONCE = 1 / 75, 600.0, 5.0, 5.0, 8
-CHAIN = Chain(TAUS_S)
+CHAIN = Chain(TAUS_S, conditioning=RIG_FILTER)
 
 
 def learnt(made: World) -> tuple[Array, Array]:

@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, lfilter_zi
 
+from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
 
+B = Conditioning(cutoff_Hz=4.0, poles=2)
+
 DT = 1 / 75
-CHAIN = Chain((0.6, 0.07))
-PAIR = Chain((0.1,), pair=(0.1, 0.6))
+CHAIN = Chain((0.6, 0.07), conditioning=B)
+PAIR = Chain((0.1,), pair=(0.1, 0.6), conditioning=B)
 
 
 def slow_wave(n=3000):
@@ -33,7 +36,13 @@ def test_inverse_of_a_slow_trace_is_the_trace_shifted_by_what_it_states():
 
 
 @pytest.mark.parametrize(
-    "chain", [CHAIN, Chain((0.8,), zero_s=0.1), Chain((0.8, 0.2), zero_s=-0.05, delay_s=0.04), PAIR]
+    "chain",
+    [
+        CHAIN,
+        Chain((0.8,), zero_s=0.1, conditioning=B),
+        Chain((0.8, 0.2), zero_s=-0.05, delay_s=0.04, conditioning=B),
+        PAIR,
+    ],
 )
 def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
     f = proper_inverse(chain, DT, 1.5)
@@ -64,7 +73,7 @@ def test_what_another_split_of_the_lag_would_make_of_an_answer(taus: tuple[float
     lag, whose share goes to the dead time, but for the third order."""
     t, x = slow_wave()
     x = x - 12 * (1 - np.exp(-np.maximum(t - t[len(t) // 2], 0)))
-    chain = Chain(taus)
+    chain = Chain(taus, conditioning=B)
     b, a = split_change(chain, shift, DT)
     change = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
     other = chain.with_split_shift(shift).response(x, DT) - chain.response(x, DT)

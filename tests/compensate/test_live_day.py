@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibration.disk import Conditioning
 from tcdyn.chain import Chain
 from tcdyn.compensate import LiveSmoother, smooth
 from tcdyn.pipeline.causal import Settings
@@ -25,6 +26,8 @@ from tests.compensate.live_world import (
     record,
     world,
 )
+
+B = Conditioning(cutoff_Hz=4.0, poles=2)
 
 SETTLED_S = 5.0
 
@@ -70,7 +73,13 @@ def test_behind_it_is_the_batch_smoother_within_the_stated_band(before: float, t
     made = world(60.0, before, 3, bursts_s=1e9)
     made = replace(made, time_s=made.time_s[:2200], true=made.true[:2200], readings=made.readings[:2200])  # two kinks
     run, done = followed(made, tmp_path, Settings(behind_s=0.5, noise_K=None if before else NOISE_K))
-    batch = smooth(made.readings, 1 / 75, Chain(TAUS_S), noise_sd=None if before else NOISE_K, intensity=30.0)
+    batch = smooth(
+        made.readings,
+        1 / 75,
+        Chain(TAUS_S, conditioning=B),
+        noise_sd=None if before else NOISE_K,
+        intensity=30.0,
+    )
     live, sd = (done[[n.replace("_degC", end) for n in NAMES]].to_numpy() for end in ("_degC", "_u_K"))
     z = ((live - batch.temperature) / sd)[375:]
     assert np.max(np.abs(z)) < 6.0
@@ -91,7 +100,7 @@ def test_small_bursts_and_one_upon_another_are_within_the_band(behind: int) -> N
     for _ in range(FILTER_POLES):
         y = lagged(y, FILTER_S, fine)
     y = 80 + y[::OVER] + NOISE_K * rng.standard_normal((450, m))
-    live = LiveSmoother.of([Chain(TAUS_S)] * m, 1 / 75, NOISE_K, 30.0, behind)
+    live = LiveSmoother.of([Chain(TAUS_S, conditioning=B)] * m, 1 / 75, NOISE_K, 30.0, behind)
     _, x, sd, _ = live.run(live.start(y[0]), y)
     assert np.max(np.abs(x - 80) / sd) < 6.0
     assert np.mean(np.abs(x - 80)[behind:] < 1.96 * sd[behind:]) > 0.95
@@ -120,7 +129,7 @@ def test_half_a_second_behind_jumps_and_kinks_are_within_the_band(before: float)
         y = lagged(y, FILTER_S, fine)
     after = np.sqrt(1 - before**2) * NOISE_K
     y, x, t = y[::OVER] + after * rng.standard_normal((rows, m)), x[::OVER], t[::OVER]
-    live = LiveSmoother.of([Chain(TAUS_S)] * m, 1 / 75, after, 30.0, 38, before * NOISE_K)
+    live = LiveSmoother.of([Chain(TAUS_S, conditioning=B)] * m, 1 / 75, after, 30.0, 38, before * NOISE_K)
     _, found, sd, _ = live.run(live.start(y[0]), y)
     error, sd, near = (found[38:] - x[:-38])[300:], sd[338:], np.abs(t[300:-38] - 0.75) < 1.25
     assert np.max(np.abs(error) / sd) < 6.0
@@ -177,7 +186,7 @@ def test_whatever_a_reading_does_the_answer_stays_in_the_range_that_the_chain_al
     rng = np.random.default_rng(0)
     y = 80 + NOISE_K * rng.standard_normal((1500, 20))
     y[600:675] += size * rng.standard_normal((75, 20)) * (rng.random((75, 20)) < 0.5)
-    live = LiveSmoother.of([Chain(TAUS_S)] * 20, 1 / 75, NOISE_K, 30.0)
+    live = LiveSmoother.of([Chain(TAUS_S, conditioning=B)] * 20, 1 / 75, NOISE_K, 30.0)
     _, x, sd, _ = live.run(live.start(y[0]), y)
     assert np.all(np.isfinite(x) & np.isfinite(sd))
     assert np.max(np.abs(x - 80)) < 6 * np.max(np.abs(y - 80))

@@ -9,6 +9,8 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import Intensity, invert, smooth, window_covariance
 from tcdyn.compensate.record import SATURATED, SPIKE, STUCK
 
+B = Conditioning(cutoff_Hz=4.0, poles=2)
+
 DT = 0.05
 RISE_S = 5.0
 
@@ -92,7 +94,7 @@ def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_i
     the stated instant the truth is bent, which one number of spread cannot follow)."""
     dt, at, u = 1 / 75, 4.0, 0.1
     t = np.arange(4 * 600) * dt / 4
-    chain = Chain((0.6, 0.1))
+    chain = Chain((0.6, 0.1), conditioning=B)
     fine = 100 - 10 * np.maximum(t - at, 0)
     x, clean = fine[::4], chain.response(fine, dt / 4)[::4]
     near = np.abs(t[::4] - at) < 1.0
@@ -128,12 +130,20 @@ def test_the_split_of_a_lag_is_counted_and_the_band_holds():
     held, held_without = [], []
     for _ in range(24):
         tau2 = np.clip(0.15 + 0.08 * rng.standard_normal(), 0.002, 0.335)
-        y = Chain((0.67 - tau2, tau2)).response(x, dt) + 0.05 * rng.standard_normal(len(t))
+        y = Chain((0.67 - tau2, tau2), conditioning=B).response(x, dt) + 0.05 * rng.standard_normal(len(t))
         for u, share in ((0.08, held), (0.0, held_without)):
-            ours = smooth(y, dt, Chain((0.52, 0.15)), noise_sd=0.05, find_events=False, split_u_s=u)
+            ours = smooth(y, dt, Chain((0.52, 0.15), conditioning=B), noise_sd=0.05, find_events=False, split_u_s=u)
             share.append(np.mean(np.abs(ours.temperature[:, 0] - x) < 1.96 * ours.sd[:, 0]))
     assert np.mean(held) > 0.88 > np.mean(held_without) + 0.1
-    c = window_covariance(y, dt, Chain((0.52, 0.15)), smooth(y, dt, Chain((0.52, 0.15)), split_u_s=0.08), 0, 200, 240)
+    c = window_covariance(
+        y,
+        dt,
+        Chain((0.52, 0.15), conditioning=B),
+        smooth(y, dt, Chain((0.52, 0.15), conditioning=B), split_u_s=0.08),
+        0,
+        200,
+        240,
+    )
     assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
 
 
@@ -153,7 +163,7 @@ def test_missing_samples_stay_local_and_widen_the_band():
 
 def test_shapes_that_do_not_agree_are_refused():
     with pytest.raises(InputError, match="2 channels but 1 chains"):
-        smooth(np.zeros((50, 2)), DT, [Chain((1.0,))])
+        smooth(np.zeros((50, 2)), DT, [Chain((1.0,), conditioning=B)])
 
 
 def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
@@ -187,7 +197,7 @@ def test_covariance_of_a_chain_with_stages_far_quicker_than_the_samples(pair):
 def test_constant_trace_gets_the_band_of_a_straight_line():
     """Nothing moves: the intensity goes to its floor and sd to that of a fitted line, 2 sigma / sqrt(N) at the ends."""
     y = 80 + 0.15 * np.random.default_rng(0).standard_normal((1000, 6))
-    fit = smooth(y, 1 / 75, Chain((0.6,)))
+    fit = smooth(y, 1 / 75, Chain((0.6,), conditioning=B))
     middle = np.median(fit.sd[450:550])
     assert 0.15 / np.sqrt(1000) < middle < 0.15 / np.sqrt(1000) * 3
     assert np.mean(np.abs(fit.temperature - 80) < 1.96 * fit.sd) > 0.8
@@ -234,23 +244,25 @@ def test_samples_missing_about_a_known_event_widen_the_band_and_the_band_holds()
 def test_dead_channel_is_refused():
     with pytest.raises(InputError, match="repeat one value"):
         smooth(
-            np.column_stack([np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]), DT, Chain((1.0,))
+            np.column_stack([np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]),
+            DT,
+            Chain((1.0,), conditioning=B),
         )
 
 
 def test_sentences_call_a_channel_by_its_name_and_count_from_one_without():
     y = 80 + np.random.default_rng(0).standard_normal((500, 2))
     y[100:180, 1] = 80.0
-    done = smooth(y, DT, Chain((1.0,)), intensity=10.0, names=["fast_d", "fast_e"])
+    done = smooth(y, DT, Chain((1.0,), conditioning=B), intensity=10.0, names=["fast_d", "fast_e"])
     assert done.warnings[0].startswith("fast_e: stuck")
-    done = smooth(y, DT, Chain((1.0,)), intensity=10.0)
+    done = smooth(y, DT, Chain((1.0,), conditioning=B), intensity=10.0)
     assert done.warnings[0].startswith("channel 2: stuck")
     assert "channel 2: noise" in done.summary()
     y[7:, 1] = np.nan
     with pytest.raises(InputError, match="fast_e has fewer"):
-        smooth(y, DT, Chain((1.0,)), noise_sd=1.0, names=["fast_d", "fast_e"])
+        smooth(y, DT, Chain((1.0,), conditioning=B), noise_sd=1.0, names=["fast_d", "fast_e"])
     with pytest.raises(InputError, match="2 channels but 1 names"):
-        smooth(y, DT, Chain((1.0,)), names=["fast_d"])
+        smooth(y, DT, Chain((1.0,), conditioning=B), names=["fast_d"])
 
 
 def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():

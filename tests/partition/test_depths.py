@@ -23,8 +23,8 @@ from tcdyn.partition.crosscheck import (
     tensions,
 )
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.faults import DepthTest
 from tcdyn.partition.sensors import check_sensors
+from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.pipeline.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig

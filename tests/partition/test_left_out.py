@@ -23,8 +23,8 @@ from tcdyn.partition.steady import disk_line, steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.pipeline import beta as stage
 from tcdyn.pipeline.beta import estimate_beta, prepare
-from tcdyn.pipeline.campaign import CampaignSettings, analyse_log
-from tcdyn.pipeline.campaign_table import table_row
+from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
+from tcdyn.pipeline.campaign.table import table_row
 from tcdyn.pipeline.tables import junctions_table
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
@@ -273,7 +273,7 @@ def test_without_names_channels_on_the_command_line(campaign: Campaign, capsys: 
 
 def test_a_campaign_without_a_channel_has_no_number_for_it(campaign: Campaign) -> None:
     settings = CampaignSettings(campaign.rig, campaign.records, without=("fast_a",))
-    data = analyse_log(campaign.files.ehl["B3"], settings)
+    [data] = analyse_log(campaign.files.ehl["B3"], settings)
     assert isinstance(data, dict), data
     row = table_row("EHL_B3", data)
     assert np.isnan(row["fast_a_degC"])

@@ -12,10 +12,11 @@ from calibration.disk import CHANNELS
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
-from tcdyn.partition.effects import LEVELS, STATED, disk_features
+from tcdyn.partition.effects import STATED
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.faults import AS_WIRED, off_at_rest
 from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
+from tcdyn.partition.sensors.faults import AS_WIRED, at_rest
+from tcdyn.partition.sensors.features import LEVELS, disk_features
 from tcdyn.partition.uneven import at_junctions
 from tcdyn.pipeline.beta import prepare
 from tcdyn.traces import DiskTraces
@@ -138,10 +139,22 @@ def test_an_offset_shows_before_the_load_in_every_channel(b3: EhlTest, channel: 
 
 
 def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTest) -> None:
-    rest, fast = b3.time_s < b3.events.load_on_s, b3.disks["fast"]
+    rest = b3.time_s < b3.events.load_on_s
     warm = {c: column(b3, "fast", c) + rest * (20.0 + 2.0 * (c == "b")) for c in CHANNELS}
-    assert off_at_rest(with_readings(b3, "fast", warm), with_readings(b3, "fast", warm).disks["fast"]) == {}
-    assert off_at_rest(b3, fast) == {}
+    moved = with_readings(b3, "fast", warm)
+    assert at_rest(moved, moved.disks["fast"]) == []
+    assert at_rest(b3, b3.disks["fast"]) == []
+
+
+def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b3: EhlTest) -> None:
+    """Under load they read nearly alike; each read through the other's line does not."""
+    lines = b3.disks["fast"].lines
+    for one, other in (("b", "d"), ("d", "f")):
+        i, j = CHANNELS.index(one), CHANNELS.index(other)
+        raw = {c: (column(b3, "fast", c) - lines[k].offset) / lines[k].gain for c, k in ((one, i), (other, j))}
+        moved = {one: lines[i].offset + lines[i].gain * raw[other], other: lines[j].offset + lines[j].gain * raw[one]}
+        (suspect,) = check_sensors(with_readings(b3, "fast", moved)).suspects
+        assert (suspect.kind, suspect.channels) == ("swapped", (one, other))
 
 
 def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:

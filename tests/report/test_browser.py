@@ -14,7 +14,7 @@ import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline.campaign import CampaignRun
+from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.report.beta import write_beta_report
 from tcdyn.report.campaign import write_campaign_report
 from tests.cli.test_main_job import tcdyn

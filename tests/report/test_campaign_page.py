@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pandas as pd
+import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from tcdyn.pipeline.campaign_table import table_columns
+from calibration.finding import look, note
+from tcdyn.campaign import JoinedCampaign, joined
+from tcdyn.pipeline.campaign.answers import said_once
+from tcdyn.pipeline.campaign.table import table_columns
 from tcdyn.plots import campaign as draw
+from tcdyn.plots.joined import draw_joined_beta
 from tcdyn.plots.style import figure
-from tcdyn.report.campaign import beta_trend_words, campaign_pictures, partition_table, trend_words
+from tcdyn.report.campaign import campaign_pictures, partition_table, trend_words
+from tcdyn.report.joined import beta_table, joined_sections, trend_sentence
 from tcdyn.report.page import table_html
+from tests.campaign.toy import answer_of, toy
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]
 
@@ -69,12 +77,48 @@ def test_tables_speak_words_and_units_not_column_names() -> None:
     assert partition_table(table).shape[1] <= 8  # more do not fit a printed page
 
 
-def test_a_slope_is_claimed_only_where_its_interval_leaves_zero_out() -> None:
-    table = sixteen()
-    assert "β changes with ΔT u_s" in beta_trend_words(table)
-    table["beta"] = 0.7 + 0.01 * np.tile([1.0, -1.0, -1.0, 1.0], 4)
-    assert "do not show" in beta_trend_words(table)
-    assert beta_trend_words(table.head(2)) == ""
+@pytest.fixture(scope="module")
+def whole() -> JoinedCampaign:
+    found = joined({t.name: answer_of(t) for t in toy(1).kept})
+    assert found is not None
+    return found
+
+
+def test_a_slope_is_claimed_only_where_its_interval_leaves_zero_out(whole: JoinedCampaign) -> None:
+    assert "β changes with ΔT u_s" in trend_sentence(whole)
+    flat = replace(whole.trends[0], p_value=(0.2,))
+    assert "do not show" in trend_sentence(replace(whole, trends=(flat,)))
+    assert "asks for three set points" in trend_sentence(replace(whole, trends=()))
+
+
+def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedCampaign) -> None:
+    sections = joined_sections(whole)
+    assert sum(s.figure is not None for s in sections) == 2
+    table = beta_table(whole)
+    assert {"u within [1]", "u absolute [1]"} <= set(table.columns)
+    within, absolute = (table[c].astype(float) for c in ("u within [1]", "u absolute [1]"))
+    assert (within < absolute).all()
+    everything = " ".join(f"{s.text} {table_html(s.table) if s.table is not None else ''}" for s in sections)
+    assert "n = " in everything
+    assert "beside sliding speed" in everything
+    assert "_" not in everything.replace("ΔT u_s", "").replace("speed_exponent", "")
+    axes = [ax for s in sections if s.figure is not None for ax in s.figure.axes]
+    assert all(ax.get_xlabel() and ax.get_ylabel() for ax in axes)
+
+
+def test_bars_within_the_campaign_lie_inside_the_absolute_ones(whole: JoinedCampaign) -> None:
+    _, (ax,) = figure()
+    drawn = draw_joined_beta(whole, ax)
+    heights = [np.ptp([seg[:, 1] for seg in c.lines[2][0].get_segments()], axis=1) for c in drawn.containers]
+    assert len(heights) == 2
+    assert (heights[1] < heights[0]).all()
+
+
+def test_a_note_that_repeats_is_said_once() -> None:
+    found = [(f"EHL_A{k}", note("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)]
+    alone = ("EHL_A2", look("said", subject="slow_b", text="odd"))
+    said = [f.sentence for f in said_once([*found, alone])]
+    assert said == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
 
 
 def test_a_campaign_has_the_thesis_s_figures() -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -15,25 +14,25 @@ from scipy import stats
 from calibration.disk import CHANNELS, DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
-from tcdyn.partition.effects import LEVELS, DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.faults import (
+from tcdyn.partition.sensors.faults import (
+    UNSOUND_P,
     DepthTest,
     Fault,
     Verdict,
+    at_rest,
     depth_test,
     hypotheses,
     judge,
-    off_at_rest,
     settled,
 )
+from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, disk_features
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
 NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
 RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
 BLIND_LOG_ODDS = 4.0
-UNSOUND_P = 1e-4
 DEAD_REL = 0.25  # of the median rise of the disk's channels
 LEAST_RISE_K = 3.0
 SAME_PLACE_M = 0.15e-3
@@ -126,7 +125,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
     likely, depths = {}, {}
     for d, f in features.items():
-        found[d] = _dead(test, test.disks[d], f) or _off(test, test.disks[d])
+        found[d] = _dead(test, test.disks[d], f) or _at_rest(test, test.disks[d])
         if not found[d]:
             sound, best, suspect, pairs = _judged(f, test.disks[d])
             found[d], likely[d] = suspect, best
@@ -186,7 +185,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     for i, j in product(*(np.flatnonzero(~test.disks[d].out) for d in DISKS)):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
-            mixed = deepcopy(f)
+            mixed = replace(f, **{x: getattr(f, x).copy() for x in ("inputs", "banks", "slope", "bend")})
             mixed.inputs[:, 1 + place], mixed.banks[1 + place] = other.inputs[:, 1 + column], other.banks[1 + column]
             mixed.slope[:, place], mixed.bend[:, place] = other.slope[:, column], other.bend[:, column]
             (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])
@@ -212,11 +211,10 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     return tuple(out)
 
 
-def _off(test: EhlTest, disk: DiskTraces) -> tuple[Suspect, ...]:
-    """Channels that are off while the disk is at rest."""
-    found = off_at_rest(test, disk)
+def _at_rest(test: EhlTest, disk: DiskTraces) -> tuple[Suspect, ...]:
+    """What is wrong with a disk already before the load."""
     return tuple(
-        Suspect(disk.name, "offset", (c,), size, 0.5 * (size.value / size.u) ** 2) for c, size in found.items()
+        Suspect(disk.name, fault.kind, fault.channels, size, odds) for fault, size, odds in at_rest(test, disk)
     )
 
 

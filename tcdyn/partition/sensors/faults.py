@@ -13,15 +13,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import special
+from scipy import special, stats
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
 from calibration import Array
 from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
-from tcdyn.partition.effects import LEVELS, STATED, DiskFeatures, Order, stated_u
+from tcdyn.partition.effects import STATED, stated_u
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, Order
 from tcdyn.partition.uneven import SENSED
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
@@ -49,6 +50,8 @@ FREE = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": 
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
 REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
+REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
+UNSOUND_P = 1e-4
 MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
 
 
@@ -108,9 +111,8 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
     """
     order, logs = faults[0].order, np.log(H_GRID_W_M2K)
-    rests, powers = (
-        np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in f.answer(order, H_GRID_W_M2K)
-    )
+    answers = zip(*(f.answer(order, float(h)) for h in H_GRID_W_M2K))
+    rests, powers = (np.asarray(CubicSpline(logs, np.array(x)[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers)
     found = []
     for share in SHARE_GRID:
         left = f.inputs[:, LEVELS][:, order][:, PLACES][f.seen] - rests - share * powers
@@ -180,26 +182,47 @@ def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
-def off_at_rest(test: EhlTest, disk: DiskTraces) -> dict[str, Estimate]:
-    """By how much a channel, or two, differ from a disk's others before the load [K], where the disk rests at ambient.
+def at_rest(test: EhlTest, disk: DiskTraces) -> list[tuple[Fault, Estimate | None, float]]:
+    """Faults that show before the load, where the disk rests at ambient, each with its size [K] and log-odds.
 
-    Under load a steady offset of the inner row is nearly the same as another h and a disk that sits unevenly.
+    Two channels exchanged, where each through the other's static line reads like the rest of the disk; else those,
+    two at most, that are off. Under load an offset of the inner row, or its exchange, is nearly another h and a disk
+    that sits unevenly.
     """
     on = test.events.load_on_s
     rest = (test.time_s > on - REST_S) & (test.time_s < on - 0.5)
-    used = np.flatnonzero(~disk.out)
-    y = disk.readings_degC[rest][:, used]
+    used, y = np.flatnonzero(~disk.out), disk.readings_degC[rest]
     if len(y) < 0.3 * REST_S / test.dt_s:
-        return {}
+        return []
     third, mean = len(y) // 3, y.mean(axis=0)
-    drift = abs(float(np.median(y[-third:].mean(axis=0) - y[:third].mean(axis=0))))
-    u = np.hypot(disk.static_u(disk.readings_degC[rest].mean(axis=0)), MEAN_NOISE * disk.noise_K)[used]
-    away = mean - np.median(mean)
-    off = np.abs(away) > np.maximum(OFF_Z * u, OFF_K)
-    warm = abs(np.median(mean) - test.ambient_degC[rest].mean()) > AT_REST_K or drift > OFF_K
-    if warm or not 1 <= off.sum() <= 2 or np.ptp(away[~off]) > OFF_K:
-        return {}
-    return {CHANNELS[used[k]]: Estimate.normal(float(away[k]), float(u[k])) for k in np.flatnonzero(off)}
+    drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
+    if drift > OFF_K or abs(float(np.median(mean[used])) - test.ambient_degC[rest].mean()) > AT_REST_K:
+        return []
+    u = np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, REST_U_K))
+
+    def away(reads: Array) -> Array:
+        return np.asarray(reads - np.median(reads[used]))
+
+    def misfit(reads: Array) -> float:
+        return float(((away(reads) / u)[used] ** 2).sum())
+
+    usual, exchanged = misfit(mean), []
+    for i, j in combinations(used, 2):
+        line, other, reads = disk.lines[i], disk.lines[j], mean.copy()
+        reads[i] = line.offset + line.gain * (mean[j] - other.offset) / other.gain
+        reads[j] = other.offset + other.gain * (mean[i] - line.offset) / line.gain
+        exchanged.append((misfit(reads), i, j))
+    best, second = sorted(exchanged)[:2]
+    freedom = len(used) - 1
+    explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
+    if explains and min(second[0], usual) - best[0] > 2 * SURE_LOG_ODDS:
+        pair = CHANNELS[best[1]], CHANNELS[best[2]]
+        return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
+    off = np.flatnonzero((np.abs(away(mean)) > np.maximum(OFF_Z * u, OFF_K)) & ~disk.out)
+    if not 1 <= len(off) <= 2 or np.ptp(np.delete(mean, [*off, *np.flatnonzero(disk.out)])) > OFF_K:
+        return []
+    sizes = {k: Estimate.normal(float(away(mean)[k]), float(u[k])) for k in off}
+    return [(Fault("offset", (CHANNELS[k],)), size, 0.5 * (size.value / size.u) ** 2) for k, size in sizes.items()]
 
 
 def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:
@@ -251,8 +274,10 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     alone says (e C^-1 r) / t standard uncertainties, +- sqrt((1 - t) / t).
     """
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
-    rest, power = f.answer(AS_WIRED, h * np.exp([0.0, LOG_H_STEP]))
-    at, more = rest + sound.share * power
+    at, more = (
+        rest + sound.share * power
+        for rest, power in (f.answer(AS_WIRED, x) for x in (h, h * float(np.exp(LOG_H_STEP))))
+    )
     off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
     known = f.effects(AS_WIRED, h, sound.share)
     cov = covariance(f, disk, known, AS_WIRED) + np.outer(off, off)

@@ -1,0 +1,20 @@
+"""All tests of one rig as one measurement: what they share is solved for once, so that differences and trends are known
+far better than levels (design, section 13)."""
+
+from tcdyn.campaign.compress import compressed, kept_of
+from tcdyn.campaign.joined import JoinedCampaign, joined
+from tcdyn.campaign.kept import KeptTest, checked, rig_fingerprint, sealed
+from tcdyn.campaign.posterior import Posterior, solve
+
+__all__ = [
+    "JoinedCampaign",
+    "KeptTest",
+    "Posterior",
+    "checked",
+    "compressed",
+    "joined",
+    "kept_of",
+    "rig_fingerprint",
+    "sealed",
+    "solve",
+]

@@ -1,0 +1,185 @@
+"""The answer of a whole campaign: every test by one posterior, n, trends, junctions, and who does not belong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note
+from tcdyn.campaign.belong import Stranger, strangers
+from tcdyn.campaign.exponent import SpeedLaw, share_by_speed_law, speed_law
+from tcdyn.campaign.kept import AGAIN, KeptTest
+from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
+
+SCHEMA = "tcdyn.campaign/1"
+FAR_Z = 2.0  # n of the campaign this far from rig.toml's is told
+BENT_P = 0.01  # chance below which a power law is not enough
+MOVED_Z = 4.0  # a junction's pull that is told: the largest in 17 sound drawn campaigns was 3.7
+LEAST_TOLD = 0.02  # of a depth's variance: below it a pull means nothing
+
+
+@dataclass(frozen=True)
+class JoinedCampaign:
+    """All tests of a rig together.
+
+    ``posterior``: answers and covariance; ``law``: the exponent n; ``trends`` of beta; ``strangers``: tests that do not
+    belong, and are not in the posterior; ``curves``: models laid over the tests; ``deeper_mm``: by disk and
+    channel, how much deeper than stated the campaign places a junction; ``pulls``: that in what the data alone would
+    move it by; ``single``: beta of each test alone; ``by_law``: beta by each test's steady lines and the campaign's n;
+    ``status`` and ``delta_T_us`` [K m/s] of each test; ``apart``: tests that could not be joined, and why.
+    """
+
+    posterior: Posterior
+    law: SpeedLaw
+    trends: tuple[BetaTrend, ...]
+    strangers: tuple[Stranger, ...]
+    curves: tuple[CurveTest, ...]
+    deeper_mm: Mapping[str, Mapping[str, Estimate]]
+    pulls: Mapping[str, Mapping[str, float]]
+    single: Mapping[str, Estimate]
+    by_law: Mapping[str, float | None]
+    status: Mapping[str, str]
+    delta_T_us: Mapping[str, Estimate]
+    apart: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def trend(self) -> BetaTrend | None:
+        """The trend that the thesis draws: over delta T u_s; else the first that the tests tell."""
+        return self.trends[0] if self.trends else None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the campaign shows that no test alone does."""
+        found = [
+            look(
+                "campaign.stranger", subject=s.name, cause=s.cause, size=s.size.value, u=s.size.u, z=s.z,
+                chi2=s.chi2, left=s.left, freedom=s.freedom, explained=s.explained,
+            )
+            for s in self.strangers
+        ]  # fmt: skip
+        n, assumed = self.law.exponent, self.posterior.tests[0].conditions["speed_exponent"]
+        tests = len(self.posterior.tests)
+        if tests > 1 and abs(n.value - assumed) > FAR_Z * n.u:
+            found.append(note("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
+        if self.law.by_speed is not None and self.law.p_value is not None and self.law.p_value < BENT_P:
+            by = self.law.by_speed
+            found.append(look("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value))
+        for d, pulls in self.pulls.items():
+            for c, z in pulls.items():
+                if abs(z) > MOVED_Z:
+                    e = self.deeper_mm[d][c]
+                    found.append(look("campaign.junction", subject=f"{d}_{c}", deeper_mm=e.value, u_mm=e.u, z=z))
+        found += [note("campaign.apart", subject=name, why=why) for name, why in self.apart.items()]
+        return tuple(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``campaign.json`` (design, section 8)."""
+        order = self.posterior.order
+        told = [{k: e.model_dump() for k, e in one.items()} for one in self.posterior.estimates]
+        return {
+            "schema": SCHEMA,
+            "rig_sha256": self.posterior.tests[0].rig,
+            "tests": {
+                name: {
+                    **one,
+                    "beta_alone": self.single[name].model_dump(),
+                    "beta_by_speed_law": self.by_law[name],
+                    "delta_T_us": self.delta_T_us[name].model_dump(),
+                    "status": self.status[name],
+                }
+                for name, one in zip(order, told)
+            },
+            "exponent": self.law.exponent.model_dump(),
+            "speed_law": self.law.to_dict(),
+            "order": list(order),
+            "covariance": self.posterior.beta[1].tolist(),
+            "trend": None if self.trend is None else self.trend.to_dict(),
+            "trends": [t.to_dict() for t in self.trends],
+            "models": [c.to_dict() for c in self.curves],
+            "do_not_belong": [s.to_dict() for s in self.strangers],
+            "junctions": {
+                d: {c: {"deeper_mm": e.model_dump(), "z": self.pulls[d][c]} for c, e in own.items()}
+                for d, own in self.deeper_mm.items()
+            },
+            "apart": dict(self.apart),
+            "findings": [f.to_dict() for f in self.findings],
+        }
+
+
+def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:
+    """What the content of a beta.json keeps for its campaign. Raises InputError where that is nothing."""
+    if not data.get("kept"):
+        raise InputError("keeps nothing for a campaign: its joint fit of both disks was withheld", where=name)
+    return KeptTest.from_dict(name, data["kept"])
+
+
+def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()) -> JoinedCampaign | None:
+    """One posterior of the contents of beta.json by test; None where none can be joined.
+
+    A test whose answer is withheld stands apart, and so does one that does not belong. Raises InputError for tests of
+    different rigs, by name, for a kept block of another schema, and for a curve that the tests do not reach.
+    """
+    apart = {name: "its answer is withheld" for name, data in answers.items() if data.get("status") == "withheld"}
+    used = {name: data for name, data in answers.items() if name not in apart}
+    if not used:
+        return None
+    if missing := [name for name, data in used.items() if "kept" not in data]:
+        raise InputError("keeps nothing for a campaign", where=missing[0], remedy=AGAIN)
+    posterior = solve([kept_test(name, data) for name, data in used.items()])
+    odd = strangers(posterior)
+    if odd:
+        names = {s.name for s in odd}
+        own = [(t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names]
+        posterior = solve([t for t, _ in own], [r for _, r in own])
+        used = {name: data for name, data in used.items() if name not in names}
+    law = speed_law(posterior)
+    deeper, pulls = junctions(posterior)
+    return JoinedCampaign(
+        posterior=posterior,
+        law=law,
+        trends=trends(posterior),
+        strangers=odd,
+        curves=tuple(curve_test(posterior, c) for c in curves),
+        deeper_mm=deeper,
+        pulls=pulls,
+        single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in used.items()},
+        by_law={
+            t.name: _by_law(used[t.name], t.conditions["speed_ratio"], law.exponent.value) for t in posterior.tests
+        },
+        status={name: str(data["status"]) for name, data in used.items()},
+        delta_T_us={name: Estimate(**data["surface"]["delta_T_us"]) for name, data in used.items()},
+        apart=apart,
+    )
+
+
+def _by_law(data: Mapping[str, Any], speed_ratio: float, exponent: float) -> float | None:
+    lines = [[data["steady"][f"{d}_line"][key]["value"] for key in ("intercept", "slope")] for d in DISKS]
+    if any(x is None for line in lines for x in line):
+        return None
+    (a, b), (c, d) = lines
+    return share_by_speed_law((a, b), (c, d), speed_ratio, exponent)
+
+
+def junctions(posterior: Posterior) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
+    """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the statement."""
+    deeper: dict[str, dict[str, Estimate]] = {}
+    pulls: dict[str, dict[str, float]] = {}
+    units = {name: size for t in posterior.tests for name, size in t.units.items()}
+    for d in DISKS:
+        deeper[d], pulls[d] = {}, {}
+        for c in CHANNELS:
+            name = f"depth {c} {d}"
+            if name in posterior.shared and name in units:
+                k = posterior.shared.index(name)
+                x, variance = float(posterior.found[k]), float(posterior.shared_covariance[k, k])
+                mm, wider = 1e3 * units[name], float(np.sqrt(posterior.widened))
+                deeper[d][c] = Estimate.normal(x * mm, float(np.sqrt(variance)) * mm * wider)
+                pulls[d][c] = x / float(np.sqrt(max(1 - variance, LEAST_TOLD))) / wider
+    return deeper, pulls

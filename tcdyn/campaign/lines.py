@@ -1,0 +1,78 @@
+"""Generalised least squares with a covariance that is known but for a scatter of the tests about their line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import optimize, stats
+
+from calibration import Array
+from calibration.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Line:
+    """y = columns @ ``coefficients`` (P,) + error of the covariance given + independent scatter.
+
+    ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points about the line, the
+    least that makes chi-squared what it should be; ``chi2`` without it, on ``freedom`` degrees; ``operator`` (P, N):
+    coefficients = operator @ y; ``used`` (N, N): the covariance with the scatter in it.
+    """
+
+    coefficients: Array
+    covariance: Array
+    scatter: float
+    chi2: float
+    freedom: int
+    operator: Array = field(repr=False)
+    used: Array = field(repr=False)
+
+    @property
+    def p_value(self) -> float:
+        """Chance of a chi-squared as large as this if there were no scatter: is the line enough?"""
+        return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
+
+    def estimate(self, k: int) -> Estimate:
+        """A coefficient; Student's interval where the scatter was found from the points."""
+        value, u = float(self.coefficients[k]), float(np.sqrt(self.covariance[k, k]))
+        reach = u * float(stats.norm.isf(0.025) if self.scatter == 0 else stats.t.isf(0.025, max(self.freedom, 1)))
+        return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
+
+    def no_slope(self, k: int) -> float:
+        """Chance of a coefficient as far from zero if it were zero."""
+        z = abs(float(self.coefficients[k])) / float(np.sqrt(self.covariance[k, k]))
+        return float(2 * (stats.norm.sf(z) if self.scatter == 0 else stats.t.sf(z, max(self.freedom, 1))))
+
+
+def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
+    """The line through ``y`` (N,) with errors of ``covariance`` (N, N), by ``columns`` (N, P).
+
+    c = (X' V^-1 X)^-1 X' V^-1 y, V the covariance and, where the residuals ask for more than it, the scatter that
+    brings r' V^-1 r to N - P (Mandel and Paule 1970).
+
+    >>> x = np.column_stack([np.ones(4), np.arange(4.0)])
+    >>> line = fit_line(x, np.array([1.0, 3.0, 5.0, 7.0]), 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4)))
+    >>> line.coefficients.round(6).tolist(), np.sqrt(np.diag(line.covariance)).round(4).tolist(), line.scatter
+    ([1.0, 2.0], [0.1003, 0.0045], 0.0)
+    """
+    freedom = len(y) - columns.shape[1]
+
+    def solved(scatter: float) -> tuple[Array, Array, Array, float, Array]:
+        used = covariance + scatter**2 * np.eye(len(y))
+        size = np.sqrt(np.diag(used))
+        weight = np.linalg.inv(used / np.outer(size, size)) / np.outer(size, size)
+        spread = np.abs(columns).max(axis=0)
+        scaled = columns / spread
+        own = np.linalg.inv(scaled.T @ weight @ scaled)
+        operator = own @ scaled.T @ weight
+        left = y - scaled @ (operator @ y)
+        return operator / spread[:, None], own / np.outer(spread, spread), used, float(left @ weight @ left), left
+
+    operator, own, used, chi2, left = solved(0.0)
+    scatter = 0.0
+    if freedom > 0 and chi2 > freedom:
+        most = 10.0 * float(np.abs(left).max() + np.sqrt(np.diag(covariance)).max())
+        scatter = float(optimize.brentq(lambda s: solved(s)[3] - freedom, 0.0, most, rtol=1e-6))
+        operator, own, used, _, _ = solved(scatter)
+    return Line(operator @ y, own, scatter, chi2, freedom, operator, used)

@@ -1,0 +1,250 @@
+"""What a planned campaign will tell of beta, n and trends, before a hole is drilled: by the fit that tests will get.
+
+Each planned test is the rim model's own answer to the planned conditions, without noise; its fit is linear there, and
+what it would keep is solved as a campaign. Nothing is simulated by a whole disk: where the disk's body is, how fast it
+cools, and the noise are stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibration import Array
+from calibration.disk import CHANNELS, DISKS, INNER_ROW
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.files import read_numbers
+from calibration.lines.static import StaticLine, static_u
+from calibration.rig import Rig
+from tcdyn.campaign.compress import compressed
+from tcdyn.campaign.exponent import speed_law
+from tcdyn.campaign.kept import KeptTest
+from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.trends import trends
+from tcdyn.chain import Chain
+from tcdyn.chain.noise import LoggerNoise
+from tcdyn.contact import Events, equal_radius_m, half_width_m, surface_speed_m_s
+from tcdyn.fitting import Optimum, Status
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, disk_side, joint_problem
+from tcdyn.partition.steady import FitShift
+from tcdyn.partition.uneven import UNKNOWN
+from tcdyn.traces import DiskTraces
+
+COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
+OPTIONAL = ("beta", "h_fast_W_m2K")
+BODY_W_K = 1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
+EDGES = 0.995  # excess at d and f over that at b
+FOLLOWS_S = 0.3  # the inner row feels the parting this much later
+MASS = 0.86  # of the disk's heat capacity that cools with the row d, b, f
+LINE = StaticLine(gain=1.0, offset=0.0, covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)), range_degC=(20.0, 160.0))
+LAGS_S, LAG_U_S, APART_U_S = (0.54, 0.12), 0.05, 0.008  # of a plunge-tested chain: two lags, u of the mean, u of each
+
+
+@dataclass(frozen=True)
+class PlannedTest:
+    """Conditions of one planned EHL test; beta and h are what is expected of it."""
+
+    name: str
+    load_N: float
+    friction_N: float
+    speed_fast_rpm: float
+    speed_slow_rpm: float
+    beta: float = 0.70
+    h_fast_W_m2K: float = 700.0
+
+
+@dataclass(frozen=True)
+class Logging:
+    """How planned tests are logged; noise of one sample [K, N], duration of the load, of the cooling and before [s]."""
+
+    rate_Hz: float = 75.0
+    noise_K: float = 0.13
+    friction_noise_N: float = 0.15
+    loaded_s: float = 300.0
+    cooling_s: float = 15.0
+    before_s: float = 20.0
+    ambient_degC: float = 60.0
+
+
+@dataclass(frozen=True)
+class PlannedCampaign:
+    """What planned tests will tell together; ``posterior`` holds every covariance, ``alone`` u of beta of each test."""
+
+    posterior: Posterior = field(repr=False)
+    alone: tuple[float, ...]
+
+    def table(self) -> pd.DataFrame:
+        """One row a test: u of beta alone, in the campaign, and within it; u of h relative."""
+        rows = []
+        for name, one, alone in zip(self.posterior.order, self.posterior.estimates, self.alone):
+            h = {f"u_h_{d}_rel": one[f"h_{d}"].u / one[f"h_{d}"].value for d in DISKS}
+            rows.append(
+                {
+                    "test": name, "u_beta_alone": alone, "u_beta": one["beta"].u,
+                    "u_beta_within": one["beta_within"].u, **h,
+                }
+            )  # fmt: skip
+        return pd.DataFrame(rows)
+
+    @property
+    def u_exponent(self) -> float:
+        """Standard uncertainty of n by all tests."""
+        return speed_law(self.posterior).exponent.u
+
+    @property
+    def slopes(self) -> list[tuple[str, tuple[str, ...], float]]:
+        """Of every line of beta: over what, beside what, u of its slope."""
+        return [
+            (name, tuple(a for a in t.against if a != name), float(np.sqrt(t.line.covariance[k, k])))
+            for t in trends(_straight(self.posterior))
+            for k, name in enumerate(t.against, 1)
+        ]
+
+    def summary(self) -> str:
+        """The uncertainties in a few lines."""
+        table = self.table()
+        worst = {k: float(table[k].max()) for k in ("u_beta_alone", "u_beta", "u_beta_within")}
+        lines = [
+            f"{len(table)} planned tests, largest u of beta: {worst['u_beta_alone']:.4f} for a test alone, "
+            f"{worst['u_beta']:.4f} absolute in the campaign, {worst['u_beta_within']:.5f} within it",
+            f"u of the exponent n: {self.u_exponent:.3f}",
+        ]
+        for name, beside, u in self.slopes:
+            lines.append(f"u of the slope of beta over {name}{f' beside {beside[0]}' if beside else ''}: {u:.2g}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as data."""
+        return {
+            "tests": self.table().to_dict("records"),
+            "u_exponent": self.u_exponent,
+            "slopes": [{"against": a, "beside": list(b), "u": u} for a, b, u in self.slopes],
+        }
+
+
+def _straight(posterior: Posterior) -> Posterior:
+    """The same with every beta equal: the u of a line's slope is asked for, not whether the plan lies on one."""
+    answers = posterior.answers.copy()
+    answers[:, 0] = answers[:, 0].mean()
+    return replace(posterior, answers=answers)
+
+
+def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
+    """Planned tests from a table, a row each: load_N, friction_N, speed_fast_rpm, speed_slow_rpm, and beta and
+    h_fast_W_m2K if they are expected to be other than 0.7 and 700. Raises InputError for a table without them."""
+    values = read_numbers(path, COLUMNS, OPTIONAL)
+    rows = [{k: float(v[i]) for k, v in values.items()} for i in range(len(values["load_N"]))]
+    for i, row in enumerate(rows, 2):
+        sound = 0 < row["friction_N"] < row["load_N"] and row["speed_fast_rpm"] > row["speed_slow_rpm"] > 0
+        if not (sound and 0 < row.get("beta", 0.7) < 1 and row.get("h_fast_W_m2K", 700.0) > 0):
+            raise InputError(
+                f"row {i} is no test", where=str(path),
+                expected="friction below load, the fast shaft the faster, beta between 0 and 1, h above 0",
+            )  # fmt: skip
+    if not rows:
+        raise InputError("no planned test", where=str(path), expected="a row for each")
+    return tuple(PlannedTest(f"test {i}", **row) for i, row in enumerate(rows, 1))
+
+
+def predict_campaign(plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None) -> PlannedCampaign:
+    """Expected uncertainties of all planned tests together on the rig with the junctions of rig.toml."""
+    kept = [planned_test(one, rig, logging or Logging()) for one in plan]
+    alone = tuple(solve([k]).estimates[0]["beta"].u for k in kept)
+    return PlannedCampaign(solve(kept), alone)
+
+
+def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
+    """What one planned test would keep, its fit standing on the truth."""
+    radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
+    crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
+    u_fast, u_slow = (surface_speed_m_s(rpm, r) for rpm, r in zip((plan.speed_fast_rpm, plan.speed_slow_rpm), radius))
+    contact, u = rig.common.contact, rig.common.uncertainty
+    dt, off = 1 / logging.rate_Hz, logging.before_s + logging.loaded_s
+    t: Array = np.arange(0.0, off + logging.cooling_s, dt, dtype=np.float64)
+    power = plan.friction_N * (u_fast - u_slow)
+    h = {"fast": plan.h_fast_W_m2K, "slow": plan.h_fast_W_m2K / (u_fast / u_slow) ** contact.speed_exponent}
+    share = {"fast": plan.beta, "slow": 1 - plan.beta}
+    events = Events(logging.before_s, off + 0.4 * dt, 0.01, 0.02, (off + 0.4 * dt,))
+    test = EhlTest(
+        time_s=t, dt_s=dt, events=events, power_W=np.where((t >= logging.before_s) & (t < events.unload_s), power, 0.0),
+        ambient_degC=logging.ambient_degC + 0.1 * _noise(len(t), 7), load_N=plan.load_N, friction_N=plan.friction_N,
+        speed_ratio=u_fast / u_slow, sliding_speed_m_s=u_fast - u_slow, entraining_speed_m_s=0.5 * (u_fast + u_slow),
+        half_width_m=half_width_m(plan.load_N, equal_radius_m(*radius), equal_radius_m(*crown)),
+        speed_exponent=contact.speed_exponent, exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+        disks={d: _traces(d, rig, t, events.unload_s, share[d] * power, h[d], logging) for d in DISKS}, findings=(),
+        friction_noise_N=logging.friction_noise_N,
+    )  # fmt: skip
+    theta = np.concatenate(
+        [[share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])] for d in DISKS],
+    )
+    window_s = min(JOINT_WINDOW_S, logging.cooling_s)
+    sides = []
+    for k, d in enumerate(DISKS):
+        side = disk_side(test, test.disks[d], theta[4 * k : 4 * k + 4], window_s, "modal", LAGS_S[1])
+        answer = side.model(theta[4 * k : 4 * k + 4])
+        assert answer is not None
+        sides.append(replace(side, y=answer[0], prior_lag_s=sum(LAGS_S) + side.rest_of_lag_s))
+    problem = joint_problem(sides)
+    whole = np.zeros(len(problem.names))
+    whole[:8] = theta
+    evaluated = problem.evaluate(whole)
+    assert evaluated is not None
+    residual, jacobian = evaluated
+    square = np.eye(0)
+    best = Optimum(problem, whole, residual, jacobian, 0.0, square, square, Status.CONVERGED, 0)
+    joint = {
+        s.disk: DiskFit(
+            s.disk, theta[4 * k : 4 * k + 4], share[s.disk], plan.beta, h[s.disk], {}, Chain(LAGS_S),
+            FitShift((), square, square), 1.0, s,
+        )
+        for k, s in enumerate(sides)
+    }  # fmt: skip
+    both = BothFit(theta, test.speed_ratio, dict[str, Estimate](), (), 1.0, dict.fromkeys(DISKS, UNKNOWN), best)
+    heat = {"delta_T_us_K_m_s": _surface_difference(plan, power) * test.sliding_speed_m_s}
+    return compressed(plan.name, "planned", test, joint, both, **heat)
+
+
+def _surface_difference(plan: PlannedTest, power_W: float) -> float:
+    """Roughly how much hotter the fast disk's surface is [K]: by its greater share of the heat, 0.35 K/W."""
+    return 0.35 * (2 * plan.beta - 1) * power_W
+
+
+def _noise(count: int, seed: int) -> Array:
+    """White noise of unit variance, always the same: fits measure the level of noise."""
+    return np.random.default_rng(seed).standard_normal(count)
+
+
+def _traces(
+    disk: str, rig: Rig, t: Array, off_s: float, power_W: float, h_W_m2K: float, logging: Logging
+) -> DiskTraces:
+    """Readings of a planned disk: the inner row at its steady excess until the parting, then cooling with the disk."""
+    setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
+    surface = 2 * np.pi * setup.outer_radius_m * setup.width_m
+    volume = np.pi * (setup.outer_radius_m**2 - setup.bore_radius_m**2) * setup.width_m
+    out_W_K = h_W_m2K * surface + BODY_W_K
+    tau = MASS * volume * setup.density_kg_m3 * setup.specific_heat_J_kgK / out_W_K
+    since = np.clip(t - off_s, 0.0, None)
+    fall = (tau * np.exp(-since / tau) - FOLLOWS_S * np.exp(-since / FOLLOWS_S)) / (tau - FOLLOWS_S)
+    excess = power_W / out_W_K * fall
+    chain = Chain(LAGS_S, conditioning=setup.conditioning)
+    seen = chain.response(excess, 1 / logging.rate_Hz)
+    y = np.empty((len(t), len(CHANNELS)))
+    for k, c in enumerate(CHANNELS):
+        part = EDGES if c in INNER_ROW and c != "b" else 1.0
+        y[:, k] = logging.ambient_degC + part * seen + logging.noise_K * _noise(len(t), k + 10 * len(disk))
+    level = np.full(len(CHANNELS), logging.noise_K)
+    noise = LoggerNoise(np.zeros_like(level), level, level, setup.conditioning, rate_Hz=logging.rate_Hz)
+    return DiskTraces(
+        columns=tuple(f"{disk}_{c}_degC" for c in CHANNELS), lines=(LINE,) * len(CHANNELS),
+        chains=(chain,) * len(CHANNELS), lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(len(CHANNELS)),
+        split_u_s=np.zeros(len(CHANNELS)), name=disk, setup=setup, readings_degC=y,
+        missing=np.zeros(y.shape, dtype=bool), noise=noise, rounding_K=np.zeros(len(CHANNELS)),
+        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])), uncertainty=u, inner_K=np.zeros((len(t), 3)),
+    )  # fmt: skip

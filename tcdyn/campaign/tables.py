@@ -1,0 +1,95 @@
+"""The table of a campaign for a paper: beta with both uncertainties, h, lags; as data, CSV and LaTeX."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from calibration.disk import DISKS
+from calibration.estimate import Estimate, rounded
+from tcdyn.campaign.joined import JoinedCampaign
+
+LATEX = {
+    "test": "test",
+    "load_N": r"load [N]",
+    "sliding_speed_m_s": r"$u_s$ [m/s]",
+    "delta_T_us_K_m_s": r"$\Delta T\,u_s$ [K m/s]",
+    "beta": r"$\beta$",
+    "u_beta_within": r"$u_\mathrm{within}$",
+    "u_beta": r"$u(\beta)$",
+    "h_fast_W_m2K": r"$h_f$ [W/m$^2$K]",
+    "h_slow_W_m2K": r"$h_s$ [W/m$^2$K]",
+    "exponent": r"$n$",
+}
+
+
+def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
+    """One row a test: conditions, beta with its standard uncertainty within the campaign and absolute, h, lags, n."""
+    rows = []
+    p, law = joined.posterior, joined.law
+    for i, (kept, one) in enumerate(zip(p.tests, p.estimates)):
+        row: dict[str, object] = {"test": kept.name.removeprefix("EHL_")}
+        row |= {k: kept.conditions[k] for k in ("load_N", "friction_N", "sliding_speed_m_s", "entraining_speed_m_s")}
+        heat = joined.delta_T_us[kept.name]
+        row |= {"delta_T_us_K_m_s": heat.value, "u_delta_T_us_K_m_s": heat.u}
+        row |= {"beta": one["beta"].value, "u_beta_within": one["beta_within"].u, "u_beta": one["beta"].u}
+        law_beta = joined.by_law[kept.name]
+        row["beta_by_speed_law"] = np.nan if law_beta is None else law_beta
+        for d in DISKS:
+            row |= {f"h_{d}_W_m2K": one[f"h_{d}"].value, f"u_h_{d}_W_m2K": one[f"h_{d}"].u}
+            row |= {f"lag_{d}_s": one[f"lag_{d}_s"].value, f"u_lag_{d}_s": one[f"lag_{d}_s"].u}
+        row |= {"exponent": law.each[i], "u_exponent_within": law.u_within[i], "status": joined.status[kept.name]}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def paper_csv(joined: JoinedCampaign) -> str:
+    """The table as CSV text, eight digits."""
+    return str(paper_table(joined).to_csv(index=False, float_format="%.8g", lineterminator="\n"))
+
+
+def paper_latex(joined: JoinedCampaign) -> str:
+    """The table as LaTeX (booktabs), each number rounded by its uncertainty, n of all tests in the last row."""
+    rows = []
+    for r in paper_table(joined).to_dict("records"):
+        beta, inside = rounded(r["beta"], r["u_beta_within"])
+        cells = [
+            str(r["test"]).replace("_", r"\_"), f"{r['load_N']:.0f}", f"{r['sliding_speed_m_s']:.1f}",
+            rounded(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0], beta, inside,
+            rounded(r["beta"], r["u_beta"])[1],
+            *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS), _pm(r["exponent"], r["u_exponent_within"]),
+        ]  # fmt: skip
+        rows.append(" & ".join(cells) + r" \\")
+    n = joined.law.exponent
+    return "\n".join(
+        [
+            r"\begin{tabular}{l" + "r" * (len(LATEX) - 1) + "}", r"\toprule", " & ".join(LATEX.values()) + r" \\",
+            r"\midrule", *rows, r"\midrule",
+            rf"\multicolumn{{{len(LATEX) - 1}}}{{l}}{{all tests}} & {_pm(n.value, n.u)} \\",
+            r"\bottomrule", r"\end{tabular}", "",
+        ]
+    )  # fmt: skip
+
+
+def _pm(value: float, u: float) -> str:
+    text, spread = rounded(value, u)
+    return rf"${text} \pm {spread}$"
+
+
+def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
+    """One row a slope: over what, the slope with its interval, its chance if it were zero, the tests' scatter."""
+    rows = []
+    for t in joined.trends:
+        for name, slope, p in zip(t.against, t.slopes, t.p_value):
+            rows.append(
+                {
+                    "over": name, "with": ", ".join(x for x in t.against if x != name), "slope": slope,
+                    "p_value": p, "scatter": t.scatter, "p_value_of_line": t.enough,
+                }
+            )  # fmt: skip
+    return pd.DataFrame(rows, columns=["over", "with", "slope", "p_value", "scatter", "p_value_of_line"])
+
+
+def slope_of(joined: JoinedCampaign, against: str) -> Estimate | None:
+    """Slope of the trend over ``against`` alone; None where the tests do not tell it."""
+    return next((t.slopes[0] for t in joined.trends if t.against == (against,)), None)

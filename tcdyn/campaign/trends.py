@@ -1,0 +1,182 @@
+"""Does beta change with what was set? Lines with the covariance of all tests, and a curve of a model laid over them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from calibration import Array
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.files import read_numbers
+from tcdyn.campaign.lines import Line, fit_line
+from tcdyn.campaign.posterior import Posterior
+
+AGAINST = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
+TOGETHER = ("load_N", "sliding_speed_m_s")  # entraining speed goes with sliding speed at one gear ratio
+LEAST_APART = 0.01  # of the largest value: set points closer than this are one
+LEAST_TESTS = 3
+
+
+@dataclass(frozen=True)
+class BetaTrend:
+    """beta = level + sum slope_k (x_k - mean of x_k); slopes per unit of x.
+
+    ``against``: names of the x; ``slopes`` in that order; ``p_value`` of each being zero; ``scatter`` of the tests
+    about the line beyond their uncertainties; ``enough``: chance of their departures if there were none.
+    """
+
+    against: tuple[str, ...]
+    slopes: tuple[Estimate, ...]
+    p_value: tuple[float, ...]
+    scatter: float
+    enough: float
+    mean: Array = field(repr=False)
+    line: Line = field(repr=False)
+
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """beta on a trend over one x (M,), and its standard uncertainty within the campaign (M,): against the mean of
+        its tests."""
+        n = self.line.operator.shape[1]
+        columns = np.column_stack([np.ones(len(x)), x - self.mean[0]])
+        off = columns @ self.line.operator - 1.0 / n
+        return columns @ self.line.coefficients, np.sqrt(np.clip(np.diag(off @ self.line.used @ off.T), 0.0, None))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``campaign.json`` keeps it; of a trend over several x a list of each."""
+        if len(self.against) == 1:
+            own: dict[str, Any] = {
+                "against": self.against[0], "slope": self.slopes[0].model_dump(), "p_value": self.p_value[0],
+            }  # fmt: skip
+        else:
+            own = {
+                "against": list(self.against),
+                "slope": [s.model_dump() for s in self.slopes],
+                "p_value": list(self.p_value),
+            }
+        return {**own, "scatter": self.scatter, "p_value_of_line": self.enough}
+
+
+def set_points(x: Array) -> int:
+    """How many values stand apart by more than 1 % of the largest.
+
+    >>> set_points(np.array([850.2, 1459.0, 849.7, 1461.0]))
+    2
+    """
+    ordered = np.sort(x)
+    return 1 + int(np.sum(np.diff(ordered) > LEAST_APART * np.abs(x).max()))
+
+
+def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
+    """The line of beta over one or more of ``AGAINST``; None where a test does not tell it, or set points are few."""
+    conditions = [t.conditions for t in posterior.tests]
+    if len(conditions) < LEAST_TESTS + len(against) - 1 or any(a not in c for a in against for c in conditions):
+        return None
+    x = np.array([[c[a] for a in against] for c in conditions])
+    if not np.isfinite(x).all() or min(set_points(column) for column in x.T) < LEAST_TESTS:
+        return None
+    mean = x.mean(axis=0)
+    line = fit_line(np.column_stack([np.ones(len(x)), x - mean]), *posterior.beta)
+    ks = range(1, 1 + len(against))
+    return BetaTrend(
+        against, tuple(line.estimate(k) for k in ks), tuple(line.no_slope(k) for k in ks), line.scatter, line.p_value,
+        mean, line,
+    )  # fmt: skip
+
+
+def trends(posterior: Posterior) -> tuple[BetaTrend, ...]:
+    """Lines over each of ``AGAINST`` alone, then over load and sliding speed together; those that can be told."""
+    asked = [*((a,) for a in AGAINST), TOGETHER]
+    return tuple(t for names in asked if (t := trend(posterior, *names)) is not None)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """beta (M,) of a user's model over one x (M,) of ``AGAINST``, rising; ``u`` (M,) of it."""
+
+    file: str
+    against: str
+    x: Array
+    beta: Array
+    u: Array
+
+
+@dataclass(frozen=True)
+class CurveTest:
+    """A model's curve against the tests that lie in its range.
+
+    ``chi2`` with the full covariance on ``freedom`` degrees, and ``p_value``; ``shape_chi2`` and ``shape_p_value``
+    with the curve's level free; ``offset``: tests less curve. ``inside``: names of those tests.
+    """
+
+    curve: Curve
+    inside: tuple[str, ...]
+    chi2: float
+    p_value: float
+    shape_chi2: float
+    shape_p_value: float
+    offset: Estimate
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``campaign.json`` keeps it."""
+        return {
+            "file": self.curve.file, "against": self.curve.against, "tests": list(self.inside), "chi2": self.chi2,
+            "freedom": len(self.inside), "p_value": self.p_value, "shape_chi2": self.shape_chi2,
+            "shape_p_value": self.shape_p_value, "offset": self.offset.model_dump(),
+        }  # fmt: skip
+
+
+def read_curve(path: str | Path) -> Curve:
+    """Read a model's curve: one column of ``AGAINST``, the column beta, and u_beta if it is known.
+
+    Raises InputError for a file without them, fewer than two points, or values of x that do not rise.
+    """
+    values = read_numbers(path, ("beta",), (*AGAINST, "u_beta"))
+    over = [a for a in AGAINST if a in values]
+    if len(over) != 1:
+        raise InputError(
+            f"it holds {' and '.join(over) or 'nothing'} to lay beta over", where=str(path),
+            expected=f"one of {', '.join(AGAINST)}",
+        )  # fmt: skip
+    x, beta = values[over[0]], values["beta"]
+    u = values.get("u_beta", np.zeros(len(x)))
+    if len(x) < 2 or not (np.diff(x) > 0).all():
+        raise InputError(f"{over[0]} does not rise from row to row", where=str(path), expected="two rows or more")
+    if not ((beta > 0) & (beta < 1)).all() or (u < 0).any():
+        raise InputError("beta is not a share", where=str(path), expected="beta between 0 and 1, u_beta not below 0")
+    return Curve(Path(path).name, over[0], x, beta, u)
+
+
+def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
+    """Chi-squared of the tests about the curve, straight lines between its points.
+
+    What the curve itself is uncertain by is taken as common to all of it. Raises InputError where fewer than two tests
+    lie within its range, or they do not tell its x.
+    """
+    told = [t.conditions.get(curve.against, np.nan) for t in posterior.tests]
+    x = np.array(told, dtype=float)
+    inside = np.flatnonzero((x >= curve.x[0]) & (x <= curve.x[-1]))
+    if len(inside) < 2:
+        raise InputError(
+            f"{len(inside)} tests lie within its {curve.against} of {curve.x[0]:g} to {curve.x[-1]:g}",
+            where=curve.file, expected="two or more", remedy="carry the curve on as far as the tests go",
+        )  # fmt: skip
+    u = np.interp(x[inside], curve.x, curve.u)
+    beta, covariance = posterior.beta
+    off = beta[inside] - np.interp(x[inside], curve.x, curve.beta)
+    used = covariance[np.ix_(inside, inside)] + np.outer(u, u)
+    weight = np.linalg.inv(used)
+    ones = np.ones(len(off))
+    u2 = 1 / float(ones @ weight @ ones)
+    level = u2 * float(ones @ weight @ off)
+    chi2, shape = float(off @ weight @ off), float((off - level) @ weight @ (off - level))
+    names: Sequence[str] = posterior.order
+    return CurveTest(
+        curve, tuple(names[i] for i in inside), chi2, float(stats.chi2.sf(chi2, len(off))), shape,
+        float(stats.chi2.sf(shape, len(off) - 1)), Estimate.normal(level, float(np.sqrt(u2))),
+    )  # fmt: skip

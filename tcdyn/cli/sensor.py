@@ -1,0 +1,295 @@
+"""``tcdyn sensor``: the lag of any thermocouple, stated or found, as a file that ``compensate`` and ``follow`` take."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from calibration.disk import FILTER_SHAPES, Conditioning
+from calibration.errors import InputError
+from calibration.files import sha256
+from calibration.finding import Finding, doubts
+from calibration.record import InputFile
+from calibration.result import jsonable
+from tcdyn.chain import NO_CONDITIONING
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, in_one_line, say, spare_inputs, warn
+from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units
+from tcdyn.sensor import SensorFile, read_sensor, stated, write_sensor
+from tcdyn.sensor.table import once_each, open_source, read_columns
+from tcdyn.sensor.units import matching, units_of
+
+app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a file that compensate and follow take.")
+Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
+OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
+Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]
+Out = Annotated[Path, typer.Option(help="*.sensor.json to write")]
+Name = Annotated[str | None, typer.Option("--name", help="what the sensor is called; default: the file's name")]
+Cutoff = Annotated[
+    float | None,
+    bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 0, 1e9, ends=False),
+]
+Poles = Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")]
+Shape = Annotated[str, typer.Option(help="its shape: cascade (of single lags) or butterworth")]
+
+
+@app.callback()
+def _sensor() -> None:
+    """The lag of any thermocouple, as a file that compensate and follow take."""
+
+
+@app.command()
+def new(
+    tau_s: Annotated[
+        list[str], typer.Option("--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each")
+    ],
+    column: Columns,
+    out: Out,
+    delay_s: Annotated[str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")] = "0",
+    cutoff_hz: Cutoff = None,
+    poles: Poles = 2,
+    shape: Shape = "cascade",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the file of a sensor whose lag is known from elsewhere.
+
+    Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
+    """
+    made = stated(
+        name or named(out), column, [value_and_u(text, "--tau-s") for text in tau_s],
+        filter_of(cutoff_hz, poles, shape), value_and_u(delay_s, "--delay-s"),
+    )  # fmt: skip
+    finish(made, out, json_, quiet)
+
+
+@app.command()
+def show(
+    file: Annotated[Path, typer.Argument(help="*.sensor.json, or the JSON of tcdyn identify")],
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """What a sensor file says: lag, times of its step response, how it was found.
+
+    Example: tcdyn sensor show probe.sensor.json
+    """
+    sensor = read_sensor(file)
+    print(dump(sensor.to_dict()), end="") if json_ else say(sensor.summary(), quiet)
+
+
+@app.command()
+def plunge(
+    log: Log,
+    column: OneColumn,
+    out: Out,
+    entry_s: Annotated[
+        str | None,
+        typer.Option("--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"),
+    ] = None,
+    medium_s: Annotated[
+        str,
+        typer.Option("--medium-s", help="time constant of the surroundings' own step in seconds, no part of the lag"),
+    ] = "0.02+-0.02",
+    medium: Annotated[
+        str | None, typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522")
+    ] = None,
+    diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")] = None,
+    speed_m_s: Annotated[float | None, typer.Option("--speed-m-s", help="with --medium: another speed")] = None,
+    cutoff_hz: Cutoff = None,
+    poles: Poles = 2,
+    shape: Shape = "cascade",
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag from one step of the surroundings: t50, t63.2, t90 and the chain, entry instant unknown.
+
+    Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water --diameter-mm 3
+    """
+    from tcdyn.sensor.film import Film
+    from tcdyn.sensor.plunge import plunge_sensor
+
+    if (medium is None) != (diameter_mm is None):
+        raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
+    film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
+    made = plunge_sensor(
+        t, values[0], names[0], sensor=name or named(out), conditioning=filter_of(cutoff_hz, poles, shape),
+        entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
+        medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
+    )  # fmt: skip
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def pair(
+    log: Log,
+    columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
+    out: Out,
+    speed: Annotated[
+        str | None, typer.Option("--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5")
+    ] = None,
+    exponent: Annotated[
+        str, typer.Option("--exponent", help="with --speed: n and its standard deviation")
+    ] = "0.5+-0.1",
+    change_s: Annotated[
+        list[float] | None,
+        typer.Option("--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"),
+    ] = None,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
+
+    Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
+    """
+    from tcdyn.sensor.pair import pair_sensor
+
+    wanted = [c.strip() for c in columns.split(",")]
+    if len(wanted) != 2 or wanted[0] == wanted[1]:
+        raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
+    t, values, found, names = read(log, wanted, time, units(unit, couple, cold_junction), (speed,) if speed else ())
+    made = pair_sensor(
+        t, values[0], values[1], (names[0], names[1]), sensor=name or named(out), speed=values[2] if speed else None,
+        changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
+    )  # fmt: skip
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def current(
+    log: Log,
+    column: OneColumn,
+    current: Annotated[str, typer.Option("--current", help="column of the heating current; its unit does not matter")],
+    out: Out,
+    off_only: Annotated[
+        bool, typer.Option("--off-only", help="use rows without current only: a thermocouple is not read while heated")
+    ] = False,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag in place from a loop current step (LCSR), heating, cooling or both, converted to that of a plunge.
+
+    Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
+    """
+    from tcdyn.sensor.current import current_sensor
+
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction), (current,))
+    made = current_sensor(
+        t, values[0], values[1], names[0], sensor=name or named(out), off_only=off_only, inputs=[source(log)]
+    )
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+@app.command()
+def noise(
+    log: Log,
+    column: OneColumn,
+    out: Out,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
+    name: Name = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """The lag in place from the process's own noise at constant conditions, and whether the conditions hold.
+
+    Example: tcdyn sensor noise steady.csv --column T1 --out pipe.sensor.json
+    """
+    from tcdyn.sensor.fluctuations import noise_sensor
+
+    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
+    made = noise_sensor(t, values[0], names[0], sensor=name or named(out), inputs=[source(log)])
+    finish(with_findings(made, found), out, json_, quiet, (log,))
+
+
+def read(
+    log: Path, columns: list[str], time: str | None, options: dict[str, Any], plain: tuple[str, ...] = ()
+) -> tuple[Any, list[Any], list[Finding], list[str]]:
+    """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
+    opened = open_source(log, time, [*columns, *plain])
+    names = []
+    for wanted in (*columns, *plain):
+        hits = matching(wanted, [n for n in opened.table.names if n != opened.time], opened.table.where)
+        if len(hits) > 1:
+            raise InputError(
+                f"{wanted!r} means {len(hits)} columns", where=str(log), expected="one", remedy=f"name {hits[0]!r}"
+            )
+        names += hits
+    found_units, told = units_of(names[: len(columns)], options["unit"], options["couple"], options["cold"])
+    t, values, found = read_columns(log, names, found_units, opened.time)
+    return t, [values[n] for n in names], [*told, *found], names
+
+
+def source(log: Path) -> InputFile:
+    """What the file says of the table it was made from."""
+    return InputFile(file=log.name, sha256=sha256(log))
+
+
+def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
+    """The sensor with what was noticed while reading before what the fit noticed."""
+    return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
+
+
+def value_and_u(text: str, option: str) -> tuple[float, float]:
+    """A number and its standard uncertainty as people write them: "1.5+-0.1", "1.5 ± 0.1", "1.5".
+
+    >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
+    ((1.5, 0.1), (2.0, 0.0))
+    """
+    value, _, u = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
+    try:
+        found = float(value), float(u) if u.strip() else 0.0
+    except ValueError:
+        raise InputError(
+            f"{option} is {text!r}", expected="a number, or a number with its uncertainty: 1.5+-0.1"
+        ) from None
+    if not all(math.isfinite(x) for x in found):
+        raise InputError(f"{option} is {text!r}", expected="finite numbers")
+    return found
+
+
+def filter_of(cutoff_Hz: float | None, poles: int, shape: str) -> Conditioning:
+    """The filter that was stated, none if it was not."""
+    check_choice("--shape", shape, FILTER_SHAPES)
+    return NO_CONDITIONING if cutoff_Hz is None else Conditioning(cutoff_Hz, poles, shape)  # type: ignore[arg-type]
+
+
+def named(out: Path) -> str:
+    """A sensor's name by its file's."""
+    return out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
+
+
+def finish(sensor: SensorFile, out: Path, json_: bool, quiet: bool, inputs: tuple[Path, ...] = ()) -> None:
+    """Write the file, say what it holds; exit 1 where something asks to be looked at."""
+    spare_inputs(inputs, out=out)
+    write_sensor(sensor, out)
+    read_sensor(out)
+    if json_:
+        print(dump(jsonable(sensor.to_dict())), end="")
+    else:
+        say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0], quiet)
+        warn(sensor.findings, quiet)
+        say(f"wrote {out}", quiet)
+    if doubts(sensor.findings):
+        in_one_line(str(out), sensor.findings)
+        raise typer.Exit(1)

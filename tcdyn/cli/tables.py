@@ -1,0 +1,76 @@
+"""Options and output of ``compensate --sensor``: any table, without a rig."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from calibration.errors import InputError
+from calibration.finding import doubts
+from tcdyn.cli.common import dump, in_one_line, say, spare_inputs, stages, warn
+
+SensorFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--sensor", help="*.sensor.json, or the JSON of identify: for any table; once for each sensor"),
+]
+TableColumns = Annotated[
+    list[str] | None, typer.Option("--column", help="with --sensor: column that it covers, instead of its file's own")
+]
+TimeColumn = Annotated[
+    str | None, typer.Option("--time", help="with --sensor: the time column, if not found by itself")
+]
+TableUnits = Annotated[
+    list[str] | None,
+    typer.Option("--unit", help="with --sensor: degC, K, degF or mV, where names do not say it; T1=K for one column"),
+]
+TableCouple = Annotated[str | None, typer.Option("--couple", help="of millivolts: type E, J, K, N or T (ITS-90)")]
+ColdJunction = Annotated[
+    str, typer.Option("--cold-junction", help="of millivolts: reference junction in degC, or its column")
+]
+
+
+def units(given: list[str] | None, couple: str | None, cold: str) -> dict[str, Any]:
+    """The options of units as ``compensate_table`` takes them.
+
+    >>> units(["K"], None, "0"), units(["T1=mV"], "K", "cj")["cold"]
+    ({'unit': 'K', 'couple': '', 'cold': 0.0}, 'cj')
+    """
+    parts = [text.rpartition("=") for text in given or []]
+    plain = [unit for name, _, unit in parts if not name]
+    if len(plain) > 1 or (plain and len(parts) > 1):
+        raise InputError("--unit is given more than once", expected="one for all columns, or T1=K for each")
+    try:
+        at: float | str = float(cold)
+    except ValueError:
+        at = cold
+    return {"unit": plain[0] if plain else {n: u for n, _, u in parts}, "couple": couple or "", "cold": at}
+
+
+def only_with_records(options: list[str]) -> None:
+    """Refuse what belongs to the rig's logs."""
+    if options:
+        raise InputError(f"{options[0]} with --sensor", remedy="leave one of them out: --sensor is for any table")
+
+
+def of_table(
+    log: Path, files: list[Path], out: Path, options: dict[str, Any], json_: bool, quiet: bool, verbose: bool
+) -> None:
+    """Compensate a table, say what came of it; exit 1 where something asks to be looked at."""
+    from tcdyn.pipeline.sensors import compensate_table
+    from tcdyn.sensor import read_sensor
+
+    spare_inputs([log, *files], out=out)
+    sensors = [read_sensor(path) for path in files]
+    with stages(quiet or json_, verbose) as progress:
+        done = compensate_table(log, sensors, out, progress=progress, **options)
+    found = (*(f for s in sensors for f in s.findings), *done.findings)
+    if json_:
+        print(dump(done.to_dict()), end="")
+    else:
+        warn(found, quiet)
+        say(done.summary(), quiet)
+    if doubts(found):
+        in_one_line(log.name, found)
+        raise typer.Exit(1)

@@ -1,0 +1,5 @@
+"""Whether all junctions are where ``rig.toml`` says, wired as their columns say, and alive."""
+
+from tcdyn.partition.sensors.check import SensorCheck, angle_groups, check_sensors, demand
+
+__all__ = ["SensorCheck", "angle_groups", "check_sensors", "demand"]

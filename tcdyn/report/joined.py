@@ -1,0 +1,145 @@
+"""The sections of a campaign's page that tell of all tests as one measurement."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from calibration.estimate import rounded, with_u
+from tcdyn.campaign import JoinedCampaign
+from tcdyn.campaign.tables import paper_table, trend_rows
+from tcdyn.plots import joined as draw
+from tcdyn.plots.style import figure
+from tcdyn.report.page import Section, pm
+
+BOTH = (
+    "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. Two uncertainties "
+    "follow: within the campaign, for a difference between two tests (their u add in squares) and for trends; and "
+    "absolute, for a comparison with anything else. β is that of the joint fit of both disks, all tests in one "
+    "posterior, each of them in turn less sure alone."
+)
+WORDS = {
+    "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3), "load_N": ("load", "1000 N", 1e3),
+    "sliding_speed_m_s": ("sliding speed", "m/s", 1.0), "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
+}  # fmt: skip
+SURE = 0.05
+COMMON = 1e-3
+LEAST = 1e-12
+N_CAPTION = (
+    "Left: bars of the tests against each other, band of all together; it may lie beside the points, since errors that "
+    "all share move some tests more than others, and their differences tell them. Right: 95 % bars."
+)
+
+
+def joined_sections(joined: JoinedCampaign) -> list[Section]:
+    """Table of beta with both uncertainties, trend, exponent, models and junctions, of two tests or more."""
+    fig, (ax,) = figure(height_in=4.4)
+    draw.draw_joined_beta(joined, ax)
+    caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
+    sections = [
+        Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
+        Section(
+            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=fig, caption=caption
+        ),
+    ]
+    if joined.trends:
+        told = (
+            "Generalised least squares with the covariance of all tests. Scatter: of the tests about the line, beyond "
+            "their uncertainties; where it is not zero, the line alone does not tell β."
+        )
+        sections.append(Section("Trends of β", told, trend_words(joined)))
+    both, axes = figure(1, 2, height_in=3.6)
+    draw.draw_exponent(joined, axes[0])
+    draw.draw_junctions(joined, axes[1])
+    last = Section(
+        "Exponent of the speed law, and the junctions", exponent_words(joined), figure=both, caption=N_CAPTION
+    )
+    return [*sections, last]
+
+
+def joined_verdict(joined: JoinedCampaign) -> str:
+    """Range of beta over the tests with both uncertainties, and n, in a sentence."""
+    p = joined.posterior
+    order = sorted(zip(p.estimates, p.order), key=lambda one: one[0]["beta"].value)
+    (low, first), (high, last) = order[0], order[-1]
+    inside, whole = (max(e[k].u for e in p.estimates) for k in ("beta_within", "beta"))
+    ends = [rounded(e["beta"].value, e["beta_within"].u)[0] for e in (low, high)]
+    return (
+        f"All {len(p.tests)} tests as one: β = {ends[0]} ({first.removeprefix('EHL_')}) to {ends[1]} "
+        f"({last.removeprefix('EHL_')}), u {inside:.4f} at most within the campaign, {whole:.4f} absolute; exponent of "
+        f"the speed law n = {with_u(joined.law.exponent.value, joined.law.exponent.u)}."
+    )
+
+
+def beta_table(joined: JoinedCampaign) -> pd.DataFrame:
+    """beta, u within the campaign, u absolute, h, lags, and beta by the speed law with the campaign's n."""
+    rows = []
+    for r in paper_table(joined).to_dict("records"):
+        beta, inside = rounded(r["beta"], r["u_beta_within"])
+        rows.append(
+            {
+                "test": r["test"], "β [1]": beta, "u within [1]": inside,
+                "u absolute [1]": rounded(r["beta"], r["u_beta"])[1],
+                **{f"h {d} [W/m²K]": pm([r[f"h_{d}_W_m2K"]], [r[f"u_h_{d}_W_m2K"]])[0] for d in ("fast", "slow")},
+                **{f"lag {d} [s]": pm([r[f"lag_{d}_s"]], [r[f"u_lag_{d}_s"]])[0] for d in ("fast", "slow")},
+                "β by the speed law at this n [1]": f"{r['beta_by_speed_law']:.4f}",
+            }
+        )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def trend_sentence(joined: JoinedCampaign) -> str:
+    """Whether beta changes with delta T u_s, with the full covariance; what is missing where that is not told."""
+    t = joined.trend
+    if t is None or t.against != ("delta_T_us_K_m_s",):
+        return "A line over ΔT u_s asks for three set points."
+    s, (word, unit, size) = t.slopes[0], WORDS[t.against[0]]
+    low, high = (rounded(size * end, size * s.u)[0] for end in (s.low95, s.high95))
+    verdict = f"β changes with {word}" if t.p_value[0] < SURE else f"these tests do not show that β depends on {word}"
+    about = (
+        f" About the line the tests scatter by {t.scatter:.4f} more than they are uncertain: {word} is not all."
+        if t.enough < COMMON
+        else ""
+    )
+    return (
+        f"The line over {len(joined.posterior.tests)} tests has the slope {with_u(size * s.value, size * s.u)} per "
+        f"{unit} (95 % interval {low} to {high}): {verdict}.{about}"
+    )
+
+
+def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
+    """Slopes with names and units that people read."""
+    rows = []
+    for r in trend_rows(joined).to_dict("records"):
+        (word, unit, size), s = WORDS[r["over"]], r["slope"]
+        beside = ", ".join(WORDS[x][0] for x in str(r["with"]).split(", ") if x)
+        rows.append(
+            {
+                "β over": word + (f" (beside {beside})" if beside else ""),
+                "slope": f"{pm([size * s.value], [size * s.u])[0]} per {unit}",
+                "95 % interval": " to ".join(rounded(size * end, size * s.u)[0] for end in (s.low95, s.high95)),
+                "chance if zero": f"{r['p_value']:.2g}" if r["p_value"] > LEAST else f"below {LEAST:g}",
+                "scatter [1]": f"{r['scatter']:.4f}",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def exponent_words(joined: JoinedCampaign) -> str:
+    """n of all tests, whether one power is enough, and what it was taken for."""
+    law, tests = joined.law, len(joined.posterior.tests)
+    assumed = joined.posterior.tests[0].conditions["speed_exponent"]
+    said = f"n = {with_u(law.exponent.value, law.exponent.u)} from {tests} tests; rig.toml assumes {assumed:g}."
+    if law.by_speed is not None and law.p_value is not None:
+        enough = "one power is enough" if law.p_value > SURE else "one power may not be enough"
+        change = with_u(law.by_speed.value, law.by_speed.u)
+        said += f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did not): {enough}."
+    return said
+
+
+def _models(joined: JoinedCampaign) -> str:
+    return "\n\n".join(
+        f"{c.curve.file}: chi-squared {c.chi2:.1f} on {len(c.inside)} tests (chance {c.p_value:.2g}); with its level "
+        f"free {c.shape_chi2:.1f} on {len(c.inside) - 1} (chance {c.shape_p_value:.2g}), the tests lying "
+        f"{with_u(c.offset.value, c.offset.u)} above it."
+        for c in joined.curves
+    )

@@ -1,0 +1,190 @@
+"""The lag in place from process noise: the spectrum of an autoregression, white fluctuations behind one or two lags."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.signal import detrend
+from scipy.stats import chi2 as chi_square
+
+from calibration import Array
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note
+from tcdyn.chain import Chain
+from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
+from tcdyn.sensor.fits import averaged
+
+MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
+SEGMENT_LAGS, LEAST_SEGMENTS, LEAST_LAGS = 60.0, 6, 300.0
+OVERLAP, TAPER = 36 / 38, 35 / 18  # of halves under Hann's window: their independence; bins that tell one thing
+BANDS = 12
+ALARM, UNSTEADY = 0.001, 3.0
+
+
+def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "sensor", **more: Any) -> SensorFile:
+    """The chain from the trace's own fluctuations at constant conditions.
+
+    The spectrum of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 - tau2) + B,
+    s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the fluid behind one or two lags
+    and white noise of the logger, which is what an autoregression (with that noise, an ARMA) fits. By Whittle's
+    likelihood on overlapping segments; one lag and two are weighed by BIC.
+
+    It holds if the fluid's fluctuations are white over the sensor's band and nothing else is: a fluid that swings more
+    slowly adds its own time constant to the answer, and this trace cannot tell which is which. What the trace can tell
+    is tested: that it is stationary, long enough, louder than the logger, and of this spectrum.
+
+    Args:
+        time_s, y_degC: (N,) even times [s] and readings [degC], NaN where missing.
+        column: the sensor's column.
+
+    Raises:
+        InputError: gaps of more than 1 %, a trace shorter than some 300 lags, no fluctuation above the logger's noise.
+    """
+    dt, ok = float(time_s[1] - time_s[0]), np.isfinite(y_degC)
+    if ok.mean() < 0.99 or len(ok) < 512:
+        raise InputError(
+            f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing", expected="at least 512, and 1 % at most"
+        )
+    y = detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
+    length = len(y) // LEAST_SEGMENTS
+    for _ in range(3):
+        power, w, independent = segments(y, length)
+        one = _least(power, w, dt, 1)
+        length = int(np.clip(SEGMENT_LAGS * np.exp(one[2]) / dt, 128, len(y) // LEAST_SEGMENTS))
+    power, w, independent = segments(y, length)
+    fits = [_least(power, w, dt, 1), _least(power, w, dt, 2)]
+    costs = np.array([_cost(theta, power, w, dt) * independent / TAPER for theta in fits])
+    bins = independent * len(w) / TAPER
+    bic = 2 * costs + np.array([3, 4]) * np.log(bins)
+    weights = np.exp(-0.5 * (bic - bic.min()))
+    weights = weights / weights.sum()
+    values, us = [], []
+    for theta in fits:
+        cov = _covariance(theta, power, w, dt, independent / TAPER)
+        here, slopes = _quantities(theta), []
+        for k in range(2, len(theta)):
+            moved = theta.copy()
+            moved[k] += 1e-4
+            slopes.append((_quantities(moved) - here) / 1e-4)
+        part = np.array(slopes)
+        values.append(here)
+        us.append(np.sqrt(np.maximum(np.einsum("ki,kl,li->i", part, cov[2:, 2:], part), 0.0) + (MODEL_REL * here) ** 2))
+    if us[1][0] > values[1][0]:
+        weights = np.array([1.0, 0.0])
+    lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
+    best = fits[int(np.argmax(weights))]
+    taus = sorted(np.exp(best[2:]).tolist(), reverse=True)
+    _enough(y, dt, lag, best)
+    found = _conditions(y, power, w, dt, best, independent, column, len(taus))
+    fit = {
+        "lag_s": lag.model_dump(), "lags_in_record": len(y) * dt / lag.value,
+        "fluctuation_K": float(np.exp(0.5 * best[0])),
+        "logger_K": float(np.exp(0.5 * best[1])), "probability_P2": float(weights[1]),
+    }  # fmt: skip
+    u_file = float(np.hypot(lag.u, lag.value - sum(taus)))
+    return sensor_file(
+        sensor, {column: Chain(taus)}, "noise", np.array([[u_file**2]]), [min(0.5 * lag.u, lag.value)],
+        times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
+    )  # fmt: skip
+
+
+def segments(y: Array, length: int) -> tuple[Array, Array, float]:
+    """Mean periodogram (K,) of halves-overlapping Hann segments, its frequencies [rad a sample], how many count."""
+    window = np.hanning(length)
+    window = window / np.sqrt(np.sum(window**2))
+    starts = range(0, len(y) - length + 1, max(length // 2, 1))
+    parts = [np.abs(np.fft.rfft(window * (y[s : s + length] - y[s : s + length].mean()))) ** 2 for s in starts]
+    power = np.mean(parts, axis=0)
+    keep = slice(2, (length - 1) // 2)  # the lowest bins hold what the mean took away
+    return power[keep], 2 * np.pi * np.arange(len(power))[keep] / length, len(parts) * OVERLAP
+
+
+def spectrum(theta: Array, w: Array, dt_s: float) -> Array:
+    """The model's periodogram (K,): theta = log A, log B, logs of one or two lags [s]."""
+
+    def one(tau: float) -> Array:
+        p = np.exp(-dt_s / tau)
+        return np.asarray((1 - p * p) / (1 - 2 * p * np.cos(w) + p * p))
+
+    taus = np.exp(np.clip(theta[2:], -30, 30))
+    if len(taus) == 1:
+        shape = one(float(taus[0]))
+    else:
+        a, b = float(max(taus)), float(min(taus))
+        b = min(b, a * (1 - 1e-4))
+        shape = (a * one(a) - b * one(b)) / (a - b)
+    return np.asarray(np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1]))
+
+
+def _cost(theta: Array, power: Array, w: Array, dt: float) -> float:
+    s = spectrum(theta, w, dt)
+    return float(np.sum(np.log(s) + power / s))
+
+
+def _least(power: Array, w: Array, dt: float, count: int) -> Array:
+    total, floor = float(power.mean()), float(np.median(power[-max(len(power) // 10, 3) :]))
+    best, found = np.inf, np.zeros(2 + count)
+    options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
+    for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(w), 6):
+        taus = [np.log(tau), np.log(0.2 * tau)][:count]
+        start = np.array([np.log(total), np.log(max(floor, 1e-12)), *taus])
+        tried = minimize(_cost, start, (power, w, dt), method="Nelder-Mead", options=options)
+        if tried.fun < best:
+            best, found = float(tried.fun), tried.x
+    return np.r_[found[:2], np.sort(found[2:])[::-1]]
+
+
+def _covariance(theta: Array, power: Array, w: Array, dt: float, counts: float) -> Array:
+    """Inverse of Whittle's expected information: counts x sum of d log S d log S'."""
+    rows = []
+    for k in range(len(theta)):
+        up, down = theta.copy(), theta.copy()
+        up[k] += 1e-4
+        down[k] -= 1e-4
+        rows.append((np.log(spectrum(up, w, dt)) - np.log(spectrum(down, w, dt))) / 2e-4)
+    slopes = np.array(rows)
+    return np.asarray(np.linalg.pinv(counts * slopes @ slopes.T))
+
+
+def _quantities(theta: Array) -> Array:
+    chain = Chain(np.exp(theta[2:]).tolist())
+    return np.array([chain.lag_s, *passes(chain)])
+
+
+def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
+    """Refuse what cannot be told: a record too short, a sensor as quick as the rows, nothing above the noise."""
+    lags = len(y) * dt / lag.value
+    if lags < LEAST_LAGS:
+        raise InputError(
+            f"the record is {lags:.3g} lags long", expected=f"at least {LEAST_LAGS:g}", remedy="log for longer"
+        )
+    if lag.value < 2 * dt:
+        raise InputError(f"a lag of {lag.value:.3g} s in rows every {dt:.3g} s", remedy="log faster")
+    if np.exp(theta[0]) * lag.value / dt < np.exp(theta[1]):
+        raise InputError("the fluid's fluctuations are within the logger's noise", remedy="log a livelier process")
+
+
+def _conditions(
+    y: Array, power: Array, w: Array, dt: float, theta: Array, independent: float, column: str, lags: int
+) -> list[Finding]:
+    """What the trace tells of the conditions: stationarity, and whether the spectrum is the model's."""
+    found: list[Finding] = [(look if lags == 2 else note)("sensor.noise_driving", subject=column, lags=lags)]
+    quarters = [float(np.var(part)) for part in np.array_split(y, 4)]
+    if max(quarters) > UNSTEADY * min(quarters):
+        found.append(look("sensor.noise_unsteady", subject=column, ratio=(max(quarters) / min(quarters)) ** 0.5))
+    ratio = power / spectrum(theta, w, dt)
+    edges = np.unique(np.geomspace(1, len(ratio), BANDS + 1).astype(int) - 1)
+    total, bands = 0.0, 0
+    for a, b in pairwise(edges):
+        if b - a >= 3:
+            counts = independent * (b - a) / TAPER
+            total += float(counts * (ratio[a:b].mean() - 1) ** 2)
+            bands += 1
+    p = float(chi_square.sf(total, max(bands - len(theta), 1)))
+    if p < ALARM:
+        found.append(look("sensor.noise_misfit", subject=column, p_value=p))
+    return found

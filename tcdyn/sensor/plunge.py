@@ -1,0 +1,237 @@
+"""A bare sensor plunged or stepped: entry instant unknown, the medium's step not ideal; lag, t50, t63.2 and t90."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from calibration import Array
+from calibration.disk import Conditioning
+from calibration.errors import InputError
+from calibration.finding import Finding, look, note
+from calibration.noise import white_noise_sd
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.fitting import Noise
+from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
+from tcdyn.sensor.film import Film
+from tcdyn.sensor.fits import Fitted, averaged, colour_of, fit_curve, weights_of
+
+MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
+LEAST_STEP_NOISES = 20.0
+BEFORE, AFTER = 0.5, 12.0  # of the time to 63 %: how much of the record is fitted on either side of the entry
+LEAST = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)  # the least lag, as shares of the time to 63 %
+RESOLVED = 0.4  # a second lag is told from none where its standard uncertainty is less of it
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """The step in a record: samples to fit, guesses of entry [s from the first], size [K] and time to 63 %."""
+
+    first: int
+    last: int
+    entry_s: float
+    size_K: float
+    rise_s: float
+    before_degC: float
+
+
+def plunge_sensor(
+    time_s: Array,
+    y_degC: Array,
+    column: str,
+    *,
+    sensor: str = "sensor",
+    conditioning: Conditioning = NO_CONDITIONING,
+    entry_s: tuple[float, float] | None = None,
+    medium_s: tuple[float, float] = MEDIUM_S,
+    film: Film | None = None,
+    **more: Any,
+) -> SensorFile:
+    """The sensor's chain from one step of its surroundings.
+
+    y = level + drift t + size R(t - t_e), R the unit step response of one, two or three lags behind the medium's own
+    lag and before the known filter. t_e is free, or normal about ``entry_s``; so a dead time cannot be seen, and a
+    short lag hardly: to first order it is a later entry. The least lag therefore takes values on a grid, from none on,
+    each fitted and weighed by its likelihood, and intervals are over all of them. The medium's lag, a transition
+    through the surface or a mixing, is normal about ``medium_s``, not below zero, and is no part of the answer.
+
+    Args:
+        time_s, y_degC: (N,) even times [s] and readings [degC], NaN where missing.
+        column: the sensor's column.
+        conditioning: a known filter behind the sensor.
+        entry_s: the entry on the clock of ``time_s`` and its standard uncertainty [s]; None where nobody knows.
+        medium_s: time constant of the medium's own step and its standard uncertainty [s].
+        film: what is known of the boundary layer; its h goes into the file.
+
+    Raises:
+        InputError: no step beyond the noise, one that is cut off, or fewer than 30 samples of it.
+    """
+    dt = float(time_s[1] - time_s[0])
+    step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
+    t, y = np.arange(step.last - step.first) * dt, y_degC[step.first : step.last]
+    begun, at = float(time_s[step.first]), step.entry_s - step.first * dt
+    known = None if entry_s is None else (entry_s[0] - begun, max(entry_s[1], 1e-6))
+    fits, least, weights = _family(
+        _Record(np.asarray(t, dtype=np.float64), y, dt, step, at, known, medium_s, conditioning)
+    )
+    top = int(np.argmax(weights))
+    best = fits[top]
+
+    def over(quantity: Any, size: int) -> list[Any]:
+        rows = [f.of(lambda theta, d=d: quantity(theta, d)) for f, d in zip(fits, least)]  # type: ignore[misc]
+        u = [np.sqrt(np.maximum(np.diag(r[1]), 0.0)) for r in rows]
+        return [averaged([r[0][i] for r in rows], [x[i] for x in u], weights) for i in range(size)]
+
+    lag, *times = over(_numbers, 4)
+    (lesser,) = over(lambda theta, d: np.array([sum(_lags(theta, d)[1:])]), 1)
+    chain = Chain(_lags(best.optimum.theta, least[top]), conditioning=conditioning)
+    found: list[Finding] = []
+    if not best.colour.white:
+        found.append(note("sensor.coloured", subject=column))
+    rest, white = float(np.sqrt(np.mean(best.residual**2))), float(white_noise_sd(y[np.isfinite(y)], 3))
+    if rest > 3 * max(white, 1e-9) and rest > 0.005 * abs(step.size_K):
+        found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=white))
+    if (after := len(y) * dt - at) < 4 * lag.value:
+        found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
+    fit = {
+        "entry_s": best.theta["entry_s"] + begun, "entry_u_s": float(np.sqrt(best.covariance[1, 1])),
+        "step_K": best.theta["size"], "noise_K": best.noise_K, "lag_s": lag.model_dump(),
+        **(film.to_fit(lag) if film else {}),
+    }  # fmt: skip
+    lag_u = float(np.hypot(lag.u, lag.value + conditioning.lag_s - chain.lag_s))
+    return sensor_file(
+        sensor, {column: chain}, "plunge", np.array([[lag_u**2]]), [min(lesser.u, lag.value)],
+        times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
+    )  # fmt: skip
+
+
+def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
+    """Where the largest lasting change of ``y`` (N,) begins. Raises InputError where there is none."""
+    ok = np.isfinite(y)
+    if ok.sum() < 30:
+        raise InputError(f"only {int(ok.sum())} samples", expected="at least 30")
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(ok), y[ok])
+    noise = max(float(white_noise_sd(filled, 3)), 1e-9)
+    ends = max(len(y) // 50, 3)
+    if entry_s is None:
+        half = max(len(y) // 400, 1)
+        mean = np.convolve(filled, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
+        steep = int(np.argmax(np.abs(mean[2 * half :] - mean[: -2 * half]))) + 2 * half
+        sign = np.sign(filled[min(steep + half, len(y) - 1)] - filled[max(steep - half, 0)])
+        base = float(np.median(filled[: max(steep - 2 * half, ends)]))
+        quick = sign * (filled[: steep + 1] - base)
+        limit = max(5 * noise / np.sqrt(2 * half + 1), 0.02 * abs(filled[-ends:].mean() - base))
+        calm = np.flatnonzero(quick < limit)
+        start = int(calm[-1]) if len(calm) else 0
+    else:
+        start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
+    before = float(np.median(filled[max(start - 5 * ends, 0) : max(start, 1)]))
+    after = float(np.mean(filled[-ends:]))
+    size = after - before
+    if abs(size) < LEAST_STEP_NOISES * noise:
+        raise InputError(
+            f"no step: the reading changes by {abs(size):.3g} K, its noise is {noise:.2g} K",
+            expected=f"at least {LEAST_STEP_NOISES:g} times the noise",
+        )
+    share = (filled[start:] - before) / size
+    rise = max(int(np.argmax(share >= 0.632)), 2)
+    if (len(y) - start) < 2.5 * rise:
+        raise InputError(
+            f"the record ends {(len(y) - start) * dt_s:.3g} s after the step, which is not over",
+            expected="five time constants after the step",
+        )
+    first = max(start - max(int(BEFORE * AFTER * rise), 20), 0)
+    last = min(start + max(int(AFTER * rise), 30), len(y))
+    return Stepped(first, last, start * dt_s, size, rise * dt_s, before)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What is fitted: times from the first sample (N,) [s], readings, the step, the entry and what is known of it."""
+
+    t: Array
+    y: Array
+    dt_s: float
+    step: Stepped
+    entry_s: float
+    known: tuple[float, float] | None
+    medium_s: tuple[float, float]
+    conditioning: Conditioning
+
+
+def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
+    """One free lag, and more where each is told from none, with a further one on a grid; their probabilities."""
+    own = max(record.step.rise_s - record.conditioning.lag_s, 2 * record.dt_s)
+    noise = (Noise(), max(float(white_noise_sd(record.y[np.isfinite(record.y)], 3)), 1e-9))
+    for turn in range(3):  # noise is what the best of them leaves: white as long as it is
+        fits, least, weights = _on_grid(record, own, noise)
+        top = int(np.argmax(weights))
+        told = colour_of(fits[top].residual, len(fits[top].optimum.theta))
+        if turn == 2 or (told[0].white and noise[0].white and 0.8 < told[1] / noise[1] < 1.25):
+            break
+        noise = told
+    return fits, least, weights
+
+
+def _on_grid(record: _Record, own: float, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
+    """The same on noise of one colour and level [K]."""
+    fits, least, prior = list[Fitted](), list[float](), list[float]()
+    for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
+        start = _fitted(record, own, shares, 0.0, None, noise)
+        lesser, u = start.optimum.theta[6:], np.sqrt(np.diag(start.covariance)[6:])
+        if np.any(u > RESOLVED * lesser):
+            continue
+        taus = _lags(start.optimum.theta, 0.0)
+        grid = [0.0, *(share * own for share in LEAST if share * own <= taus[-1])]
+        near = start.optimum.theta
+        for extra in grid:
+            fit = _fitted(record, own, [], extra, near, noise)
+            if extra > min(fit.optimum.theta[5:]):
+                break
+            near = fit.optimum.theta
+            fits.append(fit)
+            least.append(extra)
+            prior.append(0.5 if extra == 0 else 0.5 / max(len(grid) - 1, 1))
+    return fits, least, weights_of(fits, prior)
+
+
+def _fitted(
+    record: _Record, own: float, shares: Sequence[float], extra: float, start: Array | None = None,
+    noise: tuple[Noise, float] | None = None,
+) -> Fitted:  # fmt: skip
+    """Lags fitted beside one that is held, ``extra`` [s]: theta = level, entry, size, drift, medium's lag, the lags."""
+    step, t, dt, medium = record.step, record.t, record.dt_s, record.medium_s
+    if start is None:
+        head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(medium[0], 1e-4)]
+        start = np.array([*head, *(own * np.array(shares))])
+    count, span, ones = len(start) - 5, t[-1] - t[0], np.ones_like(t)
+    big = abs(step.size_K)
+    scale = np.array([big, own, big, big / span, max(own, medium[1]), *[own] * count])
+
+    def model(theta: Array) -> Array | None:
+        taus = _lags(theta, extra)
+        if not 0 <= theta[1] < t[-1] or max(taus, default=0.0) > 50 * span:
+            return None
+        chain = Chain([*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning)
+        return np.asarray(theta[0] + theta[2] * chain.response(ones, dt, "zoh", "zero") + theta[3] * (t - span / 2))
+
+    prior = {"medium_s": (medium[0], max(medium[1], 1e-6))} | (
+        {} if record.known is None else {"entry_s": record.known}
+    )
+    names = ["level", "entry_s", "size", "drift", "medium_s", *(f"tau{k + 1}_s" for k in range(count))]
+    lower = {"medium_s": 0.0, "entry_s": 0.0, **dict.fromkeys(names[5:], 0.0)}
+    return fit_curve(f"P{count}", model, record.y, names, start, scale, prior=prior, lower=lower, noise=noise)
+
+
+def _lags(theta: Array, extra: float) -> list[float]:
+    """The lags of a theta and the one that is held, largest first, those of nothing left out."""
+    return sorted((float(tau) for tau in (*theta[5:], extra) if tau > 0), reverse=True)
+
+
+def _numbers(theta: Array, extra: float) -> Array:
+    """Lag of the sensor alone and its t50, t63.2, t90 [s] (4,)."""
+    chain = Chain(_lags(theta, extra))
+    return np.array([chain.lag_s, *passes(chain)])

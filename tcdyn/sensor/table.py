@@ -1,0 +1,198 @@
+"""Any table with a time column, piece by piece: sensor columns in degrees Celsius, rows on an even grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import Array
+from calibration.errors import InputError
+from calibration.files import Table, open_table, shown
+from calibration.files.table import PIECE_ROWS
+from calibration.finding import Finding, look, note
+from calibration.log import COMPENSATED
+from tcdyn.sensor.units import Unit, doubtful, time_column
+
+MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a stretch, for its answer only; of it
+LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
+UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
+TIMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
+
+
+@dataclass(frozen=True)
+class EvenTimes:
+    """Where the rows of a stretch stand on even times: ``place`` (N,) in samples, every ``dt_s`` [s]."""
+
+    place: NDArray[np.intp]
+    dt_s: float
+
+
+@dataclass(frozen=True)
+class Source:
+    """An opened table: its time column and how many seconds its unit is; columns that are numbers pass through."""
+
+    path: Path
+    table: Table
+    time: str
+    scale: float
+
+    def pieces(
+        self, columns: Sequence[str], rows: int = PIECE_ROWS
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time (N,) [s] and columns (N,) of each piece, as they stand, with what the reader noticed."""
+        wanted = list(dict.fromkeys([self.time, *columns]))
+        for part in self.table.pieces(wanted, rows):
+            yield part.data[self.time] * self.scale, part.data, part.findings
+
+
+def open_source(path: str | Path, time: str | None = None, known: Sequence[str] = ()) -> Source:
+    """The table at ``path``. Raises InputError without a time column, and for a table that is compensated already."""
+    table = open_table(path, (*TIMES, *known))
+    if table.metadata.get("tcdyn") == COMPENSATED:
+        raise InputError(
+            "is compensated already", where=table.where, expected="a table as the logger wrote it",
+            remedy="give the raw table; a chain must not be removed twice",
+        )  # fmt: skip
+    twice = [n for n in table.names if table.names.count(n) > 1]
+    if twice:
+        raise InputError(f"column {twice[0]!r} stands twice", where=table.where, remedy="rename one of them")
+    name, scale = time_column(table.names, time, table.where)
+    return Source(Path(path), table, name, scale)
+
+
+def read_columns(
+    path: str | Path, columns: Sequence[str], units: Mapping[str, Unit] | None = None, time: str | None = None
+) -> tuple[Array, dict[str, Array], list[Finding]]:
+    """Even times (N,) [s] and columns on them (N,), those with ``units`` in degrees Celsius, NaN where missing.
+
+    Raises InputError for a missing column, time that does not rise, or fewer than ten rows.
+    """
+    source = open_source(path, time, columns)
+    for name in columns:
+        if name not in source.table.names:
+            time_column(source.table.names, name, source.table.where)
+    given = dict(units or {})
+    cold = [u.cold for u in given.values() if isinstance(u.cold, str)]
+    parts = list(source.pieces([*columns, *cold]))
+    t = np.concatenate([p[0] for p in parts])
+    raw = {n: np.concatenate([p[1][n] for p in parts]) for n in (*columns, *cold)}
+    found = [f for p in parts for f in p[2]]
+    grid, told = places(t, shown(Path(path)))
+    size = int(grid.place[-1]) + 1
+    out = {}
+    for name in columns:
+        unit = given.get(name)
+        values = raw[name]
+        if unit is not None:
+            found += doubtful(name, unit, values)
+            values = unit.in_degC(values, raw[unit.cold] if isinstance(unit.cold, str) else unit.cold)
+        out[name] = on_grid(values, grid, size)
+    return t[0] + grid.dt_s * np.arange(size), out, [*found, *told]
+
+
+def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTimes, list[Finding]]:
+    """The rows (N,) on an even grid; stamps of few decimals that repeat are taken as even where they are.
+
+    ``dt_s``: the interval, where an earlier stretch told it.
+    Raises InputError for time that is missing, runs backward, or fewer than ten rows.
+    """
+    n = len(time_s)
+    if n < 10:
+        raise InputError(f"only {n} rows", where=where, expected="at least 10 samples in time")
+    if not np.isfinite(time_s).all():
+        row = int(np.argmin(np.isfinite(time_s)))
+        raise InputError(f"no time in row {row + 1} below the header", where=where, expected="a time in each row")
+    step = np.diff(time_s)
+    if (step < 0).any():
+        row = int(np.argmax(step < 0))
+        raise InputError(
+            f"time runs backward at row {row + 2} below the header ({time_s[row]:.9g} s, then {time_s[row + 1]:.9g} s)",
+            where=where, expected="time that rises", remedy="sort the rows, or cut the table",
+        )  # fmt: skip
+    span = float(time_s[-1] - time_s[0])
+    if span <= 0:
+        raise InputError("all rows have one time", where=where, expected="time that rises")
+    if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted
+        dt = dt_s or span / (n - 1)
+        return EvenTimes(np.arange(n, dtype=np.intp), dt), [note("sensor.few_decimals", rate_Hz=1 / dt)]
+    usual = dt_s or float(np.median(step))
+    many = np.maximum(np.rint(step / usual), 1.0)
+    dt = dt_s or float(step.sum() / many.sum())
+    place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
+    away = (time_s - time_s[0]) / dt - place
+    away -= np.median(away)
+    stray = float(np.sqrt(np.mean(np.minimum(np.abs(away - np.rint(away)), 0.5) ** 2)))
+    if np.abs(away).max() > 0.6:  # steps do not add up: each row to its nearest place
+        place = np.rint((time_s - time_s[0]) / dt)
+        place = np.maximum.accumulate(place)
+        stray = float(np.sqrt(np.mean(((time_s - time_s[0]) / dt - place) ** 2)))
+    found = [look("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
+    return EvenTimes(place.astype(np.intp), dt), found
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows of the table with those that are only there to be smoothed along: the answer is for ``keep``."""
+
+    time_s: Array
+    data: dict[str, Array]
+    keep: slice
+    findings: tuple[Finding, ...]
+
+
+def parts(source: Source, columns: Sequence[str], lag_s: float) -> Iterator[Part]:
+    """Stretches that overlap by a margin on each side, for lags up to ``lag_s`` [s]; a long silence parts two."""
+    longest = LONGEST_GAP_LAGS * lag_s
+    pieces = source.pieces(columns)
+    time, data, found = np.empty(0), {n: np.empty(0) for n in columns}, list[Finding]()
+    behind, over = 0, False
+    while not over:
+        new = next(pieces, None)
+        over = new is None
+        if new is not None and len(new[0]):
+            time = np.concatenate([time, new[0]])
+            data = {n: np.concatenate([data[n], new[1][n]]) for n in data}
+        found += list(new[2]) if new is not None else []
+        while len(time) > 1:
+            step = np.diff(time)
+            usual = float(np.median(step)) or float(step.mean()) or 1.0
+            side = int(MARGIN_LAGS * lag_s / usual) + MARGIN_ROWS
+            size = max(8 * side, LEAST_ROWS)
+            gaps = np.flatnonzero(step > max(longest, 60 * usual))
+            cut = int(gaps[0]) + 1 if len(gaps) else 0
+            if cut and cut <= size + 2 * side:
+                stop = cut
+                keep_to, forget = cut, cut
+            elif len(time) > size + 2 * side:
+                stop, keep_to = size + 2 * side, size + side
+                forget = keep_to - side
+            elif over:
+                stop = keep_to = forget = len(time)
+            else:
+                break
+            ended = forget == stop
+            yield Part(time[:stop], {n: v[:stop] for n, v in data.items()}, slice(behind, keep_to), tuple(found))
+            found, behind = [], 0 if ended else keep_to - forget
+            time, data = time[forget:], {n: v[forget:] for n, v in data.items()}
+        if over and len(time) == 1:
+            yield Part(time, data, slice(behind, 1), tuple(found))
+
+
+def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
+    """Values (N,) at their places (size,), NaN where no row stands; rows of one place are averaged."""
+    ok = np.isfinite(values)
+    total = np.bincount(grid.place[ok], values[ok], minlength=size)
+    count = np.bincount(grid.place[ok], minlength=size)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def once_each(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """The first finding of each code about each subject: stretches of one table repeat themselves."""
+    kept: dict[tuple[str, str], Finding] = {}
+    for f in findings:
+        kept.setdefault((f.code, f.subject), f)
+    return tuple(replace(f) for f in kept.values())

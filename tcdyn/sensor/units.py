@@ -1,0 +1,159 @@
+"""What a column of any table holds: its unit by its name or as declared, and its numbers in degrees Celsius."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from calibration import Array
+from calibration.errors import InputError
+from calibration.finding import Finding, look, note
+from calibration.lines.couples import temperature_degC
+
+UNITS = ("degC", "K", "degF", "mV")
+_WRITTEN = {
+    "degc": "degC", "°c": "degC", "c": "degC", "celsius": "degC", "deg c": "degC", "k": "K", "kelvin": "K",
+    "degf": "degF", "°f": "degF", "f": "degF", "fahrenheit": "degF", "deg f": "degF", "mv": "mV", "millivolt": "mV",
+}  # fmt: skip
+_SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
+_TIME = re.compile(r"^(time|t|timestamp|time_?stamp|date_?time|elapsed(_?time)?|clock)$", re.I)
+_SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
+_TIME_UNIT = re.compile(
+    r"^(.*?)(?:_(s|sec|seconds|ms|us|min|h)|\s*[\[(]\s*(s|sec|seconds|ms|us|min|h)\s*[\])])?$", re.I
+)
+COLDEST_K = 100.0  # no usual thermocouple reads colder, however its unit is called
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How the numbers of a column become degrees Celsius: the unit's ``name``; of mV also ``couple`` and ``cold``.
+
+    ``cold``: the reference junction's temperature [degC], or the name of the column that holds it.
+    """
+
+    name: str = "degC"
+    couple: str = ""
+    cold: float | str = 0.0
+
+    def __post_init__(self) -> None:
+        if self.name not in UNITS:
+            raise InputError(f"unit {self.name!r}", expected=" or ".join(UNITS))
+        if self.name == "mV" and not self.couple:
+            raise InputError(
+                "millivolts of which thermocouple?", expected="its type: E, J, K, N or T", remedy="say couple=K",
+                parameters=("couple=K",),
+            )  # fmt: skip
+
+    @property
+    def per_K(self) -> float:
+        """How many of the output's units one kelvin is."""
+        return 1.8 if self.name == "degF" else 1.0
+
+    def in_degC(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
+        """The numbers (N,) in degrees Celsius; infinite where a couple has no such emf."""
+        if self.name == "mV":
+            return temperature_degC(values, cold_degC, self.couple, outside="inf")
+        return {"degC": values, "K": values - 273.15, "degF": (values - 32) / 1.8}[self.name]
+
+    def back(self, degC: Array) -> Array:
+        """Degrees Celsius (N,) in the unit of the output, which is the column's own, but degrees Celsius for mV."""
+        return {"K": degC + 273.15, "degF": 1.8 * degC + 32}.get(self.name, degC)
+
+    def names(self, column: str) -> tuple[str, str]:
+        """What the answer and its standard uncertainty are called in the output."""
+        base = bare(column)
+        out = f"{base}_degC" if self.name == "mV" else column
+        return out, f"{base}_u_{'degF' if self.name == 'degF' else 'K'}"
+
+
+def bare(column: str) -> str:
+    """A column's name without its unit.
+
+    >>> bare("T1 [K]"), bare("kiln_3_degC"), bare("gas")
+    ('T1', 'kiln_3', 'gas')
+    """
+    found = _SUFFIX.search(column)
+    known = found and (found[1] or found[2].lower() in _WRITTEN)
+    return column[: found.start()] if found and known else column
+
+
+def unit_in(column: str) -> str:
+    """The unit that a column's name states; empty where it states none.
+
+    >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
+    ('degF', 'K', '')
+    """
+    found = _SUFFIX.search(column)
+    return "" if not found else found[1] or _WRITTEN.get(found[2].lower(), "")
+
+
+def units_of(
+    columns: Sequence[str], declared: Mapping[str, str] | str = "", couple: str = "", cold: float | str = 0.0
+) -> tuple[dict[str, Unit], list[Finding]]:
+    """The unit of each column: as declared (for all, or by column), else by its name, else degrees Celsius, told."""
+    out, found = {}, []
+    for name in columns:
+        own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
+        unit = own or unit_in(name)
+        if not unit:
+            found.append(note("sensor.unit_assumed", subject=name))
+        out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
+    return out, found
+
+
+def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
+    """What speaks against a unit: kelvin that would be colder than 100 K, degrees Celsius that look like kelvin."""
+    middle = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
+    if unit.name == "K" and middle < COLDEST_K:
+        return [look("sensor.unit_doubt", subject=column, unit="K", value=middle)]
+    return []
+
+
+def time_column(names: Sequence[str], asked: str | None, where: str) -> tuple[str, float]:
+    """The column of time and how many seconds its unit is; ``asked`` for by name, or found.
+
+    >>> time_column(["Time [ms]", "T1"], None, "log.csv")
+    ('Time [ms]', 0.001)
+    """
+    if asked is not None and asked not in names:
+        raise _missing(asked, names, where)
+    for name in [asked] if asked else names:
+        stem, plain, bracket = _TIME_UNIT.match(name).groups()  # type: ignore[union-attr]
+        if asked or _TIME.match(stem.strip()):
+            return name, _SECONDS[(plain or bracket or "").lower()]
+    raise InputError(
+        "no time column found", where=where, expected=f"one of {', '.join(map(repr, names))}",
+        remedy="name it, time=COLUMN", parameters=("time=COLUMN",),
+    )  # fmt: skip
+
+
+def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
+    """The columns that a sensor's column means: by name, by name without unit, ``*`` for any text."""
+    hits = [n for n in names if n == pattern] or [
+        n for n in names if fnmatchcase(n, pattern) or fnmatchcase(bare(n), pattern) or bare(n) == bare(pattern)
+    ]
+    if not hits:
+        raise _missing(pattern, names, where)
+    return list(dict.fromkeys(hits))
+
+
+def _missing(name: str, names: Collection[str], where: str) -> InputError:
+    near = get_close_matches(name, list(names), n=1, cutoff=0.6)
+    return InputError(
+        f"column {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
+        remedy=f"did you mean {near[0]!r}?" if near else "",
+    )  # fmt: skip
+
+
+def u_name(column: str) -> str:
+    """What the standard uncertainty of a column of temperature is called.
+
+    >>> u_name("fast_a_degC"), u_name("T1 [K]"), u_name("gas_degF"), u_name("T2")
+    ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
+    """
+    return f"{bare(column)}_u_{'degF' if unit_in(column) == 'degF' else 'K'}"

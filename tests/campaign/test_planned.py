@@ -1,0 +1,81 @@
+"""What is predicted of a campaign is what its tests then tell: against a campaign of the whole-disk simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from calibration.rig import Rig, load_rig, parse_rig
+from tcdyn.campaign import solve
+from tcdyn.campaign.planned import PlannedTest, predict_campaign, read_plan
+from tcdyn.cli.app import app, run
+from tcdyn.simulate.programme import ehl_test
+from tests.campaign.rigs import drawn, true_beta
+
+NAMES = ("A2", "B4", "D3")
+NEAR = 0.2  # of u: the issue's own bound
+
+
+def plan_of(names: tuple[str, ...]) -> list[PlannedTest]:
+    """The thesis's tests, as one would plan them."""
+    every = {n: ehl_test(n) for n in names}
+    return [
+        PlannedTest(n, c.load_N, c.friction_N, c.speed_fast_rpm, c.speed_slow_rpm, true_beta(n), c.h_fast_W_m2K)
+        for n, c in every.items()
+    ]
+
+
+def layout(name: str) -> Rig:
+    """The thesis's junctions, Clarke's, and a row drilled nearer to the surface."""
+    if name == "thesis":
+        return load_rig()
+    if name == "clarke":
+        return parse_rig({"thermocouples": {"layout": "clarke"}}, "rig.toml")
+    nearer = {c: {"depth_mm": d, "z_mm": z} for c, d, z in (("a", 2.0, 4.765), ("c", 2.0, 2.0), ("e", 1.0, 4.765))}
+    return parse_rig({"thermocouples": nearer}, "rig.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["thesis", "clarke", "nearer"])
+def test_the_predicted_uncertainty_is_the_fitted_one(name: str) -> None:
+    rig = layout(name)
+    planned = predict_campaign(plan_of(NAMES), rig).table()
+    done = drawn(11, NAMES, rig=rig)
+    for key, own in (("u_beta", "beta"), ("u_beta_within", "beta_within")):
+        fitted = np.array([e[own].u for e in solve(done.kept).estimates])
+        assert planned[key].to_numpy(dtype=float) == pytest.approx(fitted, rel=NEAR)
+
+
+def test_depths_known_better_tell_beta_better_and_leave_differences_as_they_are() -> None:
+    finer = parse_rig({"uncertainty": {"depth_mm": 0.02}}, "rig.toml")
+    plan = plan_of(("A2", "D3"))
+    usual, fine = predict_campaign(plan, load_rig()), predict_campaign(plan, finer)
+    assert fine.posterior.estimates[0]["beta"].u < 0.6 * usual.posterior.estimates[0]["beta"].u
+    within = [p.posterior.estimates[0]["beta_within"].u for p in (usual, fine)]
+    assert within[1] == pytest.approx(within[0], rel=0.2)
+
+
+def test_more_tests_tell_the_exponent_no_worse() -> None:
+    plan = plan_of(("A2", "B4", "D3"))
+    whole = predict_campaign(plan, load_rig())
+    assert whole.u_exponent <= predict_campaign(plan[:1], load_rig()).u_exponent
+    assert "u of the exponent n" in whole.summary()
+
+
+def test_a_plan_is_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "plan.csv"
+    path.write_text(
+        "load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,9,4261,1005\n2320,26,4261,1005\n", encoding="utf-8"
+    )
+    assert [p.load_N for p in read_plan(path)] == [850, 2320]
+    with pytest.raises(SystemExit) as left:
+        run(lambda: app(["design", "--campaign", str(path), "--out", str(tmp_path / "u.csv")], standalone_mode=True))
+    assert not left.value.code
+    assert "2 planned tests" in capsys.readouterr().out
+    assert (tmp_path / "u.csv").read_text(encoding="utf-8").startswith("test,u_beta_alone,u_beta,u_beta_within")
+    path.write_text("load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,900,4261,1005\n", encoding="utf-8")
+    with pytest.raises(InputError, match="row 2 is no test"):
+        read_plan(path)

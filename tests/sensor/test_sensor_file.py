@@ -1,0 +1,246 @@
+"""A sensor file and any table: units, stretches, unknown columns, and bands that hold the lag's uncertainty."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.errors import InputError
+from calibration.lines.couples import emf_mV
+from tcdyn.chain import Chain
+from tcdyn.compensate import smooth
+from tcdyn.compensate.intensity import spectral_level
+from tcdyn.identify import IOData, fit
+from tcdyn.pipeline import sensors as pipeline
+from tcdyn.pipeline.causal import Settings
+from tcdyn.pipeline.follow import follow
+from tcdyn.pipeline.sensors import compensate_table
+from tcdyn.sensor import read_sensor, stated, step_times, table, write_sensor
+from tests.cli.test_main_job import tcdyn as run_cli
+from tests.sensor.sensor_world import lagged, logged, write, written
+
+PROBE = stated("probe", ["T1"], [(1.5, 0.1)])
+
+
+def held(table: pd.DataFrame, name: str, u: str, x: np.ndarray, skip: int = 5) -> tuple[float, float]:
+    """Error rms and how much of it the 95 % band holds."""
+    away = (table[name].to_numpy() - x)[skip:-skip]
+    return float(np.sqrt(np.mean(away**2))), float(np.mean(np.abs(away) < 1.96 * table[u].to_numpy()[skip:-skip]))
+
+
+def test_a_file_says_what_was_stated_and_comes_back(tmp_path: Path) -> None:
+    sensor = stated("s", ["T*", "gas"], [(0.2, 0.02), (1.5, 0.1)], delay_s=(0.05, 0.01))
+    again = read_sensor(write_sensor(sensor, tmp_path / "s.sensor.json"))
+    assert again == sensor
+    assert again.chains[0] == Chain([1.5, 0.2], delay_s=0.05)
+    lag = again.chain.channels["gas"].lag_s
+    assert (lag.value, lag.u) == pytest.approx((1.75, np.sqrt(0.1**2 + 0.02**2 + 0.01**2)))
+    assert again.lag_covariance_s2 == pytest.approx(np.full((2, 2), lag.u**2))  # one sensor: one error for both columns
+    assert again.split_u_s == pytest.approx(np.hypot(0.02, 0.01))
+    assert not again.findings
+
+
+def test_percent_times_of_one_lag_are_those_of_the_exponential() -> None:
+    times = step_times(Chain(2.0), 0.1)
+    for name, share in (("t50_s", 0.5), ("t632_s", 1 - np.exp(-1)), ("t90_s", 0.9)):
+        assert times[name].value == pytest.approx(-2.0 * np.log(1 - share), rel=1e-4)
+        assert times[name].u == pytest.approx(-0.1 * np.log(1 - share), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"schema": "tcdyn.sensor/9"}, "not known"),
+        ({"columns": ["T2"]}, "columns"),
+        ({"chain": {"structure": "P1", "channels": {}, "covariance": []}}, "channels"),
+        ({"colour": "red"}, "colour"),
+    ],
+)
+def test_a_damaged_file_is_refused_by_its_key(tmp_path: Path, change: dict[str, object], said: str) -> None:
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(PROBE.to_dict() | change), encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        read_sensor(path)
+
+
+def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay(tmp_path: Path) -> None:
+    t, x, y = logged((1.5,), 0.1, 1200, 0.1, 1)
+    cold = 20 + t / 100
+    log = write(
+        tmp_path / "log.csv",
+        **{
+            "Time [ms]": np.round(1000 * t), "a_degC": y, "b [K]": y + 273.15, "c (°F)": 1.8 * y + 32,
+            "d_mV": emf_mV(y, "K") - emf_mV(cold, "K"), "e": y, "cj": cold, "power_W": 3.0 * t,
+        },
+    )  # fmt: skip
+    sensor = stated("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)])
+    done = compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="cj")
+    out = written(done.path)
+    assert list(out) == [
+        "Time [ms]", "a_degC", "b [K]", "c (°F)", "d_degC", "e", "cj", "power_W",
+        "a_u_K", "b_u_K", "c_u_degF", "d_u_K", "e_u_K",
+    ]  # fmt: skip
+    rms, share = held(out, "a_degC", "a_u_K", x)
+    assert rms < 0.1 < 0.93 < share
+    for same, u in (
+        (out["b [K]"] - 273.15, "b_u_K"),
+        ((out["c (°F)"] - 32) / 1.8, "c_u_degF"),
+        (out["d_degC"], "d_u_K"),
+    ):
+        assert same.to_numpy() == pytest.approx(out["a_degC"].to_numpy(), abs=2e-3)  # rounded cells of the log
+        assert out[u].median() == pytest.approx(out["a_u_K"].median() * (1.8 if "F" in u else 1), rel=0.01)
+    assert np.array_equal(out["power_W"], 3.0 * t)
+    codes = {f.code: f for f in done.findings}
+    assert codes["sensor.carried"].numbers["columns"] == ("cj", "power_W")
+    assert codes["sensor.unit_assumed"].subject == "e"
+    with pytest.raises(InputError, match="compensated already"):
+        compensate_table(done.path, [sensor], tmp_path / "again.csv")
+
+
+def test_the_band_holds_the_lag_s_uncertainty() -> None:
+    """16 sensors drawn from their stated lags, 1.5 +- 0.15 and 0.3 +- 0.03 s: the 95 % bands hold, pointwise.
+
+    One lag is one error for all of a record: 16 of them scatter the share by 0.03.
+    """
+    shares, without = [], []
+    rng = np.random.default_rng(5)
+    sensor = stated("s", ["y"], [(1.5, 0.15), (0.3, 0.03)])
+    known = {"lag_covariance": sensor.lag_covariance_s2, "split_u_s": sensor.split_u_s}
+    for seed in range(16):
+        taus = (1.5 + 0.15 * rng.standard_normal(), 0.3 + 0.03 * rng.standard_normal())
+        _, x, y = logged(taus, 0.1, 300, 0.05, seed)
+        for kept, more in ((shares, known), (without, {})):
+            done = smooth(y, 0.1, sensor.chains, noise_sd=0.05, events_s=(10.0,), **more)  # type: ignore[arg-type]
+            kept.append(np.mean(np.abs(done.temperature[:, 0] - x) < 1.96 * done.sd[:, 0]))
+    assert np.mean(shares) > 0.88
+    assert np.mean(without) < 0.6
+
+
+def test_a_table_in_stretches_is_the_table_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    t, x, y = logged((0.5,), 0.05, 5000, 0.1, 2)
+    log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y, n=np.arange(len(t)))
+    sensor = stated("s", ["T1"], [(0.5, 0.02)])
+    whole = written(compensate_table(log, [sensor], tmp_path / "whole.csv").path)
+    monkeypatch.setattr(table, "LEAST_ROWS", 1000)
+    monkeypatch.setattr(table, "MARGIN_ROWS", 10)
+    monkeypatch.setattr(pipeline, "MOST_VALUES", 1500)
+    parts = written(compensate_table(log, [sensor], tmp_path / "parts.csv").path)
+    assert np.array_equal(parts["n"], np.arange(len(t)))  # each row once
+    away = np.abs(parts["T1_degC"] - whole["T1_degC"]) / whole["T1_u_K"]
+    assert away.max() < 2.0  # noise level and intensity are each stretch's own
+    assert min(held(parts, "T1_degC", "T1_u_K", x)[1], held(whole, "T1_degC", "T1_u_K", x)[1]) > 0.92
+    parquet = compensate_table(log, [sensor], tmp_path / "parts.parquet").path
+    assert pd.read_parquet(parquet)["T1_degC"].to_numpy() == pytest.approx(parts["T1_degC"].to_numpy(), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "tau_s", "rows", "columns"), [(1.0, 8.0, 100, 1), (1e-4, 0.01, 4000, 3), (0.1, 1.0, 150, 40)]
+)
+def test_rates_rows_and_channels(tmp_path: Path, dt_s: float, tau_s: float, rows: int, columns: int) -> None:
+    made = [logged((tau_s,), dt_s, rows, 0.1, k) for k in range(columns)]
+    log = write(tmp_path / "log.csv", t=np.round(made[0][0], 9), **{f"T{k}": y for k, (_, _, y) in enumerate(made)})
+    out = written(compensate_table(log, [stated("s", ["T*"], [(tau_s, 0.02 * tau_s)])], tmp_path / "out.csv").path)
+    assert len(out) == rows
+    shares = [held(out, f"T{k}", f"T{k}_u_K", x)[1] for k, (_, x, _) in enumerate(made)]
+    assert np.mean(shares) > 0.9
+
+
+def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> None:
+    t, x, y = logged((0.5,), 0.05, 4000, 0.05, 3)
+    kept = ((t < 40) | (t > 120)) & (np.arange(len(t)) % 50 != 7)
+    log = write(tmp_path / "gap.csv", time_s=np.round(t[kept], 3), T1_degC=y[kept])
+    out = written(compensate_table(log, [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv").path)
+    assert len(out) == kept.sum()
+    assert held(out, "T1_degC", "T1_u_K", x[kept])[1] > 0.92
+
+
+def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> None:
+    t, x, y = logged((1.5,), 0.1, 1000, 0.1, 4)
+    log = write(tmp_path / "coarse.csv", time_s=np.floor(t), T1_degC=y, T2_degC=np.full(len(t), 20.0))
+    done = compensate_table(log, [stated("s", ["T1", "T2"], [(1.5, 0.1)])], tmp_path / "out.csv")
+    out = written(done.path)
+    assert {"sensor.few_decimals", "sensor.left"} <= {f.code for f in done.findings}
+    assert out["T2_degC"].isna().all()
+    assert held(out, "T1_degC", "T1_u_K", x)[1] > 0.9
+
+
+def test_a_model_of_identify_is_a_sensor(tmp_path: Path) -> None:
+    t, x, y = logged((1.5, 0.3), 0.1, 1500, 0.05, 5)
+    found = fit(IOData.from_arrays(x, y, 0.1, input_names=["ref"], output_names=["T1_degC"]), "P2").identified
+    path = tmp_path / "m.identified.json"
+    path.write_text(found.to_json(), encoding="utf-8")
+    sensor = read_sensor(path)
+    assert sensor.method == "identify"
+    assert abs(sensor.chains[0].lag_s - 1.8) < 3 * sensor.chain.channels["T1_degC"].lag_s.u < 0.1
+    log = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y, ref=x)
+    out = written(compensate_table(log, [sensor], tmp_path / "out.csv").path)
+    assert held(out, "T1_degC", "T1_u_K", x)[1] > 0.9
+
+
+def test_a_growing_table_is_followed(tmp_path: Path) -> None:
+    t, x, y = logged((1.5,), 0.1, 1500, 0.1, 6)
+    log = write(tmp_path / "grow.csv", **{"time": np.round(t, 3), "T1 [K]": y + 273.15, "other": t})
+    run = follow(log, [PROBE], tmp_path / "live.csv", settings=Settings(behind_s=1.0), idle_s=0.0, sleep=lambda _: None)
+    out = written(tmp_path / "live.csv")
+    assert run.rows_written == len(out) == 1500
+    assert list(out) == ["time_s", "T1 [K]", "other", "T1_u_K"]
+    rms, share = held(out.assign(x=out["T1 [K]"] - 273.15), "x", "T1_u_K", x, 50)
+    assert rms < 0.5 < 0.92 < share
+
+
+BAD = {
+    "no such column": ({}, ["--column", "T7"], "T7"),
+    "no time": ({}, ["--time", "seconds"], "seconds"),
+    "backward time": ({"time_s": -1}, [], "runs backward"),
+    "millivolts of no type": ({}, ["--unit", "mV"], "--couple"),
+    "an unknown unit": ({}, ["--unit", "R"], "degC or K"),
+    "a rig's option": ({}, ["--noise-only"], "--noise-only"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_one_sentence_and_exit_code_2(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changed, options, said = BAD[case]
+    t, _, y = logged((1.5,), 0.1, 200, 0.1, 7)
+    columns = {"time_s": t, "T1_degC": y}
+    log = write(tmp_path / "log.csv", **columns | {name: sign * columns[name] for name, sign in changed.items()})
+    sensor = write_sensor(PROBE, tmp_path / "p.sensor.json")
+    out = tmp_path / "out.csv"
+    assert run_cli("compensate", log, "--sensor", sensor, "--out", out, *options) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.replace("... row 1 on\n", "").strip().count("\n") == 0
+    assert not out.exists()
+
+
+def test_the_commands_write_a_file_and_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t, x, y = logged((1.5,), 0.1, 600, 0.1, 8)
+    log, probe = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y), tmp_path / "p.sensor.json"
+    assert run_cli("sensor", "new", "--tau-s", "1.5+-0.1", "--column", "T1", "--out", probe) == 0
+    assert run_cli("compensate", log, "--sensor", probe, "--out", tmp_path / "out.csv", "--json") == 0
+    said = json.loads(capsys.readouterr().out.partition("sensor.json\n")[2])
+    assert said["rows"] == 600
+    assert held(written(tmp_path / "out.csv"), "T1_degC", "T1_u_K", x)[1] > 0.9
+    assert run_cli("sensor", "new", "--tau-s", "1.5", "--column", "T1", "--out", probe) == 1  # no uncertainty: look
+    assert "without an uncertainty" in capsys.readouterr().err
+    assert run_cli("sensor", "new", "--tau-s", "fast", "--column", "T1", "--out", probe) == 2
+    assert run_cli("sensor", "show", probe) == 0
+    assert run_cli("compensate", log, "--out", tmp_path / "o.csv") == 2
+
+
+def test_a_long_swing_that_stands_in_one_line_of_the_spectrum_is_followed() -> None:
+    """20 K at 0.015 Hz behind 1.5 s: all it does lies below where bends matter; the noise decides nothing."""
+    t, levels = np.arange(0, 500, 0.1), []
+    for seed in range(5):
+        x = 100 + 20 * np.sin((t + seed) / 10.5)
+        y = lagged(x, (1.5,), 0.1) + 0.1 * np.random.default_rng(seed).standard_normal(len(t))
+        levels.append(spectral_level(y, 0.1, Chain(1.5), 0.01))
+    assert max(levels) < 2 * min(levels)  # three of five were a million times less, and the swing was taken for none
+    done = smooth(y, 0.1, 1.5)
+    assert np.sqrt(np.mean((done.temperature[:, 0] - x)[50:-50] ** 2)) < 0.1  # the noise of a reading

@@ -1,0 +1,108 @@
+"""A bare sensor plunged by code of its own: nobody knows when, and the surroundings step with a lag of their own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from tcdyn.sensor import read_sensor
+from tcdyn.sensor.film import STREAMS, Film
+from tcdyn.sensor.plunge import plunge_sensor
+from tests.cli.test_main_job import tcdyn as run_cli
+from tests.sensor.sensor_world import FINE, Array, lagged, write
+
+
+def plunged(
+    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int, medium_s: float | None = None
+) -> tuple[Array, Array, float]:
+    """Time, reading and the entry [s]; the medium's own lag is drawn from 0.02 +- 0.02 s unless told."""
+    rng = np.random.default_rng(seed)
+    fine = np.arange(n * FINE) * (dt_s / FINE)
+    entry = n * dt_s / 6 + rng.uniform(0, dt_s)
+    own = abs(0.02 + 0.02 * rng.standard_normal()) if medium_s is None else medium_s
+    x = np.where(fine < entry, 20.0, 90.0)
+    return fine[::FINE], lagged(x, (own, *taus_s), dt_s / FINE)[::FINE] + noise_K * rng.standard_normal(n), entry
+
+
+def truth(taus_s: tuple[float, ...]) -> list[float]:
+    """Lag, t50, t63.2, t90 [s] on a fine grid."""
+    t = np.arange(0, 12 * sum(taus_s), 1e-3 * sum(taus_s))
+    step = lagged(np.r_[0.0, np.ones(len(t) - 1)], taus_s, float(t[1]))
+    return [sum(taus_s), *(float(np.interp(q, step, t)) for q in (0.5, 1 - np.exp(-1), 0.9))]
+
+
+@pytest.mark.parametrize(
+    ("taus_s", "dt_s", "n", "noise_K"),
+    [((1.5, 0.3), 0.05, 500, 0.1), ((1.5,), 0.05, 500, 0.1), ((0.3, 0.05), 0.01, 600, 0.2)],
+)
+def test_lag_and_percent_times_lie_in_their_intervals(
+    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float
+) -> None:
+    """Three plunges each; 200 a case are in `python -m tests.sensor.sensor_study plunge`."""
+    held = []
+    for seed in range(3):
+        t, y, entry = plunged(taus_s, dt_s, n, noise_K, seed)
+        made = plunge_sensor(t, y, "T1")
+        got = [Estimate(**made.fit["lag_s"]), *made.times["T1"].values()]
+        held += [e.covers(v) for e, v in zip(got, truth(taus_s))]
+        assert all(abs(e.value / v - 1) < 0.2 for e, v in zip(got, truth(taus_s)))
+        assert abs(made.fit["entry_s"] - entry) < 0.15 * sum(taus_s)
+    assert np.mean(held) > 0.7
+
+
+def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> None:
+    t, y, entry = plunged((1.5, 0.1), 0.02, 800, 0.2, 1, medium_s=0.2)
+    known = plunge_sensor(t, y, "T1", medium_s=(0.2, 0.02), entry_s=(entry, 0.001))
+    lag = known.chain.channels["T1"].lag_s
+    assert abs(lag.value - 1.6) < 3 * lag.u < 0.15  # 0.02 s of the medium's is left
+    wrong = plunge_sensor(t, y, "T1", medium_s=(0.0, 1e-3), entry_s=(entry, 0.001))
+    assert wrong.chain.channels["T1"].lag_s.value > 1.75  # the medium's lag taken for the sensor's
+
+
+def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
+    t, y, _ = plunged((1.5,), 0.05, 500, 0.1, 2)
+    with pytest.raises(InputError, match="no step"):
+        plunge_sensor(t, 20 + 0.1 * np.random.default_rng(0).standard_normal(500), "T1")
+    with pytest.raises(InputError, match="not over"):
+        plunge_sensor(t[:105], y[:105], "T1")
+    with pytest.raises(InputError, match="samples"):
+        plunge_sensor(t[:20], y[:20], "T1")
+
+
+def test_what_is_no_chain_of_lags_is_told() -> None:
+    t, y, _ = plunged((1.5,), 0.05, 500, 0.05, 3)
+    made = plunge_sensor(t, y + 8 * np.exp(-(((t - 9) / 0.8) ** 2)), "T1")
+    assert "sensor.misfit" in {f.code for f in made.findings}
+
+
+def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_lag() -> None:
+    """Hilpert's table, Nu = C Re^m Pr^(1/3): 0.683 Re^0.466 for 40 < Re < 4000; the two fits differ by up to 20 %."""
+    for name, d in (("water", 3e-3), ("air", 3e-3), ("air", 6e-3)):
+        s = STREAMS[name]
+        re = s.speed_m_s * d / s.nu_m2_s
+        assert 40 < re < 4000
+        assert s.h_W_m2K(d) == pytest.approx(0.683 * re**0.466 * s.prandtl ** (1 / 3) * s.k_W_mK / d, rel=0.2)
+    fit = Film("water", 3e-3).to_fit(Estimate.normal(2.0, 0.05))
+    assert isinstance(fit["lag_air_s"], dict)
+    assert 15 < fit["lag_air_s"]["value"] < 35  # 3 mm: rho c d/4 = 2700 J/m2K over h of 105 W/m2K
+    with pytest.raises(InputError, match="water or air"):
+        Film("oil", 3e-3)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t, y, _ = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
+    log, out = write(tmp_path / "dip.csv", time_s=np.round(t, 3), T1_K=y + 273.15), tmp_path / "p.sensor.json"
+    words = ("sensor", "plunge", log, "--column", "T1", "--out", out)
+    assert run_cli(*words, "--medium", "water", "--diameter-mm", "3", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["times"]["T1_K"]["t90_s"]["value"] == pytest.approx(truth((1.5, 0.3))[3], rel=0.02)
+    assert said["fit"]["h_W_m2K"]["value"] == pytest.approx(8381, rel=0.01)
+    assert read_sensor(out).inputs[0].file == "dip.csv"
+    assert run_cli(*words, "--medium", "water") == 2
+    assert run_cli("sensor", "plunge", log, "--column", "T9", "--out", out) == 2
+    assert "T9" in capsys.readouterr().err
