@@ -288,7 +288,7 @@ class UncertaintyTable(RigTable):
     specific_heat_slope_per_K: float = Field(default=0.0, ge=0, lt=0.005)
     friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
     ambient_K: float = Field(default=1.0, ge=0, lt=50)
-    film_along_rel: float = Field(default=0.2, ge=0, lt=1)
+    film_along_rel: float = Field(default=0.15, ge=0, lt=1)
     speed_exponent_low: float = Field(default=0.571, ge=0, le=2)
     speed_exponent_high: float = Field(default=0.8, ge=0, le=2)
 
