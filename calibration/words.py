@@ -728,9 +728,6 @@ PIPELINE: dict[str, Words] = {
     "({subject}), and the wiring the same?",
     "bearing.extrapolated": "bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {file} covers "
     "{loads_N[0]:.0f} to {loads_N[1]:.0f} N and {speeds_rpm[0]:.0f} to {speeds_rpm[1]:.0f} rpm",
-    "campaign.spikes": lambda tests, counts, **_: (
-        f"spikes were taken as missing: {', '.join(f'{n} in {t}' for t, n in zip(tests, counts))}"
-    ),
     "verify.differs": "{source}: {subject}: {ours} for {published}",
     "compensate.one_disk": "no record of the {subject} disk was given: its columns are as logged, and the lag common "
     "to the {other} disk is the record's, which an unloading would tell better; add records={subject}.disk.json",

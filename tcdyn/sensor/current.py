@@ -136,7 +136,7 @@ def tail_s(taus: Sequence[float]) -> float:
     R^2/a (1/4 + 1/(2 Bi)). Bi is that for which tau_2/tau_1 is as found.
 
     >>> z = jn_zeros(0, 3)
-    >>> round(tail_s((1 / z[:2] ** 2).tolist()) / (0.25 - sum(1 / z[:2] ** 2)), 3)
+    >>> round(float(tail_s((1 / z[:2] ** 2).tolist()) / (0.25 - sum(1 / z[:2] ** 2))), 3)
     1.0
     """
     if len(taus) < 2:

@@ -13,7 +13,15 @@ from calibration.finding import Finding, Grade, channel_of, look, note, once, se
 from calibration.words import OLD, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKERS = ("note", "look", "refuse", "by_share")
+MAKERS = {"note", "look", "refuse", "by_share", "Finding"}
+
+
+def makers_of(node: ast.AST) -> set[str]:
+    """Which makers of findings a call may go to: one by its name, or one of two by a condition."""
+    if not isinstance(node, ast.Call):
+        return set()
+    ends = [node.func.body, node.func.orelse] if isinstance(node.func, ast.IfExp) else [node.func]
+    return {end.id for end in ends if isinstance(end, ast.Name)} & MAKERS
 
 
 def codes_made() -> dict[str, str]:
@@ -22,10 +30,12 @@ def codes_made() -> dict[str, str]:
     for room in ("calibration", "immersion", "tcdyn"):
         for path in sorted((ROOT / room).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in MAKERS):
+                maker = makers_of(node)
+                if not maker:
                     continue
+                assert isinstance(node, ast.Call)
                 assert node.args, f"{path}, line {node.lineno}: a finding without a code"
-                for part in ast.walk(node.args[node.func.id == "by_share"]):
+                for part in ast.walk(node.args["by_share" in maker]):
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         made[part.value] = path.name
     return made

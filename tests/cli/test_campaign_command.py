@@ -16,9 +16,9 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
-from tcdyn.pipeline import one_log as stage
 from tcdyn.pipeline.bearing import read_bearing
 from tcdyn.pipeline.beta import prepare
+from tcdyn.pipeline.campaign import one_log as stage
 from tcdyn.pipeline.campaign.one_log import CampaignSettings
 from tcdyn.pipeline.campaign.run import run_campaign
 from tcdyn.pipeline.campaign.spread import spread
