@@ -185,7 +185,8 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
         return np.inf, x
     if not linear:
         return float(answer[0] @ answer[0]), x
-    r, j = answer
+    told = np.flatnonzero(problem.precision)  # what is known beforehand: samples of its own
+    r, j = np.append(answer[0], np.zeros(len(told))), np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]])
     step = np.linalg.lstsq(j[:, linear], -r, rcond=1e-10)[0]
     x[linear] += step
     rest = r + j[:, linear] @ step
