@@ -80,7 +80,7 @@ def identify(
         typer.Option(help="Share of the record kept for the held-out score.", callback=within(0, 1, ends=False)),
     ] = 0.3,
     narx: Annotated[
-        bool, typer.Option("--narx", help="Also ask a NARX model whether the lag depends on the level.")
+        bool, typer.Option("--narx", help="Also ask, by simulation and by NARX, whether the lag depends on the level.")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
