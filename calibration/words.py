@@ -15,7 +15,7 @@ from calibration.estimate import Estimate, rounded, with_u
 
 Words = str | Callable[..., str]
 # what sentences name as a caller in Python would write it; a command line puts its own options there
-SPOKEN = ("structure=", "loss=huber", "initial=", "models=", "narx=True", "gain=", "records=")
+SPOKEN = ("structure=", "loss=huber", "initial=", "models=", "narx=True", "gain=", "records=", "noise=", "baseline=")
 
 
 def told(code: str, where: str, subject: str, numbers: dict[str, Any]) -> str:
@@ -286,7 +286,7 @@ def chance(p: float) -> str:
 
 
 def _coloured_residuals(subject: str, p_white: float, p_input: float, noise_model: bool, **_: Any) -> str:
-    remedy = "Intervals are the robust ones; try one lag more, and if the colour stays, noise=(2, 1) from Python."
+    remedy = "Intervals are the robust ones; try one lag more, and if the colour stays, noise=arma or baseline=walk."
     if noise_model:
         remedy = "Try a noise model of higher order, or one lag more."
     return (
@@ -321,7 +321,16 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
         if names := more[group]:
             said += f"; {', '.join(names)} {several if len(names) > 1 else one} {rest}"
     freed = " As a run starts off the equilibrium, the state at each start was estimated."
-    return f"{said}." + (freed if more.get("freed") else "")
+    return f"{said}." + (freed if more.get("freed") else "") + _disturbance(**more)
+
+
+def _disturbance(order: Sequence[int] = (0, 0), baseline: str = "none", **_: Any) -> str:
+    drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
+    noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""
+    if baseline == "walk":
+        noise = {(0, 1): "white noise", (0, 0): ""}.get((order[0], order[1]), f"ARMA({order[0]}, {order[1]}) steps")
+    said = " with ".join(part for part in (drift, noise) if part)
+    return f" What disturbs the output is modelled as {said}." if said else ""
 
 
 REMEDIES = {  # of what is wrong with the record from which a model was to be identified

@@ -15,7 +15,7 @@ from calibration.words import SPOKEN
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, in_options, say, spare_inputs, within
 from tcdyn.identify import CANDIDATES, compare, from_csv, read_identified
-from tcdyn.identify.advice import as_chain
+from tcdyn.identify.disturbance import BASELINES, NOISES
 
 
 def identify(
@@ -60,6 +60,19 @@ def identify(
             "starts off it."
         ),
     ] = None,
+    noise: Annotated[
+        str,
+        typer.Option(help="Noise of the output: white, ar or arma; auto takes what coloured residuals ask for."),
+    ] = "auto",
+    baseline: Annotated[
+        str, typer.Option(help="What lies beneath the output: none, trend (a straight drift), walk (random) or auto.")
+    ] = "auto",
+    input_noise: Annotated[
+        str,
+        typer.Option(
+            help="Noise of a measured input, its sd in the input's unit; 0: none; auto: from its own samples."
+        ),
+    ] = "auto",
     check: Annotated[bool, typer.Option(help="Refuse an output that moves before its input.")] = True,
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
     held_out: Annotated[
@@ -67,7 +80,7 @@ def identify(
         typer.Option(help="Share of the record kept for the held-out score.", callback=within(0, 1, ends=False)),
     ] = 0.3,
     narx: Annotated[
-        bool, typer.Option("--narx", help="Also ask a NARX model whether the lag depends on the level.")
+        bool, typer.Option("--narx", help="Also ask, by simulation and by NARX, whether the lag depends on the level.")
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
@@ -82,7 +95,12 @@ def identify(
         raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
     check_choice("--hold", hold, ("foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
-    begun = {} if initial is None else {"initial": initial}
+    check_choice("--noise", noise, NOISES)
+    check_choice("--baseline", baseline, BASELINES)
+    begun: dict[str, Any] = {} if initial is None else {"initial": initial}
+    begun["input_noise"] = "auto" if input_noise == "auto" else standard_deviation(input_noise)
+    if (noise, baseline) != ("auto", "auto"):
+        begun |= {"noise": noise, "baseline": baseline}
     if initial is not None:
         check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
     json_path = out or data.with_suffix(".identified.json")
@@ -99,7 +117,7 @@ def identify(
         comparison = compare(record, structures, held_out=held_out, progress=progress, loss=loss, check=check, **begun)
     if not (quiet or json_):
         typer.echo(in_options(comparison.summary(), SPOKEN))
-        say(as_chain(comparison.best.identified, filter_))
+        say(comparison.removal(filter_))
     content = comparison.best.identified.to_dict()
     level = ""
     if narx:
@@ -117,6 +135,17 @@ def identify(
         print(dump(content), end="")
         return
     say(f"wrote {json_path} and {html_path}", quiet)
+
+
+def standard_deviation(text: str) -> float:
+    """The number behind --input-noise."""
+    try:
+        sd = float(text)
+    except ValueError:
+        sd = float("nan")
+    if not 0 <= sd < float("inf"):
+        raise InputError(f"--input-noise is {text!r}", expected="a standard deviation in the input's unit, or auto")
+    return sd
 
 
 def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Conditioning) -> Any:

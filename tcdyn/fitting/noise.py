@@ -16,28 +16,56 @@ from tcdyn.fitting.problem import Problem, Status, inverse
 
 @dataclass(frozen=True)
 class Noise:
-    """n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 + .. (MA)."""
+    """n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 + .. (MA).
+
+    ``rest``: it begins from nothing with the record, as a random walk (D(1) = 0) does whose first level is the offset;
+    else it has gone on for ever. ``fitted`` of its coefficients were found from the residuals (all where None).
+    """
 
     ar: tuple[float, ...] = ()
     ma: tuple[float, ...] = ()
+    rest: bool = False
+    fitted: int | None = None
+
+    @property
+    def parameters(self) -> int:
+        """How many of its coefficients were found from the residuals."""
+        return len(self.ar) + len(self.ma) if self.fitted is None else self.fitted
 
     @property
     def white(self) -> bool:
         """Whether this is no colour at all."""
         return not self.ar and not self.ma
 
+    @property
+    def order(self) -> tuple[int, int]:
+        """How many of its AR coefficients, a random walk's own left out, and of its MA coefficients were fitted."""
+        return (len(self.ar) - self.walks, len(self.ma)) if self.parameters else (0, 0)
+
+    @property
+    def walks(self) -> bool:
+        """Whether it has no level to come back to."""
+        return abs(1.0 + sum(self.ar)) < 1e-9
+
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
         """D/C applied down the rows of ``table`` (N,) or (N, P), afresh in every part (a stretch without a gap).
 
-        The first rows of a part, for which no past is known, are set to zero.
+        The first rows of a part, for which no past is known, are set to zero. Not where the noise begins from rest;
+        after a gap it has a level that nobody knows, whose whitened form, C's own response, is taken out of the rows.
         """
         if self.white:
             return table
         out = np.zeros_like(table)
-        skip = max(len(self.ar), len(self.ma))
-        for s in parts:
+        skip = 0 if self.rest else max(len(self.ar), len(self.ma))
+        for k, s in enumerate(parts):
             filtered = lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
             filtered[:skip] = 0.0
+            if self.rest and k:
+                level = lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
+                level = level / (np.linalg.norm(level) or 1.0)
+                filtered = filtered - (
+                    level * (level @ filtered) if table.ndim == 1 else np.outer(level, level @ filtered)
+                )
             out[s] = filtered
         return out
 
@@ -110,11 +138,12 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     return Noise()
 
 
-def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice]) -> Array:
+def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None) -> Array:
     """Covariance (P, P) of a least-squares estimate whose residuals are coloured.
 
     (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregression fitted to the residuals: J'VJ is s^2 times
-    the product of J filtered backwards in time by the noise filter.
+    the product of J filtered backwards in time by the noise filter. ``precision`` (P,) of normal priors, in units of
+    the residuals' variance, is added to J'J, and times that variance to J'VJ.
     """
     n, p = jacobian.shape
     noise = fit_ar(residual, parts)
@@ -123,8 +152,11 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice]) -> Array:
     shaped = np.zeros_like(jacobian)
     for s in parts:
         shaped[s] = lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
-    half = shaped @ inverse(jacobian.T @ jacobian)  # squared as a whole: a product of three loses all digits
-    return np.asarray(variance * half.T @ half)
+    known = np.zeros(p) if precision is None else precision
+    bread = inverse(jacobian.T @ jacobian + np.diag(known))
+    half = shaped @ bread  # squared as a whole: a product of three loses all digits
+    spread = float(residual @ residual) / (n - p)
+    return np.asarray(variance * half.T @ half + spread * (bread * known) @ bread)
 
 
 def correlation_length(z: Array, longest: int = 40) -> float:

@@ -82,10 +82,11 @@ def verdict(
     row = table[table["model"] == recommended].iloc[0]
     coloured, percent = bool(row.get("p_white", 1.0) < ALARM), float(row["fit_percent"])
     held_out = float(row["held_out_percent"])  # not a number where the output of that part never moves
+    held_out_against = held_out < 0 and row.get("p_held_out", 0.0) < ALARM  # a plateau of noise is no reproach
     against = None
     if row.get("p_input", 1.0) < ALARM:
         against = "dynamics"
-    elif held_out < 0 and row["held_out_rms"] > 2 * row["rms"]:
+    elif held_out_against and row["held_out_rms"] > 2 * row["rms"]:
         against = "held out"
     elif coloured and percent < HALF:
         against = "colour"
@@ -101,7 +102,7 @@ def verdict(
         return refuse("models.none", against=against, untried=list(untried[:3]), **numbers)
     if not row["determined"]:
         return look("models.undetermined", remark=row["remark"], **numbers)
-    worse = coloured and held_out < 0
+    worse = coloured and held_out_against
     numbers |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF}
     return look("models.provisional", **numbers) if troubles or worse else note("models.recommended", **numbers)
 

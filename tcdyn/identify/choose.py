@@ -9,13 +9,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
+from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.finding import Finding
+from calibration.finding import Finding, Grade
 from calibration.result import Result, jsonable
-from tcdyn.identify.advice import COLUMNS, order_table, recommend, verdict
+from tcdyn.chain import NO_CONDITIONING
+from tcdyn.fitting import correlation_length
+from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
 from tcdyn.identify.data import SHORTEST, IOData, cut
-from tcdyn.identify.fit import fit
+from tcdyn.identify.fit import coloured, fit
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
@@ -23,6 +27,7 @@ from tcdyn.identify.validate import Validation, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
+WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
 Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
@@ -39,6 +44,11 @@ class Comparison(Result):
     def why(self) -> str:
         """The reason in words."""
         return self.reason.sentence
+
+    @property
+    def best_row(self) -> Mapping[str, Any]:
+        """The recommended model's row of the table."""
+        return dict(self.table[self.table["model"] == self.recommended].iloc[0])
 
     @property
     def best(self) -> Fit:
@@ -60,6 +70,11 @@ class Comparison(Result):
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = [name for name in OFFERED if name not in set(self.table["model"])]
         return verdict(self.table, self.recommended, self.reason, untried, self.validation.troubles)
+
+    def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
+        """How to remove the lag from other traces (:func:`as_chain`); nothing where no model may be trusted."""
+        refused = self.verdict.grade is Grade.REFUSE
+        return "" if refused else as_chain(self.best.identified, conditioning)
 
     @property
     def advice(self) -> str:
@@ -89,20 +104,55 @@ def compare(
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
     scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
-    with their initial states estimated. How the recommendation is made: :func:`recommend`. ``progress`` is told
-    each model before it is fitted.
+    with their initial states estimated. Without ``noise`` and ``baseline`` the noise is white, unless the residuals of
+    the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
+    recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
     """
     found = compared(data, models, held_out, progress, options)
     if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
-        return found
+        return with_disturbance(data, models, held_out, progress, options, found)
 
     def again(name: str, number: int, count: int) -> None:
         progress(f"{name}, initial state estimated", number, count)
 
-    freed = compared(data, models, held_out, again, {**options, "initial": "estimated"})
+    with_state = {**options, "initial": "estimated"}
+    freed = compared(data, models, held_out, again, with_state)
     if freed.table["BIC"].min() >= found.table["BIC"].min():
+        return with_disturbance(data, models, held_out, progress, options, found)
+    freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
+    return with_disturbance(data, models, held_out, progress, with_state, freed)
+
+
+def with_disturbance(
+    data: IOData,
+    models: Sequence[Model | str],
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+    found: Comparison,
+) -> Comparison:
+    """``found``, or the comparison anew with the noise and the baseline that the residuals of its best model ask for.
+
+    Only where they are coloured and, but for a drift, do not follow the input. Where the disturbance is modelled all
+    models get the same, and where that costs held-out error none.
+    """
+    best = found.best
+    if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
         return found
-    return replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
+    asked = {**options, "check": False, "noise": "auto", "baseline": "auto", "intervals": "quadratic"}
+    given = fit(data, best.problem.model, **asked).disturbance
+    if given == best.disturbance:
+        return found
+
+    def again(name: str, number: int, count: int) -> None:
+        progress(f"{name}, disturbance modelled", number, count)
+
+    anew = compared(data, models, held_out, again, {**options, **given})
+    worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
+    if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
+        return found
+    told = {"order": list(anew.best.noise.order), "baseline": given["baseline"]}
+    return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 
 def compared(
@@ -124,7 +174,7 @@ def compared(
             whole = not_worse(fit(data, model, **options), fits, data, options)
             quick = {**options, "intervals": "quadratic", "check": False}  # the score needs no profile intervals
             score = whole if train is None else fit(train, model, **quick)
-            rms, percent = held_out_score(score, test, from_s)
+            rms, percent, p_held_out = judged(score, test, from_s)
         except InputError as error:
             first = first or error
             rows.append({"model": model.name, "remark": str(error), "determined": False})
@@ -138,6 +188,7 @@ def compared(
                 **{column: s[column.lower()] for column in ("fit_percent", "rms", "AICc", "BIC")},
                 "held_out_rms": rms,
                 "held_out_percent": percent,
+                "p_held_out": p_held_out,
                 "p_white": s["p_white"],
                 "p_input": s["p_input"],
                 "remark": "; ".join(whole.warnings),
@@ -192,10 +243,17 @@ def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IODat
 
 
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
-    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on.
+    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on (:func:`judged`)."""
+    return judged(result, test, from_s)[:2]
+
+
+def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float, float]:
+    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
+    error no smaller from the noise of the fit alone.
 
     Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"): a record that is scored
     from some time on is continued from the state that suits what came before, any other gets the state that suits it.
+    The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
     """
     model = result.identified
     segments, scored = [], []
@@ -208,11 +266,18 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold)
     answers = posed.outputs(polished(posed, {})[1])
     assert answers is not None
-    error = np.concatenate([(s.y - y)[late] for s, (y, _), late in zip(segments, answers, scored)])
+    whole = replace(posed, segments=tuple(replace(s, seen=np.isfinite(s.y)) for s in segments))
+    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
+    late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
+    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
+    if result.noise.walks and not late.all():  # from the level at which the walk is by then
+        error = error - np.mean(all_of_it[~late][-SHORTEST:])
     spread = np.concatenate(
         [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
     )
     if len(error) == 0:
-        return np.nan, np.nan
+        return np.nan, np.nan, np.nan
     top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
-    return top, 100 * (1 - top / base) if base > 0 else np.nan
+    ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
+    freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
+    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(stats.f.sf(ratio, *freedom))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import comb
 from typing import Any, Literal
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.noise import MAD_TO_SD
 from calibration.result import Result
 
 Hold = Literal["zoh", "foh"]
+REPEATED = 0.4  # share of samples that equal the one before, from which an input was set and not measured
 SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
 
 
@@ -228,6 +231,21 @@ def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
             past = np.interp(np.arange(t[0], a), t, run.u[t, 0])
             pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
     return pieces
+
+
+def input_noise_sd(segments: Sequence[Segment]) -> float:
+    """Standard deviation of the input's measurement noise, from its fourth differences; 0 where it counts for nothing.
+
+    A signal slower than a tenth of the sampling rate leaves less than 2 % of its amplitude in them. An input whose
+    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none.
+    """
+    u = [s.u for s in segments if len(s.u) > 4]
+    if not u or np.mean(np.concatenate([np.diff(x) for x in u]) == 0) > REPEATED:
+        return 0.0
+    away = np.abs(np.concatenate([np.diff(x, 4) for x in u]))
+    away = away[away <= 4 * MAD_TO_SD * np.median(away)]  # a step leaves five of them, each far out
+    sd = float(np.sqrt(np.mean(away**2) / comb(8, 4)))
+    return sd if sd > 1e-4 * np.ptp(np.concatenate(u)) else 0.0
 
 
 def index_of(name: str | None, names: tuple[str, ...], role: str) -> int:

@@ -3,7 +3,7 @@ uncertainty."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -16,10 +16,11 @@ from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
 from tcdyn.identify.data import IOData
+from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Initial, Posed, pose
-from tcdyn.identify.search import Fit, ordered, search, with_noise
+from tcdyn.identify.search import Fit, ordered, rms, search
 from tcdyn.identify.start import check_causality, polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
@@ -32,21 +33,27 @@ def fit(
     model: Model | str = "P1D",
     *,
     initial: Initial = "equilibrium",
-    noise: tuple[int, int] | Literal["white"] = "white",
+    noise: tuple[int, int] | NoiseName = "white",
+    baseline: Baseline = "none",
     loss: Loss = "linear",
     covariance: Covariance = "auto",
     intervals: Intervals = "auto",
     start: Mapping[str, float] | None = None,
     check: bool = True,
+    input_noise: float | Literal["auto"] = "auto",
 ) -> Fit:
     """The least-squares simulation fit of ``model`` to ``data``, start-free, with uncertainties.
 
     Minimises sum (y - offset - G u)^2 with G exact under the data's hold, dead time continuous. ``initial``: the
     record starts in equilibrium with its first input, from zero, or from a state that is estimated. ``noise=(p,
-    q)`` adds an ARMA model of the disturbance (then the prediction error is minimised). ``loss``: "huber" or
+    q)`` adds an ARMA model of the disturbance (then the prediction error is minimised), "ar" and "arma" one whose order
+    the data choose, ``baseline`` a straight drift ("trend") or a random walk ("walk") beneath the output; "auto" lets
+    the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
     "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
     ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to
-    begin at. ``check=False`` skips the question whether the output moves first. Raises InputError for data nothing
+    begin at. ``check=False`` skips the question whether the output moves first. ``input_noise`` is the sd of a measured
+    input, 0 for one that is known; "auto" takes it from the input's own samples. With noise the input's level before
+    a run in equilibrium is estimated, of which the first sample is but one reading. Raises InputError for data nothing
     can be learnt from.
 
     >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
@@ -57,7 +64,7 @@ def fit(
     0.13
     """
     structure = as_model(model)
-    problem = pose(data, structure, initial)
+    problem = pose(data, structure, initial, input_noise)
     if check:
         check_causality(problem, data.name or "identify")
     x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1] if start is not None else None
@@ -65,12 +72,55 @@ def fit(
     if any(problem.loose):  # initial states are best searched in the time scale of the model, linear ones solved anew
         problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
         optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
+    if any(k is not None for k in problem.pasts):  # how much the first sample tells of them is known by now
+        problem = replace(problem, noise_sd=rms(optimum, problem))
+        optimum = search(problem, start=optimum.theta)
+    model_noise = Noise()
     if loss != "linear":
         optimum = ordered(problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0))
-    model_noise = Noise()
-    if noise != "white":
-        optimum, model_noise = with_noise(problem, optimum, noise)
-    return assemble(data, problem, optimum, model_noise, loss, covariance, intervals)
+    elif problem.input_sd:
+        problem, optimum, model_noise = alternate(problem, optimum, through_model)
+    found = assemble(data, problem, optimum, model_noise, loss, covariance)
+    auto = "auto" in (noise, baseline)
+    if (noise, baseline) != ("white", "none") and (not auto or coloured(found)):
+        tried = []
+        for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
+            begun, near = problem, optimum
+            if kind == "trend":
+                begun = replace(problem, trend=True)
+                longer = np.append(optimum.theta, np.zeros(begun.size - problem.size))
+                near = replace(search(begun, start=longer), weights=optimum.weights)
+            answer = alternate(begun, near, estimate(noise, kind))
+            tried.append(assemble(data, *answer, loss, covariance))
+        if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
+            tried = [f for f in tried if f.problem.trend and f.noise.parameters == 0 and unreproached(f)]
+        found = chosen([*tried, found] if auto else tried)
+    return found if intervals == "quadratic" or loss != "linear" else profiled(found, intervals == "profile")
+
+
+def coloured(found: Fit) -> bool:
+    """Whether the residuals are."""
+    return found.identified.statistics["p_white"] < ALARM
+
+
+def unreproached(found: Fit) -> bool:
+    """Whether the residuals are neither coloured nor follow the input."""
+    return not coloured(found) and found.identified.statistics["p_input"] >= ALARM
+
+
+def disturbed(found: Fit) -> bool:
+    """Whether the residuals are coloured, and not by dynamics that the model misses."""
+    return coloured(found) and found.identified.statistics["p_input"] >= ALARM
+
+
+def chosen(fits: Sequence[Fit]) -> Fit:
+    """The least BIC; a random walk unless another is decisively better, for it claims less."""
+    best = min(fits, key=lambda f: f.identified.statistics["bic"])
+    for other in fits:
+        near = other.identified.statistics["bic"] < best.identified.statistics["bic"] + DECISIVE
+        if other.noise.walks and near:
+            return other
+    return best
 
 
 def first_moment(problem: Posed, x: Array) -> float:
@@ -86,7 +136,6 @@ def assemble(
     noise: Noise,
     loss: Loss,
     covariance: Covariance,
-    intervals: Intervals,
 ) -> Fit:
     """Covariance, estimates, findings, validation and statistics around an optimum."""
     n, model, x = problem.n_seen, problem.model, optimum.theta
@@ -116,7 +165,7 @@ def assemble(
     )
     result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss)
     checked = validate(result)
-    count = problem.size + 1 + len(noise.ar) + len(noise.ma)
+    count = problem.size + 1 + noise.parameters
     likelihood = n * np.log(max(sse, 1e-300) / n)
     statistics = {
         "n": float(n),
@@ -129,8 +178,7 @@ def assemble(
         "p_input": checked.input.p,
         "robust_covariance": float(robust),
     }
-    result = replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
-    return result if intervals == "quadratic" or loss != "linear" else profiled(result, intervals == "profile")
+    return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
 
 
 def covariance_of(
@@ -138,11 +186,11 @@ def covariance_of(
 ) -> tuple[Array, bool]:
     """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
     noise alone makes it."""
-    bread = inverse(j.T @ j)
+    bread = inverse(j.T @ j + np.diag(problem.precision))
     cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
     coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
     if kind == "robust" or coloured:
-        cov_x, wider = sandwich(j, e, problem.parts), True
+        cov_x, wider = sandwich(j, e, problem.parts, problem.precision), True
     if loss != "linear":
         cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
     step = problem.rounding_step

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from typing import Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from calibration.errors import InputError
 from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
-from tcdyn.identify.data import SHORTEST, IOData, Segment, cut
+from tcdyn.identify.data import SHORTEST, IOData, Segment, cut, input_noise_sd
 from tcdyn.identify.models import Model
 
 Initial = Literal["equilibrium", "zero", "estimated"]
@@ -24,7 +25,10 @@ Initial = Literal["equilibrium", "zero", "estimated"]
 class Posed:
     """One input, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
     the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
-    ``initial`` is "estimated"."""
+    ``initial`` is "estimated"; then what the input was before each segment begun in equilibrium, over its first
+    sample, where the input is measured with noise. Of that past the first sample tells with the weight
+    ``noise_sd``/``input_sd``, noise of the output over noise of the input; 0 for the latter is an input that is known.
+    With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -32,6 +36,9 @@ class Posed:
     hold: Literal["zoh", "foh"]
     initial: Initial
     time_scale_s: float = 1.0
+    input_sd: float = 0.0
+    noise_sd: float = 1.0
+    trend: bool = False
 
     @property
     def n_model(self) -> int:
@@ -56,10 +63,30 @@ class Posed:
         own = [self.n_model + (runs.index(s.run) if m.offset == "per run" else 0) for s in self.segments]
         return tuple((slice(o, o + (offsets > 0)), slice(a, b)) for o, a, b in zip(own, edges, edges[1:].tolist()))
 
+    @cached_property
+    def pasts(self) -> tuple[int | None, ...]:
+        """Where in x the level of the input before each segment stands, over its first sample; None where there is
+        none. What an integrator has made of a past is its offset."""
+        asked = self.input_sd > 0 and self.initial == "equilibrium" and not self.model.integrators
+        at = count(self.places[-1][1].stop)
+        return tuple(next(at) if asked and not loose else None for loose in self.loose)
+
     @property
     def size(self) -> int:
         """Length of x."""
-        return self.places[-1][1].stop
+        return self.places[-1][1].stop + sum(k is not None for k in self.pasts) + self.trend * len(self.begun_s)
+
+    @cached_property
+    def begun_s(self) -> dict[int, float]:
+        """When each run begins [s]."""
+        return {s.run: s.start_s for s in reversed(self.segments)}
+
+    @cached_property
+    def precision(self) -> Array:
+        """What is known beforehand of x (size,), in units of the output's noise: the past, by its first sample."""
+        known = np.zeros(self.size)
+        known[[k for k in self.pasts if k is not None]] = (self.noise_sd / (self.input_sd or 1.0)) ** 2
+        return known
 
     @property
     def n_seen(self) -> int:
@@ -148,20 +175,34 @@ class Posed:
             return None
         system, rule = realise(rational), self.model.chain_rule(theta) * self.natural_scale(x)
         answers = []
-        for segment, (offset, state) in zip(self.segments, self.places):
+        for segment, (offset, state), level in zip(self.segments, self.places, self.pasts):
             past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
             u = np.concatenate([past, segment.u])
-            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
+            if level is None:
+                rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
+            else:  # what it was for ever, and from the first sample on the departure from that
+                before = u[0] + x[level]
+                rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
+                rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
             y, j = rows[0] + x[offset].sum(), np.zeros((len(segment.u), self.size))
             j[:, :n] = rows[1:].T @ rule
             j[:, offset] = 1.0
-            if count := len(x[state]):
-                scale = self.time_scale_s ** np.arange(1.0, count + 1)
+            if self.trend:
+                run = self.size - len(self.begun_s) + sorted(self.begun_s).index(segment.run)
+                j[:, run] = (
+                    segment.start_s - self.begun_s[segment.run] + self.dt_s * np.arange(len(y))
+                ) / self.longest_s
+                y = y + x[run] * j[:, run]
+            if level is not None:
+                plain, one = realise(rational, False), np.ones(len(u))
+                j[:, level] = rational.num[0] - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
+            if states := len(x[state]):
+                scale = self.time_scale_s ** np.arange(1.0, states + 1)
                 begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
                 free = free_rows(begun, len(y), self.dt_s)  # its value, d/dnumerator, d/dfactor coefficients
-                y, by_factor = y + free[0], free[1 + count : -1]
+                y, by_factor = y + free[0], free[1 + states : -1]
                 j[:, :n] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
-                j[:, state] = free[1 : 1 + count].T * scale
+                j[:, state] = free[1 : 1 + states].T * scale
             answers.append((y, j))
         return answers
 
@@ -186,7 +227,9 @@ class Posed:
 
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))
-        return Problem(names, evaluate, lower=lower, upper=upper)
+        with np.errstate(divide="ignore"):
+            sd = 1 / np.sqrt(self.precision)
+        return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=sd)
 
 
 def nothing_left(data: IOData) -> str:
@@ -200,9 +243,9 @@ def nothing_left(data: IOData) -> str:
     return f"column {data.input_names[0]} has no {SHORTEST} samples in a row, with the output measured, without a gap"
 
 
-def pose(data: IOData, model: Model, initial: Initial) -> Posed:
+def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0) -> Posed:
     """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt
-    from."""
+    from. ``input_noise`` is its sd, in the input's unit."""
     where = data.name or "identify"
     if len(data.input_names) != 1 or len(data.output_names) != 1:
         raise InputError(
@@ -224,7 +267,13 @@ def pose(data: IOData, model: Model, initial: Initial) -> Posed:
             f"{model.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
             remedy="add a lag (P1D)",
         )
-    problem = Posed(model, segments, data.dt_s, data.hold, initial)
+    if input_noise != "auto" and not 0 <= input_noise < np.inf:
+        raise InputError(
+            f"the input's noise is {input_noise}", where=where, expected="a standard deviation in the input's unit"
+        )
+    sd = input_noise_sd(segments) if input_noise == "auto" else float(input_noise)
+    problem = Posed(model, segments, data.dt_s, data.hold, initial, input_sd=sd)
+    problem = replace(problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0)
     if problem.n_seen < max(2 * problem.size, 8):
         raise InputError(
             f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",

@@ -15,7 +15,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding
 from calibration.result import Result
-from tcdyn.fitting import Loss, Noise, Optimum, Problem, fit_arma, least, minimise
+from tcdyn.fitting import Loss, Noise, Optimum, Problem, least, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.start import starts
@@ -59,6 +59,13 @@ class Fit(Result):
     def warnings(self) -> tuple[str, ...]:
         """What the user should know."""
         return self.identified.warnings
+
+    @property
+    def disturbance(self) -> dict[str, Any]:
+        """The options ``noise`` and ``baseline`` that ask :func:`tcdyn.identify.fit` for this noise again."""
+        walks, order = self.noise.walks, self.noise.order
+        kind = "walk" if walks else "trend" if self.problem.trend else "none"
+        return {"noise": order if any(order) or walks else "white", "baseline": kind}
 
     def simulated(self) -> list[Array]:
         """The model's output over every segment of the data (N,)."""
@@ -147,17 +154,7 @@ def ordered(posed: Posed, optimum: Optimum) -> Optimum:
     )
 
 
-def with_noise(posed: Posed, optimum: Optimum, order: tuple[int, int]) -> tuple[Optimum, Noise]:
-    """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction
-    error. Robust weights stay as ``optimum`` has them."""
-    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
-    model, cost = Noise(), np.inf
-    for _ in range(12):
-        answer = posed.evaluate(optimum.theta)
-        assert answer is not None
-        model = fit_arma(answer[0] * root, posed.parts, *order)
-        optimum = search(posed, posed.core(model, root), optimum.theta)
-        if cost - optimum.cost < 1e-7 * optimum.cost:
-            break
-        cost = optimum.cost
-    return optimum, model
+def rms(optimum: Optimum, posed: Posed) -> float:
+    """Standard deviation of the noise that ``optimum`` leaves, above zero."""
+    r = optimum.residual * (1.0 if optimum.weights is None else np.sqrt(optimum.weights))
+    return float(np.sqrt(r @ r / max(posed.n_seen - posed.size, 1))) or 1e-300

@@ -71,8 +71,9 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
     behind = shifts(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
+    root = 1.0 if fit.optimum.weights is None else np.sqrt(fit.optimum.weights)[:, None]  # of the robust loss, as in e
     u, ahead = (
-        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k), parts), parts)
+        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)

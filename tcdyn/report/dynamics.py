@@ -9,7 +9,7 @@ from calibration.disk import Conditioning
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, IOData
-from tcdyn.identify.advice import COLUMNS, as_chain, order_table
+from tcdyn.identify.advice import COLUMNS, order_table
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import figure
@@ -52,12 +52,12 @@ def write_identify_report(
     ``level`` says whether the lag depends on the level, where that was asked.
     """
     best = comparison.best
-    model = best.identified
+    model, removal = best.identified, comparison.removal(filter_)
     sections = [
         Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
         Section(
             f"{model.model.name}: parameters",
-            f"Where the quadratic intervals are poor these are of the profile likelihood. {as_chain(model, filter_)}",
+            f"Where the quadratic intervals are poor these are of the profile likelihood. {removal}",
             model.card(),
         ),
         Section(

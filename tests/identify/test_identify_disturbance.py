@@ -1,0 +1,135 @@
+"""Noise that is not white, a baseline that moves, an input that is measured: intervals that hold the truth."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from disturbance_study import AUTO, DT_S, disturbance, fine, record, study
+from scipy import stats
+from typer.testing import CliRunner
+
+from calibration.errors import InputError
+from tcdyn.cli.app import app
+from tcdyn.fitting import Noise
+from tcdyn.identify import IOData, compare, fit
+from tcdyn.identify.data import input_noise_sd
+from tcdyn.identify.disturbance import coefficients, partials
+from tcdyn.identify.models import process
+from tcdyn.identify.problem import pose
+
+
+def held(runs: int, least: float) -> float:
+    """Share of so many runs below which a true coverage of ``least`` falls once in 200."""
+    return float(stats.binom.ppf(0.005, runs, least)) / runs
+
+
+@pytest.mark.parametrize("kind", ["plunge", "PRBS"])
+def test_a_measured_input_whose_first_sample_is_noisy_still_covers_gain_and_lag(kind):
+    """The first sample taken for the whole past, 35 and 53 % of the plunges and 60 and 68 % of the steps did."""
+    found = study(kind, range(100), input_sd=0.5)
+    assert min(found["Kp"], found["lag"]) >= held(100, 0.93), found
+    assert abs(found["bias_s"]) < 3 * found["sd_s"] / 10  # three standard errors of 100 runs
+    assert max(found["white"], found["input"]) <= 0.05, found  # 1 % alarms: more than 5 of 100 once in 500
+
+
+def test_the_past_is_a_reading_among_others_and_a_known_input_has_none():
+    data = record("plunge", 3, input_sd=0.5)
+    assert pose(data, process("P2D"), "equilibrium", "auto").input_sd == pytest.approx(0.5, rel=0.1)
+    assert not any(pose(data, process("P2D"), "equilibrium", 0.0).precision)
+    held_input = record("PRBS", 3)  # levels held for 20 samples: set by a computer
+    assert input_noise_sd(pose(held_input, process("P1"), "equilibrium").segments) == 0.0
+
+
+def test_slopes_by_past_and_drift_equal_differences():
+    from dataclasses import replace
+
+    data = record("plunge", 1, input_sd=0.5)
+    posed = replace(pose(data, process("P2DZ"), "equilibrium", 0.5), trend=True)
+    x = posed.vector({"Kp": 1.1, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37})
+    x[-2:] = 0.7, -0.4
+    slopes = posed.evaluate(x)[1]
+    for i, step in enumerate(1e-6 * np.eye(len(x))):
+        difference = (posed.evaluate(x + step)[0] - posed.evaluate(x - step)[0]) / 2e-6
+        assert np.allclose(slopes[:, i], difference, atol=1e-5 * np.abs(difference).max()), i  # rounding 1e-16/1e-6
+
+
+@pytest.mark.parametrize("name", ["ar0.9", "walk", "drift"])
+def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
+    """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
+    found = study("PRBS", range(16), name, **AUTO)
+    assert found["lag"] >= held(16, 0.90), found
+    order, count = max(found["noise"].items(), key=lambda item: item[1])
+    assert order == {"ar0.9": (1, 0, "none"), "walk": (0, 1, "walk"), "drift": (0, 0, "trend")}[name]
+    assert count >= 11  # BIC takes another now and then
+
+
+def test_a_random_walk_takes_up_anew_after_a_gap():
+    u, y = fine("PRBS", np.random.default_rng(2))
+    y = y + disturbance("walk", np.random.default_rng(3))
+    y[300:340] = np.nan
+    y[340:] += 50.0  # whatever level there is after it
+    data = IOData.from_arrays(u, y, DT_S, hold="zoh")
+    found = fit(data, "P2D", noise=(0, 1), baseline="walk", check=False)
+    assert found.identified.lag_s.value == pytest.approx(2.87, abs=4 * found.identified.lag_s.u)
+    assert found.identified.lag_s.u < 0.1
+
+
+def test_whitening_from_rest_undoes_the_noise_it_describes():
+    e = np.random.default_rng(0).normal(size=50)
+    noise = Noise((-1.0,), (-0.6,), rest=True)
+    walk = np.cumsum(e) - 0.6 * np.concatenate([[0.0], np.cumsum(e)[:-1]])
+    assert np.allclose(noise.whiten(walk, [slice(0, 50)]), e)
+
+
+def test_partial_correlations_and_coefficients_are_inverses():
+    d = np.array([-1.2, 0.5, -0.1])
+    assert np.allclose(coefficients(partials(d)), d)
+    assert np.all(np.abs(np.roots([1.0, *coefficients(np.array([0.9, -0.9, 0.9]))])) < 1)
+
+
+def test_compare_models_the_disturbance_and_says_so():
+    data = record("PRBS", 5, "walk")
+    found = compare(data, ["P2", "P2D"])
+    assert "a random walk with white noise" in found.advice
+    assert found.best.noise.walks
+    plain = compare(data, ["P2", "P2D"], noise="white", baseline="none")
+    assert plain.best.noise.white
+    assert "modelled" not in plain.advice
+
+
+def test_a_plateau_of_coloured_noise_is_no_reproach():
+    """Held out lies a plateau, where any model is as bad as the mean; only its noise can judge it."""
+    rng = np.random.default_rng(0)
+    provisional = 0
+    for seed in range(10):
+        u, y = fine("plunge", rng)
+        data = IOData.from_arrays(u, y + disturbance("ar0.9", np.random.default_rng(seed)), DT_S)
+        provisional += compare(data, ["P2D"]).verdict.code == "models.provisional"
+    assert provisional == 0
+
+
+def test_noise_of_the_input_below_zero_is_refused():
+    with pytest.raises(InputError, match="noise"):
+        fit(record("plunge", 0), "P1D", input_noise=-1.0)
+
+
+def test_the_command_takes_noise_baseline_and_noise_of_the_input(tmp_path):
+    data = record("plunge", 5, input_sd=0.5)
+    table = tmp_path / "plunge.csv"
+    columns = {"time_s": data.times_s().round(3), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}
+    pd.DataFrame(columns).to_csv(table, index=False)
+    words = ["identify", str(table), "--input", "u", "--output", "y", "--models", "P2D"]
+
+    def told(*more: str) -> dict:
+        assert CliRunner().invoke(app, [*words, *more, "-q"]).exit_code in (0, 1)
+        return json.loads(table.with_suffix(".identified.json").read_text())
+
+    plain, blind = told(), told("--input-noise", "0")
+    asked = told("--input-noise", "0.5", "--noise", "ar", "--baseline", "trend")
+    assert plain["estimates"]["Kp"]["u"] > 2 * blind["estimates"]["Kp"]["u"]  # what the first sample hides
+    assert asked["statistics"]["parameters"] >= plain["statistics"]["parameters"] + 2  # a coefficient and a slope
+    for wrong in (("--noise", "pink"), ("--baseline", "hill"), ("--input-noise", "much")):
+        assert CliRunner().invoke(app, [*words, *wrong]).exit_code != 0
