@@ -24,7 +24,8 @@ PRINT_NUMBERS = {
     "demo", "rig", "transducer", "calibrate", "identify", "compensate", "follow", "beta", "campaign", "design", "hole",
     "verify",
     "record show", "record diff", "record check", "simulate oven", "simulate immersion", "simulate hole",
-    "simulate ehl", "simulate campaign", "round simulate", "spot", "sensor new", "sensor show", "sensor plunge",
+    "simulate ehl", "simulate campaign", "round fit", "round simulate", "spot", "sensor new", "sensor show",
+    "sensor plunge",
     "sensor pair", "sensor current", "sensor noise",
 }  # fmt: skip
 PAGE_LONG = {"record show", "record diff", "spot"}  # their output is the answer: nothing to be quiet about

@@ -157,6 +157,14 @@ def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b
         assert (suspect.kind, suspect.channels) == ("swapped", (one, other))
 
 
+@pytest.mark.parametrize("off_K", [0.3, 0.45, 0.6, 0.7])
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_a_channel_that_drifted_a_little_is_not_called_exchanged(b3: EhlTest, channel: str, off_K: float) -> None:
+    for sign in (1, -1):
+        moved = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
+        assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved, moved.disks["fast"])]
+
+
 def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:
     """Poor contact with the shaft on one side (6.4.3) warms it over minutes: the first harmonic, as the rim has it."""
     t, setup = b3.time_s, b3.disks["slow"].setup

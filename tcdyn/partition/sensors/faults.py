@@ -203,10 +203,11 @@ def at_rest(test: EhlTest, disk: DiskTraces) -> list[tuple[Fault, Estimate | Non
     def away(reads: Array) -> Array:
         return np.asarray(reads - np.median(reads[used]))
 
-    def misfit(reads: Array) -> float:
-        return float(((away(reads) / u)[used] ** 2).sum())
+    def misfit(reads: Array, but: int = -1) -> float:
+        return float(((away(reads) / u)[used[used != but]] ** 2).sum())
 
     usual, exchanged = misfit(mean), []
+    one_off = min(misfit(mean, k) for k in used)
     for i, j in combinations(used, 2):
         line, other, reads = disk.lines[i], disk.lines[j], mean.copy()
         reads[i] = line.offset + line.gain * (mean[j] - other.offset) / other.gain
@@ -215,7 +216,7 @@ def at_rest(test: EhlTest, disk: DiskTraces) -> list[tuple[Fault, Estimate | Non
     best, second = sorted(exchanged)[:2]
     freedom = len(used) - 1
     explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
-    if explains and min(second[0], usual) - best[0] > 2 * SURE_LOG_ODDS:
+    if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
         pair = CHANNELS[best[1]], CHANNELS[best[2]]
         return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
     off = np.flatnonzero((np.abs(away(mean)) > np.maximum(OFF_Z * u, OFF_K)) & ~disk.out)
