@@ -40,7 +40,7 @@ from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_ca
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.profile import joint_profiles
-from tcdyn.partition.sensors import SensorCheck, check_sensors
+from tcdyn.partition.sensors import SensorCheck, cables_exchanged, check_sensors
 from tcdyn.partition.statement.fit import stated_round
 from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import (
@@ -231,7 +231,7 @@ def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
     """Whether the disks' cables look exchanged: beta is then 1 - beta, and the exponent its opposite."""
     n, assumed, law_u = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range / 3**0.5
     away, opposite = (abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1))
-    if away < EXCHANGED_Z or opposite > SAME_Z:
+    if away < EXCHANGED_Z or (opposite > SAME_Z and not (n.value < 0 and cables_exchanged(test))):
         return []
     return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=both.estimates["beta"].value)]
 

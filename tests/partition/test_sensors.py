@@ -14,9 +14,10 @@ from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.partition.effects import STATED
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors import SensorCheck, angle_groups, check_sensors, demand
-from tcdyn.partition.sensors.faults import AS_WIRED, at_rest
+from tcdyn.partition.sensors import SensorCheck, angle_groups, cables_exchanged, check_sensors, demand
+from tcdyn.partition.sensors.faults import AS_WIRED
 from tcdyn.partition.sensors.features import LEVELS, disk_features
+from tcdyn.partition.sensors.rest import at_rest
 from tcdyn.partition.uneven import at_junctions
 from tcdyn.pipeline.beta import prepare
 from tcdyn.traces import DiskTraces
@@ -142,8 +143,8 @@ def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTes
     rest = b3.time_s < b3.events.load_on_s
     warm = {c: column(b3, "fast", c) + rest * (20.0 + 2.0 * (c == "b")) for c in CHANNELS}
     moved = with_readings(b3, "fast", warm)
-    assert at_rest(moved, moved.disks["fast"]) == []
-    assert at_rest(b3, b3.disks["fast"]) == []
+    assert at_rest(moved)["fast"] == []
+    assert not any(at_rest(b3).values())
 
 
 def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b3: EhlTest) -> None:
@@ -162,7 +163,33 @@ def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b
 def test_a_channel_that_drifted_a_little_is_not_called_exchanged(b3: EhlTest, channel: str, off_K: float) -> None:
     for sign in (1, -1):
         moved = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
-        assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved, moved.disks["fast"])]
+        assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved)["fast"]]
+
+
+@pytest.mark.parametrize(("channel", "late_s"), [("e", 0.5), ("a", 0.5), ("e", -0.4)])
+def test_a_column_that_is_much_shifted_in_time_is_named_with_its_shift(
+    b3: EhlTest, channel: str, late_s: float
+) -> None:
+    """Half a second is most of the lag: the first look, which is linear, said half of it, or another channel."""
+    moved = np.interp(b3.time_s - late_s, b3.time_s, column(b3, "fast", channel))
+    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: moved})).suspects
+    assert (suspect.kind, suspect.channels) == ("late", (channel,))
+    assert suspect.size is not None
+    assert suspect.size.value == pytest.approx(late_s, abs=0.06)  # 3 u of a shift known to 0.02 s
+
+
+def test_cables_exchanged_as_a_whole_read_alike_through_each_other_s_lines(b3: EhlTest) -> None:
+    fast, slow = b3.disks["fast"], b3.disks["slow"]
+
+    def read(by: DiskTraces, of: DiskTraces) -> DiskTraces:
+        lines = zip(by.lines, of.lines, of.readings_degC.T)
+        read = [mine.offset + mine.gain * (y - own.offset) / own.gain for mine, own, y in lines]
+        return replace(by, readings_degC=np.column_stack(read))
+
+    exchanged = replace(b3, disks={"fast": read(fast, slow), "slow": read(slow, fast)})
+    assert cables_exchanged(exchanged)
+    assert not any(at_rest(exchanged).values())
+    assert not cables_exchanged(b3)
 
 
 def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:

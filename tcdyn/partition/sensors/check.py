@@ -16,17 +16,16 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors.faults import (
-    UNSOUND_P,
     DepthTest,
     Fault,
     Verdict,
-    at_rest,
     depth_test,
     hypotheses,
     judge,
     settled,
 )
 from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, disk_features
+from tcdyn.partition.sensors.rest import UNSOUND_P, at_rest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
@@ -123,11 +122,13 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     groups = {d: angle_groups(test.disks[d].setup) for d in DISKS}
     found: dict[str, tuple[Suspect, ...]] = {}
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
-    likely, depths = {}, {}
+    likely, depths, before_load = {}, {}, at_rest(test)
     for d, f in features.items():
-        found[d] = _dead(test, test.disks[d], f) or _at_rest(test, test.disks[d])
+        found[d] = _dead(test, test.disks[d], f) or tuple(
+            Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d]
+        )
         if not found[d]:
-            sound, best, suspect, pairs = _judged(f, test.disks[d])
+            sound, best, suspect, pairs = _judged(test, f, test.disks[d])
             found[d], likely[d] = suspect, best
             if not suspect:
                 blind[d], depths[d] = pairs, depth_test(f, test.disks[d], sound)
@@ -153,7 +154,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 
 
 def _judged(
-    f: DiskFeatures, disk: DiskTraces
+    test: EhlTest, f: DiskFeatures, disk: DiskTraces
 ) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
     """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
     (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(disk.left_out))
@@ -161,7 +162,7 @@ def _judged(
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
     if odds > NAMED_LOG_ODDS:
-        first, *others = sorted((settled(f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
+        first, *others = sorted((settled(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
         rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
@@ -209,13 +210,6 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
         out.append(Suspect(disk.name, "dead", (CHANNELS[i],), None, np.inf, {k: float(v) for k, v in moved.items()}))
     return tuple(out)
-
-
-def _at_rest(test: EhlTest, disk: DiskTraces) -> tuple[Suspect, ...]:
-    """What is wrong with a disk already before the load."""
-    return tuple(
-        Suspect(disk.name, fault.kind, fault.channels, size, odds) for fault, size, odds in at_rest(test, disk)
-    )
 
 
 def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:

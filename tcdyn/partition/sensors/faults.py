@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
@@ -22,7 +22,7 @@ from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
 from tcdyn.partition.effects import STATED, stated_u
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, Order
+from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, Order, disk_features
 from tcdyn.partition.uneven import SENSED
 from tcdyn.partition.window import INNER, OUTER
 from tcdyn.traces import DiskTraces
@@ -49,10 +49,7 @@ MISPLACED_M = 1.5e-3
 FREE = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}  # m, K, s: sd of each
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
-REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
-REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
-UNSOUND_P = 1e-4
-MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
+SETTLED_S, LATE_ROUNDS = 0.01, 6
 
 
 @dataclass(frozen=True)
@@ -159,9 +156,12 @@ def _about(
     return Verdict(fault, -0.5 * (chi2 + log_det), chi2, r.size - 1, likely, float(H_FINE_W_M2K[best]), size)
 
 
-def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
-    """A misplaced junction of the outer row, linearised again where the last look put it, until it stays."""
+def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
+    """A misplaced junction of the outer row, or a late channel, linearised again where the last look put it, until it
+    stays."""
     channel = v.fault.channels[0]
+    if v.fault.kind == "late" and v.size is not None:
+        return _settled_late(test, disk, v, v.size)
     if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
         return v
     setup = f.setup
@@ -182,48 +182,20 @@ def settled(f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
-def at_rest(test: EhlTest, disk: DiskTraces) -> list[tuple[Fault, Estimate | None, float]]:
-    """Faults that show before the load, where the disk rests at ambient, each with its size [K] and log-odds.
-
-    Two channels exchanged, where each through the other's static line reads like the rest of the disk; else those,
-    two at most, that are off. Under load an offset of the inner row, or its exchange, is nearly another h and a disk
-    that sits unevenly.
-    """
-    on = test.events.load_on_s
-    rest = (test.time_s > on - REST_S) & (test.time_s < on - 0.5)
-    used, y = np.flatnonzero(~disk.out), disk.readings_degC[rest]
-    if len(y) < 0.3 * REST_S / test.dt_s:
-        return []
-    third, mean = len(y) // 3, y.mean(axis=0)
-    drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
-    if drift > OFF_K or abs(float(np.median(mean[used])) - test.ambient_degC[rest].mean()) > AT_REST_K:
-        return []
-    u = np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, REST_U_K))
-
-    def away(reads: Array) -> Array:
-        return np.asarray(reads - np.median(reads[used]))
-
-    def misfit(reads: Array, but: int = -1) -> float:
-        return float(((away(reads) / u)[used[used != but]] ** 2).sum())
-
-    usual, exchanged = misfit(mean), []
-    one_off = min(misfit(mean, k) for k in used)
-    for i, j in combinations(used, 2):
-        line, other, reads = disk.lines[i], disk.lines[j], mean.copy()
-        reads[i] = line.offset + line.gain * (mean[j] - other.offset) / other.gain
-        reads[j] = other.offset + other.gain * (mean[i] - line.offset) / line.gain
-        exchanged.append((misfit(reads), i, j))
-    best, second = sorted(exchanged)[:2]
-    freedom = len(used) - 1
-    explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
-    if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
-        pair = CHANNELS[best[1]], CHANNELS[best[2]]
-        return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
-    off = np.flatnonzero((np.abs(away(mean)) > np.maximum(OFF_Z * u, OFF_K)) & ~disk.out)
-    if not 1 <= len(off) <= 2 or np.ptp(np.delete(mean, [*off, *np.flatnonzero(disk.out)])) > OFF_K:
-        return []
-    sizes = {k: Estimate.normal(float(away(mean)[k]), float(u[k])) for k in off}
-    return [(Fault("offset", (CHANNELS[k],)), size, 0.5 * (size.value / size.u) ** 2) for k, size in sizes.items()]
+def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -> Verdict:
+    """What is much late is not linear: the column is brought forward in time, and judged again."""
+    k, again = CHANNELS.index(v.fault.channels[0]), v
+    for _ in range(LATE_ROUNDS):
+        readings = disk.readings_degC.copy()
+        readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])
+        moved = replace(disk, readings_degC=readings)
+        (again,) = judge(disk_features(test, moved), moved, [v.fault])
+        if again.size is None:
+            break
+        size = Estimate.normal(size.value + again.size.value, again.size.u)
+        if abs(again.size.value) < SETTLED_S:
+            break
+    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE["late"][1]) ** 2)
 
 
 def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:

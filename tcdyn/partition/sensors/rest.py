@@ -1,0 +1,107 @@
+"""Faults that show before the load: a disk that rests at ambient has one temperature.
+
+Under load an offset of the inner row, or two of its channels exchanged, are nearly another h and a disk that sits
+unevenly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from calibration import Array
+from calibration.disk import CHANNELS, DISKS
+from calibration.estimate import Estimate
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.sensors.faults import Fault
+from tcdyn.partition.window import between
+from tcdyn.traces import DiskTraces
+
+REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
+REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
+UNSOUND_P = 1e-4
+MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
+
+
+@dataclass(frozen=True)
+class Resting:
+    """Mean readings (6,) of a disk at rest [degC], their standard uncertainties (6,) [K], and the channels used."""
+
+    disk: DiskTraces
+    mean: Array
+    u: Array
+    used: NDArray[np.int64]
+
+    def away(self, reads: Array) -> Array:
+        """Departures of ``reads`` (6,) from the middle of the channels used [K]."""
+        return np.asarray(reads - np.median(reads[self.used]))
+
+    def misfit(self, reads: Array, but: int = -1) -> float:
+        """Chi-squared of ``reads`` (6,) against one temperature, one channel left out if told."""
+        return float(((self.away(reads) / self.u)[self.used[self.used != but]] ** 2).sum())
+
+    def through(self, other: Resting, order: Sequence[int]) -> Array:
+        """What the disk's lines make of another's channels ``order`` (6,), whose own lines are undone [degC]."""
+        mine, theirs = self.disk.lines, other.disk.lines
+        raw = [(other.mean[k] - theirs[k].offset) / theirs[k].gain for k in order]
+        return np.array([line.offset + line.gain * x for line, x in zip(mine, raw)])
+
+
+def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
+    """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
+    rest = between(test.time_s, test.events.load_on_s - REST_S, test.events.load_on_s - 0.5)
+    used, y = np.flatnonzero(~disk.out), disk.readings_degC[rest]
+    if len(y) < 0.3 * REST_S / test.dt_s:
+        return None
+    third, mean = len(y) // 3, y.mean(axis=0)
+    drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
+    if drift > OFF_K or abs(float(np.median(mean[used])) - test.ambient_degC[rest].mean()) > AT_REST_K:
+        return None
+    return Resting(disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, REST_U_K)), used)
+
+
+def cables_exchanged(test: EhlTest) -> bool:
+    """Whether the disks' readings at rest agree far better through each other's static lines."""
+    fast, slow = (resting(test, test.disks[d]) for d in DISKS)
+    if fast is None or slow is None:
+        return False
+    as_wired = range(len(CHANNELS))
+    crossed = fast.misfit(fast.through(slow, as_wired)) + slow.misfit(slow.through(fast, as_wired))
+    return fast.misfit(fast.mean) + slow.misfit(slow.mean) - crossed > 2 * SURE_LOG_ODDS
+
+
+def at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
+    """Faults of each disk that show before the load, with size [K] and log-odds; none where the disks' cables look
+    exchanged as a whole, which the fits tell."""
+    if cables_exchanged(test):
+        return {d: [] for d in DISKS}
+    found = {d: resting(test, test.disks[d]) for d in DISKS}
+    return {d: [] if rest is None else of_one(rest) for d, rest in found.items()}
+
+
+def of_one(rest: Resting) -> list[tuple[Fault, Estimate | None, float]]:
+    """Two channels exchanged, where each through the other's static line reads like the rest of the disk, and no single
+    channel that is off would do as well; else those, two at most, that are off."""
+    usual, exchanged, freedom = rest.misfit(rest.mean), [], len(rest.used) - 1
+    one_off = min(rest.misfit(rest.mean, k) for k in rest.used)
+    for i, j in combinations(rest.used, 2):
+        order = [*range(len(CHANNELS))]
+        order[i], order[j] = j, i
+        exchanged.append((rest.misfit(rest.through(rest, order)), i, j))
+    best, second = sorted(exchanged)[:2]
+    explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
+    if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
+        pair = CHANNELS[best[1]], CHANNELS[best[2]]
+        return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
+    away = rest.away(rest.mean)
+    off = [k for k in rest.used if abs(away[k]) > max(OFF_Z * rest.u[k], OFF_K)]
+    others = [away[k] for k in rest.used if k not in off]
+    if not 1 <= len(off) <= 2 or np.ptp(others) > OFF_K:
+        return []
+    sizes = {k: Estimate.normal(float(away[k]), float(rest.u[k])) for k in off}
+    return [(Fault("offset", (CHANNELS[k],)), size, 0.5 * (size.value / size.u) ** 2) for k, size in sizes.items()]
