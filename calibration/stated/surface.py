@@ -59,6 +59,12 @@ def fit_surface_flux(temperature_degC: Array, flux_W_m2: Array, power_rel: float
         raise InputError(f"the flux falls with temperature (slope {h:.3g} W/m2K)", expected="a loss that rises with it")
     left, air = q - q.mean() - h * about, float(t.mean() - q.mean() / h)
     sd = float(np.sqrt(left @ left / (len(t) - 2)))
+    if not (-50 <= air <= 400 and h < 8000):
+        raise InputError(
+            f"the flux would be zero at {air:.4g} degC, with a slope of {h:.4g} W/m2K",
+            expected="-50 to 400 degC and less than 8000 W/m2K",
+            remedy="measure the flux over a wider range of temperature, or look at the units",
+        )
     u = sd / float(np.sqrt(about @ about))
     air_u = float(np.hypot(sd / len(t) ** 0.5, (t.mean() - air) * u)) / h
     return SurfaceFlux(h, float(np.hypot(u, power_rel * h)), air, air_u)

@@ -29,11 +29,12 @@ from tcdyn.campaign.posterior import Posterior, solve
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
-from tcdyn.contact import Events, equal_radius_m, half_width_m, surface_speed_m_s
+from tcdyn.contact import Events, equal_radius_m, half_width_m, hertz_contact, surface_speed_m_s
 from tcdyn.fitting import Optimum, Status
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, disk_side, joint_problem
-from tcdyn.partition.steady import FitShift
+from tcdyn.partition.statement.surface import with_surfaces
+from tcdyn.partition.steady import FitShift, at_own_temperature
 from tcdyn.partition.uneven import UNKNOWN
 from tcdyn.traces import DiskTraces
 
@@ -178,9 +179,11 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
         speed_ratio=u_fast / u_slow, sliding_speed_m_s=u_fast - u_slow, entraining_speed_m_s=0.5 * (u_fast + u_slow),
         half_width_m=half_width_m(plan.load_N, equal_radius_m(*radius), equal_radius_m(*crown)),
         speed_exponent=contact.speed_exponent, exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
-        disks={d: _traces(d, rig, t, events.unload_s, share[d] * power, h[d], logging) for d in DISKS}, findings=(),
+        disks={d: _traces(d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging) for d in DISKS},
+        findings=(),
         friction_noise_N=logging.friction_noise_N,
     )  # fmt: skip
+    test = at_own_temperature(with_surfaces(test))
     theta = np.concatenate(
         [[share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])] for d in DISKS],
     )
@@ -222,10 +225,12 @@ def _noise(count: int, seed: int) -> Array:
 
 
 def _traces(
-    disk: str, rig: Rig, t: Array, off_s: float, power_W: float, h_W_m2K: float, logging: Logging
+    disk: str, rig: Rig, load_N: float, t: Array, off_s: float, power_W: float, h_W_m2K: float, logging: Logging
 ) -> DiskTraces:
     """Readings of a planned disk: the inner row at its steady excess until the parting, then cooling with the disk."""
     setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
+    pressed = hertz_contact(load_N, setup.outer_radius_m, setup.crown_radius_m)
+    setup = replace(setup, flux=setup.flux.under(pressed.pressure_Pa))
     surface = 2 * np.pi * setup.outer_radius_m * setup.width_m
     volume = np.pi * (setup.outer_radius_m**2 - setup.bore_radius_m**2) * setup.width_m
     out_W_K = h_W_m2K * surface + BODY_W_K

@@ -163,7 +163,9 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: floa
     heat = _load(system, power, ambient) - system.conductance @ y
     if film:
         heat += film * (
-            system.surface_air_m2 * ambient - system.surface_m2 * y - system.skin_m2K_W * power * system.track
+            system.surface_air_m2 * (ambient + system.film_air_K)
+            - system.surface_m2 * y
+            - system.skin_m2K_W * power * system.track
         )
     return np.asarray(heat + system.steel.conducted_W(y) if system.steel.follows else heat)
 

@@ -38,7 +38,7 @@ class DiskSystem:
     ``channels``. All this is for the film of ``h_W_m2K``; where another wets the running surface, ``surface_m2`` (n,)
     is its area by cell, ``surface_air_m2`` (n,) that against air which is not zero (unknowns may be harmonics),
     ``skin_m2K_W`` the half cell of steel below it, ``track`` (n,) how P falls upon it. ``steel``: how the disk's own
-    conduction and capacity follow temperature.
+    conduction and capacity follow temperature; ``film_air_K``: how much warmer than ambient is what wets the surface.
     """
 
     capacity: Array
@@ -54,6 +54,7 @@ class DiskSystem:
     skin_m2K_W: float
     track: Array
     steel: Steel
+    film_air_K: float = 0.0
 
     def film_change(self, share: Array) -> Array:
         """How much more a square metre of running surface conducts to ambient when h is ``share`` of its own."""
@@ -123,6 +124,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         skin_m2K_W=skin,
         track=track,
         steel=Steel(s.steel, laplacian(ring_links(*_ring(disk, g)), np.zeros(g.size), g.size), g.cells.ravel()[None]),
+        film_air_K=disk.film_air_K,
     )
 
 

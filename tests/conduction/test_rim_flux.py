@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -64,3 +65,17 @@ def test_a_table_is_straight_between_its_places_and_stretches() -> None:
 def test_a_track_beside_the_surface_is_refused() -> None:
     with pytest.raises(InputError, match=r"falls beside a running surface 9.53 mm wide"):
         flux_density(TrackFlux(FluxProfile("hertz", 4.5e-3), B), B, WIDTH, 53)
+
+
+def test_a_stated_table_as_wide_as_the_surface_may_be_tried_wider_and_beside() -> None:
+    """What is stated is held to the surface; the alternatives about it are not, or a sound table would be refused."""
+    wide, edges = (
+        FluxProfile("table", at_m=(-4.5e-3, 4.5e-3), weight=(1.0, 1.0)),
+        np.linspace(-WIDTH / 2, WIDTH / 2, 54),
+    )
+    for shift_m, wider in ((0.0, 1.5), (0.25e-3, 1.0)):
+        tried = track(wide, B, shift_m, wider)
+        assert isinstance(tried, TrackFlux)
+        assert tried.shares(edges).sum() == pytest.approx(1.0)
+    with pytest.raises(InputError, match="beside a running surface"):
+        track(replace(wide, shift_m=0.5e-3), B).shares(edges)  # type: ignore[union-attr]

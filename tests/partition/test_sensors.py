@@ -293,3 +293,20 @@ def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, sl
     (suspect,) = check_sensors(wrong).suspects
     assert suspect.kind == "swapped"
     assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")
+
+
+def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart(b3: EhlTest) -> None:
+    """Each then is off at rest, too, which is no offset."""
+    off_K = {"fast": 1.5, "slow": -1.5}  # of the line of e; the readings are those of sound lines
+    lines = {
+        d: tuple(
+            line.model_copy(update={"offset": line.offset + off_K[d] * (c == "e")})
+            for c, line in zip(CHANNELS, b3.disks[d].lines)
+        )
+        for d in ("fast", "slow")
+    }
+    apart = replace(b3, disks={d: replace(b3.disks[d], lines=lines[d]) for d in lines})
+    wrong = with_readings(apart, "fast", {"e": column(b3, "slow", "e") + 3.0})
+    wrong = with_readings(wrong, "slow", {"e": column(b3, "fast", "e") - 3.0})
+    (suspect,) = check_sensors(wrong).suspects
+    assert (suspect.kind, suspect.columns) == ("swapped", ("fast_e_degC", "slow_e_degC"))

@@ -63,6 +63,15 @@ def test_disks_that_keep_their_speed_have_no_film_to_follow() -> None:
     assert slowed(made.test, {}) is made.test
 
 
+def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
+    made = clean_rig("brake 3 s")
+    warmer = np.column_stack([np.full(len(made.test.time_s), 7.0), np.zeros(len(made.test.time_s))])
+    kept = {d: course for d, course in made.test.slowing.items() if d == "fast"}
+    test = slowed(replace(made.test, slowing=kept, film={"slow": warmer}), {"fast": (0.7, 700.0)})
+    np.testing.assert_array_equal(test.film["slow"], warmer)
+    assert np.abs(test.film["fast"][:, 0]).max() > 1.0
+
+
 @pytest.mark.slow
 def test_a_speed_that_does_not_change_changes_no_answer() -> None:
     """The film's input is there, and zero: the same answers, but for rounding."""

@@ -124,13 +124,12 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
     likely, depths, before_load = {}, {}, at_rest(test)
     for d, f in features.items():
-        found[d] = _dead(test, test.disks[d], f) or tuple(
-            Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d]
-        )
+        found[d] = _dead(test, test.disks[d], f)
         if not found[d]:
             sound, best, suspect, pairs = _judged(test, f, test.disks[d])
-            found[d], likely[d] = suspect, best
-            if not suspect:
+            resting = (Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d])
+            found[d], likely[d] = tuple(resting) or suspect, best
+            if not found[d]:
                 blind[d], depths[d] = pairs, depth_test(f, test.disks[d], sound)
     crossed = _crossed(test, features, sum(likely.values())) if all(found.values()) and len(likely) == 2 else None
     if crossed is not None:

@@ -24,6 +24,7 @@ from tcdyn.traces import DiskTraces
 
 REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
 REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
+WARM_REL = 0.1  # of a disk's excess over ambient, by which its junctions may differ
 UNSOUND_P = 1e-4
 MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
 
@@ -60,9 +61,11 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
         return None
     third, mean = len(y) // 3, y.mean(axis=0)
     drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
-    if drift > OFF_K or abs(float(np.median(mean[used])) - test.ambient_degC[rest].mean()) > AT_REST_K:
+    warm_K = float(np.median(mean[used])) - float(test.ambient_degC[rest].mean())
+    if drift > OFF_K or abs(warm_K) > AT_REST_K:
         return None
-    return Resting(disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, REST_U_K)), used)
+    alike = np.hypot(REST_U_K, WARM_REL * warm_K)
+    return Resting(disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, alike)), used)
 
 
 def cables_exchanged(test: EhlTest) -> bool:

@@ -111,11 +111,11 @@ def shaft_admittance(setup: DiskSetup, n: int) -> float:
     return float(np.pi / (w * hindrance.sum() * (wave[1] - wave[0])))
 
 
-def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: float) -> float:
+def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: float, air_K: float = 0.0) -> float:
     """Mean flux out of the disk through its bore [W/m2].
 
     From T'' + T'/r - kappa^2 T = 0 with ``power_W`` entering the running surface, whose film is ``h_W_m2K``, and
-    ``inner_K`` above the ambient at the depth of b.
+    ``inner_K`` above the ambient at the depth of b; ``air_K``: of what the film loses to, above the ambient.
     """
     k, outer, bore = setup.conductivity_W_mK, setup.outer_radius_m, setup.bore_radius_m
     kappa = known_kappa(setup)
@@ -128,25 +128,26 @@ def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: fl
         return kappa * np.array([special.i1(kappa * r), -special.k1(kappa * r)])
 
     flux = power_W / (2 * np.pi * outer * setup.width_m)
-    of = np.linalg.solve([waves(inner), k * slopes(outer) + h_W_m2K * waves(outer)], [inner_K, flux])
+    of = np.linalg.solve([waves(inner), k * slopes(outer) + h_W_m2K * waves(outer)], [inner_K, flux + h_W_m2K * air_K])
     return float(k * slopes(bore) @ of)
 
 
 def flux_and_u(
-    disk: DiskTraces, power: tuple[float, float], h: tuple[float, float], inner_K: float
+    disk: DiskTraces, power: tuple[float, float], h: tuple[float, float], inner_K: float, air_K: float = 0.0
 ) -> tuple[float, float]:
     """Mean flux through the bore [W/m2] and its standard uncertainty, by those of power, film, washers, steel and
     ambient: what the disk takes less most of itself, which is poorly known."""
     s, u = disk.setup, disk.uncertainty
     washer = replace(s, washer_conductivity_W_mK=s.washer_conductivity_W_mK * (1 + u.washer_rel))
     steel = replace(s, conductivity_W_mK=s.conductivity_W_mK * (1 + u.conductivity_rel))
-    at = bore_flux_W_m2(s, power[0], h[0], inner_K)
+    at = bore_flux_W_m2(s, power[0], h[0], inner_K, air_K)
     moved = [
-        bore_flux_W_m2(washer, power[0], h[0], inner_K),
-        bore_flux_W_m2(steel, power[0], h[0], inner_K),
-        bore_flux_W_m2(s, power[0] + power[1], h[0], inner_K),
-        bore_flux_W_m2(s, power[0], h[0] + h[1], inner_K),
-        bore_flux_W_m2(s, power[0], h[0], inner_K + u.ambient_K),
+        bore_flux_W_m2(washer, power[0], h[0], inner_K, air_K),
+        bore_flux_W_m2(steel, power[0], h[0], inner_K, air_K),
+        bore_flux_W_m2(s, power[0] + power[1], h[0], inner_K, air_K),
+        bore_flux_W_m2(s, power[0], h[0] + h[1], inner_K, air_K),
+        bore_flux_W_m2(s, power[0], h[0], inner_K + u.ambient_K, air_K),
+        bore_flux_W_m2(s, power[0], h[0], inner_K, air_K + s.surface.air_u_K),
     ]
     return at, float(np.linalg.norm(np.array(moved) - at))
 
@@ -192,7 +193,8 @@ def stated_round(
         inner = disk.readings_degC[near][:, INNER] - test.ambient_degC[near, None]
         whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
-        flux, flux_u = flux_and_u(disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)))
+        air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0
+        flux, flux_u = flux_and_u(disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air)
         least = max(flux, LEAST_SIGMAS * flux_u)  # heat leaves through the bore
         told = predicted(disk.setup, film.value).times(1e-3 * least)
         known = disk.setup.fit.uneven_rel, flux_u / least, found
