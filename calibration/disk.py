@@ -248,8 +248,8 @@ class ContactTable(RigTable):
     @model_validator(mode="after")
     def _table_told(self) -> ContactTable:
         at, weight = self.flux_table_mm, self.flux_table_weight
-        if self.flux_profile == "table" and len(at) < 2:
-            raise ValueError('flux_profile is "table"; expected flux_table_mm and flux_table_weight of two places')
+        if (self.flux_profile == "table") != (len(at) > 1):
+            raise ValueError(f'flux_table_mm has {len(at)} places; expected two or more, and flux_profile = "table"')
         if len(at) != len(weight):
             raise ValueError(f"flux_table_mm has {len(at)} places, flux_table_weight {len(weight)}; expected as many")
         if any(b <= a for a, b in pairwise(at)) or (at and not sum(weight) > 0):

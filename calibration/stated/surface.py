@@ -28,6 +28,10 @@ class SurfaceFlux:
     air_degC: Annotated[float, Field(ge=-50, le=400)] = 0.0
     air_u_K: Annotated[float, Field(ge=0, le=100)] = 0.0
 
+    def __post_init__(self) -> None:
+        if not self.heat_transfer_W_m2K and (self.air_degC or self.air_u_K or self.heat_transfer_u_W_m2K):
+            raise InputError("[surface] has no heat_transfer_W_m2K", expected="the slope of the relation, with its T_a")
+
     @property
     def measured(self) -> bool:
         """Whether there is such a relation."""

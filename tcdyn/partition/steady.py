@@ -289,6 +289,7 @@ def surface_temperatures(
         answers = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
         rest, power = (x[:, last, 3:].mean(axis=1) for x in answers)
         track = rest + share * power  # (2, 9)
+        track -= rim.setup.steel.straight(track) - track  # back from Kirchhoff's temperature, to first order
         k = int(np.argmax(track[0]))
         by_h = (track[1, k] - track[0, k]) / step
         more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from calibration.errors import InputError
-from calibration.rig import load_rig, rig_toml
+from calibration.rig import load_rig, parse_rig, rig_toml
 
 
 def test_the_printed_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> None:
@@ -94,3 +95,15 @@ def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -
     e = load_rig(tmp_path / "rig.toml").disk_setup("slow").junctions["e"]
     assert (e.depth_m, e.z_m) == pytest.approx((3.0e-3, 7.53e-3))  # Clarke's e is not under the track
     assert "layout" not in rig_toml(load_rig(tmp_path / "rig.toml"))  # every angle is printed instead
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ({"contact": {"flux_table_mm": [-1.0, 1.0], "flux_table_weight": [1.0, 1.0]}}, "flux_profile"),
+        ({"fast": {"surface": {"air_degC": 40.0}}}, "heat_transfer_W_m2K"),
+    ],
+)
+def test_what_is_stated_without_that_it_hangs_on_is_refused(tables: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse_rig(tables, "rig.toml")

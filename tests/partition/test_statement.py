@@ -75,13 +75,22 @@ def test_an_uncertain_place_of_the_flux_widens_and_is_in_the_budget() -> None:
     assert p.structures.named is None  # what is stated to be uncertain is no other structure
 
 
+TABLE = {"flux_profile": "table"}
+
+
 @pytest.mark.parametrize(
     ("contact", "words"),
     [
         ({"flux_profile": "sharp"}, "Input should be 'hertz', 'flat', 'barus' or 'table'"),
-        ({"flux_profile": "table"}, "expected flux_table_mm and flux_table_weight of two places"),
-        ({"flux_table_mm": [0.0, 1.0], "flux_table_weight": [1.0]}, "has 2 places, flux_table_weight 1"),
-        ({"flux_table_mm": [1.0, 0.0], "flux_table_weight": [1.0, 1.0]}, "flux_table_mm must rise"),
+        (TABLE, "flux_table_mm has 0 places; expected two or more"),
+        (
+            {**TABLE, "flux_table_mm": [0.0, 1.0], "flux_table_weight": [1.0]},
+            "has 2 places, flux_table_weight 1",
+        ),
+        (
+            {**TABLE, "flux_table_mm": [1.0, 0.0], "flux_table_weight": [1.0, 1.0]},
+            "flux_table_mm must rise",
+        ),
     ],
 )
 def test_a_flux_that_cannot_be_is_refused(contact: dict[str, Any], words: str) -> None:
