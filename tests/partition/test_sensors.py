@@ -18,10 +18,12 @@ from tcdyn.partition.sensors import SensorCheck, angle_groups, cables_exchanged,
 from tcdyn.partition.sensors.faults import AS_WIRED
 from tcdyn.partition.sensors.features import LEVELS, disk_features
 from tcdyn.partition.sensors.rest import at_rest
+from tcdyn.partition.steady import at_one_radius
 from tcdyn.partition.uneven import at_junctions
 from tcdyn.pipeline.beta import prepare
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
+from tests.partition.world_study import world_rig
 
 
 @pytest.fixture(scope="module")
@@ -310,3 +312,14 @@ def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far
     wrong = with_readings(wrong, "slow", {"e": column(b3, "fast", "e") - 3.0})
     (suspect,) = check_sensors(wrong).suspects
     assert (suspect.kind, suspect.columns) == ("swapped", ("fast_e_degC", "slow_e_degC"))
+
+
+def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
+    """A millimetre beside the centre is otherwise taken for a misplaced junction."""
+    test = at_one_radius(world_rig(7202, "flux 1 mm").test)
+    assert check_sensors(test).suspects
+
+    def unsure(disk: DiskTraces) -> DiskTraces:
+        return replace(disk, uncertainty=disk.uncertainty.model_copy(update={"flux_shift_mm": 0.5}))
+
+    assert check_sensors(replace(test, disks={d: unsure(disk) for d, disk in test.disks.items()})).sound

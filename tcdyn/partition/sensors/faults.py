@@ -206,7 +206,7 @@ def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, 
     foreign = np.isin(CHANNELS, mixed).astype(float)
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
     u = stated_u(disk, static, MIXED_LAGS_S * foreign)
-    common = [1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
+    common = [1.0, 1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
     a = np.concatenate([u, np.ones(SENSED), common])[:, None] * effects
     return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
 

@@ -17,6 +17,7 @@ from tcdyn.chain import equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.effects import departures, stated_effects
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.statement.track import SHIFT_STEP_M
 from tcdyn.partition.uneven import sensed
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
@@ -60,7 +61,7 @@ class DiskFeatures:
 
     The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
     an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
-    e, d, b, f; ``drives`` as of ``DiskTraces``.
+    e, d, b, f; ``drives`` as of ``DiskTraces``; ``shift_u_m``: how well the place of the flux is stated [m].
     """
 
     disk: str
@@ -76,6 +77,7 @@ class DiskFeatures:
     bend: Array
     seen: NDArray[np.bool_]
     drives: Array
+    shift_u_m: float = 0.0
 
     @cached_property
     def rim(self) -> RimMeans:
@@ -126,8 +128,8 @@ class DiskFeatures:
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, of the harmonic round
-        the bore, then by a standard uncertainty of the film's exponent, a second of common lag, a second of later load,
-        and the share, (Q, D)."""
+        the bore, then by a standard uncertainty of the flux's place and of the film's exponent, a second of common lag,
+        a second of later load, and the share, (Q, D)."""
         gradient, static = self.gradient(order, h_W_m2K), self.rim.gains(h_W_m2K).static
         rest, power = self.answer(order, h_W_m2K)
         base, moved = rest + share * power, []
@@ -146,7 +148,12 @@ class DiskFeatures:
         loading = later * (self.event == "loading")[:, None]
         film = np.hstack([self.fed("film by n", 6, h_W_m2K, place=row) for row in rows])
         harmonic = sensed(self.setup, h_W_m2K, static[1:4], self.event, self.after_s)
-        return np.concatenate([known, harmonic, [film, later, loading, power]])[:, self.seen]
+        beside = np.zeros_like(base)
+        if self.shift_u_m:
+            one, other = (self.answer(order, h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+            beside = one[0] - other[0] + share * (one[1] - other[1])
+            beside *= self.shift_u_m / (2 * SHIFT_STEP_M)
+        return np.concatenate([known, harmonic, [beside, film, later, loading, power]])[:, self.seen]
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
@@ -176,6 +183,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         bend=bend,
         seen=np.repeat(np.column_stack([np.full(len(early), True), early]), 3, axis=1) & ~disk.out[[*OUTER, *INNER]],
         drives=disk.drives,
+        shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
     )
 
 
