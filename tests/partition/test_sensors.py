@@ -192,6 +192,8 @@ def test_cables_exchanged_as_a_whole_read_alike_through_each_other_s_lines(b3: E
     assert cables_exchanged(exchanged)
     assert not any(at_rest(exchanged).values())
     assert not cables_exchanged(b3)
+    off = with_readings(b3, "fast", {"b": column(b3, "fast", "b") + 5.0})  # as far off through any line
+    assert not cables_exchanged(off)
 
 
 def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest) -> None:

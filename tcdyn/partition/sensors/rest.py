@@ -25,6 +25,7 @@ from tcdyn.traces import DiskTraces
 REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
 REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
 WARM_REL = 0.1  # of a disk's excess over ambient, by which its junctions may differ
+MOST_LEFT = 0.3  # of the misfit at rest, when the disks' cables were exchanged
 UNSOUND_P = 1e-4
 MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
 
@@ -75,7 +76,8 @@ def cables_exchanged(test: EhlTest) -> bool:
         return False
     as_wired = range(len(CHANNELS))
     crossed = fast.misfit(fast.through(slow, as_wired)) + slow.misfit(slow.through(fast, as_wired))
-    return fast.misfit(fast.mean) + slow.misfit(slow.mean) - crossed > 2 * SURE_LOG_ODDS
+    usual = fast.misfit(fast.mean) + slow.misfit(slow.mean)
+    return usual - crossed > 2 * SURE_LOG_ODDS and crossed < MOST_LEFT * usual
 
 
 def at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
