@@ -112,15 +112,18 @@ def compare(
     if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
         return with_disturbance(data, models, held_out, progress, options, found)
 
-    def again(name: str, number: int, count: int) -> None:
-        progress(f"{name}, initial state estimated", number, count)
-
+    again = told_with(progress, "initial state estimated")
     with_state = {**options, "initial": "estimated"}
     freed = compared(data, models, held_out, again, with_state)
     if freed.table["BIC"].min() >= found.table["BIC"].min():
         return with_disturbance(data, models, held_out, progress, options, found)
     freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
     return with_disturbance(data, models, held_out, progress, with_state, freed)
+
+
+def told_with(progress: Progress, what: str) -> Progress:
+    """``progress`` that says with each name ``what`` is done to it."""
+    return lambda name, number, count: progress(f"{name}, {what}", number, count)
 
 
 def with_disturbance(
@@ -144,9 +147,7 @@ def with_disturbance(
     if given == best.disturbance:
         return found
 
-    def again(name: str, number: int, count: int) -> None:
-        progress(f"{name}, disturbance modelled", number, count)
-
+    again = told_with(progress, "disturbance modelled")
     anew = compared(data, models, held_out, again, {**options, **given})
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():

@@ -67,4 +67,4 @@ def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along)
 
     few, many = changed(FILM_BASIS), changed(600)
     assert np.abs(many).max() > 0.01
-    assert np.abs(few - many).max() < 0.05 * np.abs(many).max()
+    assert np.abs(few - many).max() < 0.05 * np.abs(many).max()  # a share of an uncertainty that is a guess itself
