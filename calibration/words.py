@@ -654,6 +654,15 @@ def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
     return f"the heat that both disks show is {size} times the logged frictional power F u_s; {likely}"
 
 
+def _cables_exchanged(exponent: float, u: float, assumed: float, beta: float, at_rest: bool, **_: Any) -> str:
+    alike = "before the load each disk has one temperature through the other's static lines only, and "
+    return (
+        f"the cables of the two disks look exchanged: {alike if at_rest else ''}the speed exponent comes out as "
+        f"{Estimate.normal(exponent, u)} where the speed law has {assumed:.2f}, as if the fast disk were the slow one; "
+        f"beta would then be near {1 - beta:.2f}: map the columns in rig.toml [columns]"
+    )
+
+
 def _headline(beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any) -> str:
     implied = Estimate.normal(n["exponent"], n["exponent_u"])
     law = f"the exponent that it implies, {implied}, "
@@ -718,9 +727,7 @@ PARTITION: dict[str, Words] = {
         f"The ways to beta lie together ({low:.3f} to {high:.3f}), but the data contradict what was stated: suspect "
         f"{_blame(suspects, suspects_z)}. {_holds(**n)}"
     ),
-    "cables.exchanged": "the cables of the two disks look exchanged: the disk called fast loses heat like the slow one "
-    "(the exponent comes out as {exponent:.2f} +- {u:.2f}, its opposite is the speed law's {assumed:.2f}); beta would "
-    "then be 1 - {beta:.3f}: map the columns in rig.toml [columns]",
+    "cables.exchanged": _cables_exchanged,
     "headline.both": _headline,
     "headline.withheld": "No beta is given: what the joint fit of both disks finds is impossible.",
     "answers.impossible": lambda ways, **_: (

@@ -156,7 +156,7 @@ def analyse(
             expected=f"at least {lag:.2f} s",
             remedy="ask for a longer window",
         )
-    test = _followed(at_one_radius(at_own_temperature(with_surfaces(test))))
+    logged = test = _followed(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -218,7 +218,7 @@ def analyse(
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
     causes = impossible(answers, both.estimates, draws)
     units = [f for f in causes if f.numbers.get("units")]  # they explain all the rest
-    findings = [*_exchanged(test, both), *units, *findings, *(f for f in causes if f not in units)]
+    findings = [*_exchanged(logged, both), *units, *findings, *(f for f in causes if f not in units)]
     findings += held.findings if held else ()
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
@@ -228,12 +228,17 @@ def analyse(
 
 
 def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
-    """Whether the disks' cables look exchanged: beta is then 1 - beta, and the exponent its opposite."""
+    """Whether the disks' cables look exchanged: beta is then 1 - beta, and the exponent its opposite, or no power law
+    where the static lines differ, which shows at rest."""
     n, assumed, law_u = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range / 3**0.5
     away, opposite = (abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1))
-    if away < EXCHANGED_Z or (opposite > SAME_Z and not (n.value < 0 and cables_exchanged(test))):
+    if away < EXCHANGED_Z:
         return []
-    return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=both.estimates["beta"].value)]
+    at_rest = cables_exchanged(test)
+    if opposite > SAME_Z and not at_rest:
+        return []
+    beta = both.estimates["beta"].value
+    return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=beta, at_rest=at_rest)]
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.disk import CHANNELS
+from calibration.finding import doubts
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
@@ -21,8 +22,11 @@ from tcdyn.partition.sensors.rest import at_rest
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.partition.uneven import at_junctions
 from tcdyn.pipeline.beta import prepare
+from tcdyn.simulate.truth import draw_truth
 from tcdyn.traces import DiskTraces
 from tests.conftest import Campaign
+from tests.partition.fault_study import CASES
+from tests.partition.study_rigs import study_rig
 from tests.partition.world_study import world_rig
 
 
@@ -325,3 +329,12 @@ def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
         return replace(disk, uncertainty=disk.uncertainty.model_copy(update={"flux_shift_mm": 0.5}))
 
     assert check_sensors(replace(test, disks={d: unsure(disk) for d, disk in test.disks.items()})).sound
+
+
+@pytest.mark.slow
+def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> None:
+    """Where the two disks' static lines differ, the exchanged fit finds no power law at all (seed 7301: n = 0.0)."""
+    case = CASES["whole cables"]
+    made = study_rig(7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed)
+    first = doubts(made.analyse().findings)[0]
+    assert first.code == "cables.exchanged" and first.numbers["at_rest"]
