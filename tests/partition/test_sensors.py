@@ -337,4 +337,5 @@ def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> 
     case = CASES["whole cables"]
     made = study_rig(7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed)
     first = doubts(made.analyse().findings)[0]
-    assert first.code == "cables.exchanged" and first.numbers["at_rest"]
+    assert first.code == "cables.exchanged"
+    assert first.numbers["at_rest"]
