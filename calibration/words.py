@@ -515,7 +515,7 @@ FAULTS = {
     "unloading, the others by {usual_rise_K:.1f} K and {usual_fall_K:.1f} K",
     "swapped": "channels {names} look swapped",
     "misplaced": "junction {names} looks {mm:.1f} mm {way} than rig.toml says",
-    "late": "channel {names} answers {size:+.2f} s later than its record says: a bubble in its cement, or a column "
+    "late": "channel {names} answers {s:.2f} s {when} than its record says: a bubble in its cement, or a column "
     "shifted in time",
     "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
     "unknown": "its six junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
@@ -535,6 +535,8 @@ def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float
         names=" and ".join(channels),
         mm=abs(size) * 1e3,
         way="deeper" if size > 0 else "nearer the surface",
+        s=abs(size),
+        when="later" if size > 0 else "earlier",
         **n,
     )
     odds = "" if log_odds is None else f" (log-odds {log_odds:.0f} against a sound disk)"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from calibration import Array
 from calibration.estimate import Estimate
 from tcdyn.campaign.lines import fit_line
-from tcdyn.campaign.posterior import LN_H_FAST, LN_H_SLOW, A, Posterior, within
+from tcdyn.campaign.posterior import LN_H_FAST, LN_H_SLOW, A, Posterior, u_if_known, within
 from tcdyn.campaign.trends import LEAST_TESTS, set_points
 
 
@@ -21,6 +22,7 @@ class SpeedLaw:
     ``exponent`` n, ``scatter`` of the tests' own beyond their uncertainties; ``each`` (N,) and ``u_within`` (N,): n of
     every test and its standard uncertainty against the others; ``by_speed``: how much n rises while the entraining
     speed doubles, zero for a power law, with the chance ``p_value`` of that if it were; None where speeds are alike.
+    ``u_if_known``: u of n if one kind of the rig's shared quantities were known, what limits n most first.
     """
 
     exponent: Estimate
@@ -29,6 +31,7 @@ class SpeedLaw:
     u_within: Array
     by_speed: Estimate | None
     p_value: float | None
+    u_if_known: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it beside the exponent."""
@@ -38,6 +41,7 @@ class SpeedLaw:
             "u_within": self.u_within.tolist(),
             "per_doubled_speed": None if self.by_speed is None else self.by_speed.model_dump(),
             "p_value": self.p_value,
+            "u_if_known": dict(self.u_if_known),
         }
 
 
@@ -57,7 +61,8 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
         doubled = np.log2(speed)
         sloped = fit_line(np.column_stack([np.ones(n), doubled - doubled.mean()]), each, covariance)
         by_speed, p_value = sloped.estimate(1), sloped.no_slope(1)
-    return SpeedLaw(line.estimate(0), line.scatter, each, apart, by_speed, p_value)
+    known = u_if_known(posterior, line.operator[0] @ toward)
+    return SpeedLaw(line.estimate(0), line.scatter, each, apart, by_speed, p_value, known)
 
 
 def share_by_speed_law(

@@ -136,6 +136,25 @@ class Posterior:
         return out
 
 
+def u_if_known(posterior: Posterior, toward: Array) -> dict[str, float]:
+    """Standard uncertainty that ``toward`` (5 N,) @ answers would have if one kind of what is shared were known.
+
+    Kinds by the first word of their names, of both disks and all channels, what matters most first: with C the
+    covariance of the shared, g the gradient and K a kind, var - (C g)_K' C_KK^-1 (C g)_K.
+    """
+    covariance = posterior.widened * posterior.shared_covariance
+    moved = covariance @ (toward @ by_shared(posterior.reduced, posterior.shared))
+    kinds: dict[str, list[int]] = {}
+    for k, name in enumerate(posterior.shared):
+        kinds.setdefault("lag" if "lag" in name else name.split()[0], []).append(k)
+    variance = float(toward @ posterior.covariance @ toward)
+    left = {
+        kind: float(np.sqrt(max(variance - float(moved[k] @ np.linalg.solve(covariance[np.ix_(k, k)], moved[k])), 0.0)))
+        for kind, k in kinds.items()
+    }
+    return dict(sorted(left.items(), key=lambda one: one[1]))
+
+
 def within(covariance: Array) -> Array:
     """Standard uncertainty (N,) of each of N numbers within their campaign, from their covariance (N, N).
 
@@ -172,15 +191,21 @@ def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> P
         right[k] += r.rows.T @ r.right
     covariance = np.asarray(np.linalg.inv(information))
     found = covariance @ right
-    by = np.zeros((A * len(each), len(shared)))
-    for i, (r, k) in enumerate(zip(each, at)):
-        by[A * i : A * (i + 1), k] = r.by
+    by = by_shared(each, shared)
     widened = birge(found, covariance)
     whole = widened * by @ covariance @ by.T
     for i, r in enumerate(each):
         whole[A * i : A * (i + 1), A * i : A * (i + 1)] += r.root @ r.root.T
     answers = np.stack([r.at for r in each]) - (by @ found).reshape(-1, A)
     return Posterior(tuple(tests), tuple(each), answers, whole, shared, found, covariance, widened)
+
+
+def by_shared(each: Sequence[Reduced], shared: Sequence[str]) -> Array:
+    """By how much the answers (5 N, S) fall with each of the ``shared`` quantities."""
+    place, by = {name: k for k, name in enumerate(shared)}, np.zeros((A * len(each), len(shared)))
+    for i, r in enumerate(each):
+        by[A * i : A * (i + 1), [place[name] for name in r.shared]] = r.by
+    return by
 
 
 def birge(found: Array, covariance: Array) -> float:

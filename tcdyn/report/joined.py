@@ -21,6 +21,12 @@ WORDS = {
     "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3), "load_N": ("load", "1000 N", 1e3),
     "sliding_speed_m_s": ("sliding speed", "m/s", 1.0), "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
 }  # fmt: skip
+KNOWN = {
+    "film": "the film's shape along the track", "washer": "the washers' conductance", "depth": "the junctions' depths",
+    "model": "what rim and mesh leave unexplained", "uneven": "the pattern round the bore", "line": "the static lines",
+    "lag": "the lags", "split": "how each chain's lag is split",
+}  # fmt: skip
+LIMITS = 3
 SURE = 0.05
 COMMON = 1e-3
 LEAST = 1e-12
@@ -133,7 +139,8 @@ def exponent_words(joined: JoinedCampaign) -> str:
         enough = "one power is enough" if law.p_value > SURE else "one power may not be enough"
         change = with_u(law.by_speed.value, law.by_speed.u)
         said += f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did not): {enough}."
-    return said
+    known = [f"{u:.3f} if {KNOWN.get(k, f'the {k}')}" for k, u in list(law.u_if_known.items())[:LIMITS]]
+    return f"{said} What limits it most: its u would be {', '.join(known)} were known exactly." if known else said
 
 
 def _models(joined: JoinedCampaign) -> str:

@@ -22,7 +22,7 @@ from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.kept import Loading
 from tcdyn.campaign.lines import fit_line
-from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior
+from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior, u_if_known
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.simulate.measure import simulate_oven
@@ -169,6 +169,23 @@ def test_the_exponent_is_found_from_all_tests() -> None:
         z.append((law.exponent.value - EXPONENT) / law.exponent.u)
         assert law.by_speed is not None
     assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(0.5, abs=0.5 - CHANCE)
+
+
+def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_known() -> None:
+    made = toy(0)
+    known = [
+        replace(t, loading={**t.loading, **{n: Loading({}, 0.0) for n in t.names if n.startswith("depth")}})
+        for t in made.kept
+    ]
+    before, after = solve(made.kept), solve(known)
+    assert before.widened == after.widened == 1.0
+    toward = np.zeros(before.answers.size)
+    toward[::A] = 1 / len(made.kept)
+    left = float(np.sqrt(toward @ after.covariance @ toward))
+    assert u_if_known(before, toward)["depth"] == pytest.approx(left, rel=1e-9)
+    assert left < 0.9 * np.sqrt(toward @ before.covariance @ toward)
+    limits = speed_law(before).u_if_known
+    assert min(limits.values()) == next(iter(limits.values())) < speed_law(before).exponent.u
 
 
 def test_a_power_law_that_is_not_enough_is_seen() -> None:
