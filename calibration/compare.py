@@ -88,9 +88,10 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             lags = [(r.chain.channels[c].lag_s, r.chain.differential_lag_s[c]) for r in (old, new) if r.chain]
             for name, before, after in zip((f"{c} lag_s", f"{c} differential lag_s"), *lags):
                 rows.append((name, before.value, after.value, float(np.hypot(before.u, after.u))))
-    # what of rig.toml the records were made with differs; names of columns have no part in a lag
+    # what of rig.toml the records were made with differs; names of columns and people have no part in a lag
     made = [
-        r.setup.model_dump(exclude={"columns", "logger"}) | {"conditioning": asdict(r.conditioning)} for r in (old, new)
+        r.setup.model_dump(exclude={"columns", "logger", "traceability"}) | {"conditioning": asdict(r.conditioning)}
+        for r in (old, new)
     ]
     found += [note("record.changed", subject=key, was=was, now=now) for key, was, now in changed_keys(*made)]
     if gone := sorted(set(old.static) ^ set(new.static)):

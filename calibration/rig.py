@@ -32,6 +32,7 @@ from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
+from calibration.traceability import TraceabilityTable
 
 _PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
 LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
@@ -70,6 +71,7 @@ class RigTables(RigTable):
     conditioning: Conditioning = Conditioning()
     logger: LoggerTable = LoggerTable()
     uncertainty: UncertaintyTable = UncertaintyTable()
+    traceability: TraceabilityTable = TraceabilityTable()
     columns: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -285,10 +287,7 @@ def rig_toml(rig: Rig) -> str:
 
 
 def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
-    lines = ["", f"[{name}]"]
-    for key, value in values.items():
-        lines.append(f"{key} = {_toml_value(value)}")
-    return lines
+    return ["", f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in values.items())]
 
 
 def _toml_value(value: Any) -> str:

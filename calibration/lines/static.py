@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +18,8 @@ from calibration.finding import Finding, look, sentences
 from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
+from calibration.traceability import PRT_U_DEGC
 
-PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
 SIGNIFICANT = 0.01
 FAR_K = 10.0  # beyond the oven's range
 
@@ -29,6 +29,8 @@ class StaticLine(BaseModel):
 
     ``covariance`` is that of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties
     are the 95 % interval at the degrees of freedom at hand. ``range_degC`` is the span of the PRT readings.
+    ``shared_u_K``: standard uncertainty that all channels calibrated against one reference have in common; it is not in
+    ``covariance``, for it moves no difference between channels.
     """
 
     model_config = STRICT
@@ -37,6 +39,7 @@ class StaticLine(BaseModel):
     offset: float = Field(gt=-100.0, lt=100.0)
     covariance: tuple[tuple[float, float], tuple[float, float]]
     range_degC: tuple[float, float]
+    shared_u_K: float = Field(default=0.0, ge=0.0, lt=50.0)
     residual_sd_degC: float = Field(default=0.0, ge=0.0, lt=50.0)
     repeatability_sd_degC: float | None = Field(default=None, ge=0.0, lt=50.0)
     n: int = Field(default=2, ge=2)
@@ -99,10 +102,10 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
 
     Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
-    PRT (standard uncertainty ``prt_u_degC`` for each reading, ``prt_shared_u_degC`` common to all) and the logged
-    means both err; the slope is corrected for the noise of the logged side (errors in variables, method of
-    moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit and a
-    shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
+    PRT (standard uncertainty ``prt_u_degC`` for each reading; ``prt_shared_u_degC``, common to all, is kept beside the
+    line) and the logged means both err; the slope is corrected for the noise of the logged side (errors in variables,
+    method of moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit
+    and a shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
     rows by name.
 
     Raises InputError when a channel has fewer than 3 rows.
@@ -131,9 +134,9 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
 
 def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tuple[StaticLine, list[Finding]]:
     within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
-    found, variance = list[Finding](), shared_u**2
+    found, variance = list[Finding](), 0.0
     if shift_p is not None and shift_p < SIGNIFICANT:
-        variance += shift_u**2
+        variance = shift_u**2
         found.append(look("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p))
     for i in outlying(fit):
         repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
@@ -145,6 +148,7 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
         offset=fit.intercept,
         covariance=((gg, go), (go, oo)),
         range_degC=(float(fit.y.min()), float(fit.y.max())),
+        shared_u_K=shared_u,
         residual_sd_degC=fit.sd,
         repeatability_sd_degC=within,
         n=len(fit.y),
@@ -174,7 +178,7 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
                 "gain": str(line.gain_estimate),
                 "offset [degC]": str(line.offset_estimate),
                 "range [degC]": f"{line.range_degC[0]:.0f} to {line.range_degC[1]:.0f}",
-                "u at mid-range [K]": f"{float(static_u(line, 0.5 * sum(line.range_degC))):.2g}",
+                "u at mid-range [K]": f"{float(whole_u(line, 0.5 * sum(line.range_degC))):.2g}",
                 "residual sd [K]": f"{line.residual_sd_degC:.2g}",
             }
             for name, line in sorted(lines.items())
@@ -193,10 +197,22 @@ def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
 
 
 def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
-    """Standard uncertainty [K] of the line at T [degC]: u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g."""
+    """Standard uncertainty [K] of the line at T [degC], the reference's own left out: u^2 = y^2 u_g^2 + 2 y cov(g, o)
+    + u_o^2, y = (T - o)/g.
+    """
     y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
     return np.asarray(np.sqrt(np.maximum(y * y * gg + 2 * y * go + oo, 0.0)))
+
+
+def whole_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
+    """Standard uncertainty [K] of a reading at rest, that of the reference included: never below it."""
+    return np.asarray(np.hypot(static_u(line, temperature_degC), line.shared_u_K))
+
+
+def shared_u_K(lines: Sequence[StaticLine]) -> Array:
+    """Standard uncertainty (M,) [K] that lines have in common, that of their reference."""
+    return np.array([line.shared_u_K for line in lines])
 
 
 def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> Flags:

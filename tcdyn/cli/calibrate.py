@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
+from calibration.errors import InputError
 from calibration.files.write import write_text
 from calibration.finding import once, sentences
 from calibration.log import read_log
-from calibration.record import write_record
+from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from calibration.words import SPOKEN
 from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, bounded, dump, in_options, say, spare_inputs, stages, warn
@@ -37,6 +38,9 @@ def calibrate(
         str, typer.Option(help="natural convection: mcadams, similarity or churchill-chu-laminar")
     ] = "churchill-chu-laminar",
     report: Annotated[Path | None, typer.Option(help="HTML certificate to write")] = None,
+    earlier: Annotated[
+        list[Path] | None, typer.Option(help="earlier record of this disk, for its drift on the certificate")
+    ] = None,
     json_: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -49,7 +53,10 @@ def calibrate(
     from tcdyn.pipeline import calibrate_disk
 
     target, fluids = out or Path(f"{disk}.disk.json"), fluid or ["mobil-jet-ii"]
-    spare_inputs([rig, oven, *immersion, *fluids], out=target, report=report)
+    spare_inputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
+    before = [read_record(path) for path in earlier or []]
+    if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
+        raise InputError(f"--earlier is a record of another disk ({other[0]})", expected=f"records of the {disk} disk")
     with stages(quiet or json_, verbose) as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluids, structure=structure,
@@ -59,7 +66,7 @@ def calibrate(
     if report is not None:
         from tcdyn.report.certificate import write_certificate
 
-        write_certificate(report, run)
+        write_certificate(report, run, before)
     if json_:
         print(run.record.to_json(), end="")
         return

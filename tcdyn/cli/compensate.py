@@ -67,7 +67,8 @@ def compensate(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
     covariance: Annotated[
-        Path | None, typer.Option(help="JSON: covariance between the samples of each channel over a stretch")
+        Path | None,
+        typer.Option(help="JSON: over a stretch, covariance between samples, and means with that between channels"),
     ] = None,
     covariance_from_s: Annotated[
         float | None,
@@ -76,6 +77,9 @@ def compensate(
     covariance_s: Annotated[
         float, typer.Option("--covariance-s", help="how long it is, in seconds", callback=within(0, 60))
     ] = 1.0,
+    parts: Annotated[
+        bool, typer.Option("--parts", help="columns _noise_u_K and _common_u_K, what each _u_K is made of")
+    ] = False,
     noise_only: Annotated[
         bool,
         typer.Option("--noise-only", help="only take out noise and static errors; the lag stays in"),
@@ -99,6 +103,7 @@ def compensate(
     if sensor:
         asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
                  "--report": report, "--covariance": covariance, "--noise-only": noise_only or None,
+                 "--parts": parts or None,
                  "--method": None if method == "smoother" else method}  # fmt: skip
         only_with_records([option for option, value in asked.items() if value])
         target = out or log.with_name(f"{log.stem}.compensated.csv")
@@ -123,7 +128,7 @@ def compensate(
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
     with stages(quiet or json_, verbose) as progress:
-        done = compensate_log(log, records, rig_table, refine=refine, way=way, progress=progress)
+        done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         progress("writing")
         written = write_log(done.frame, target, done.metadata)

@@ -14,11 +14,12 @@ import pandas as pd
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, once
-from calibration.lines.static import PRT_U_DEGC, OvenFit, extrapolated, fit_static_lines
+from calibration.lines.static import OvenFit, extrapolated, fit_static_lines
 from calibration.log import Log, read_log
-from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, now_utc, user_name
+from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, moment, now_utc, user_name
 from calibration.result import Result
 from calibration.rig import Rig
+from calibration.traceability import PRT_U_DEGC
 from immersion.events import EntryEvent
 from immersion.fluids import fluid
 from tcdyn.plunge import PlungePriors
@@ -79,7 +80,9 @@ def calibrate_disk(
     """Calibrate one disk from its oven log and its plunges.
 
     ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
-    for all plunges, or one for each. Raises InputError with file and place for anything that cannot be used.
+    for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself (its certificate,
+    common to all, stands in the rig's [traceability]). Raises InputError with file and place for anything that cannot
+    be used.
     """
     if len(fluids) not in (1, len(immersion)):
         raise InputError(
@@ -91,7 +94,9 @@ def calibrate_disk(
     setup = rig.disk_setup(disk)
     progress("static lines from the oven log")
     oven_log = read_log(oven, "oven", rig, disk)
-    static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC)
+    created = now_utc()
+    shared_u_K = tables.traceability.shared_u_K(moment(created).date())
+    static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=shared_u_K)
     findings = [*oven_log.findings, *static.findings]
     inputs = [InputFile(file=oven_log.path.name, sha256=oven_log.sha256)]
     runs: list[PlungeRun] = []
@@ -120,7 +125,7 @@ def calibrate_disk(
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
-        created=now_utc(),
+        created=created,
         created_by=user_name(),
         inputs=inputs,
         static=static.lines,

@@ -13,7 +13,7 @@ from scipy import signal
 
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from calibration.lines.static import StaticLine, apply_static, static_u
+from calibration.lines.static import StaticLine, apply_static, whole_u
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
@@ -237,7 +237,7 @@ class Causal:
         for i, (per_lag, divided) in enumerate(self._filters):
             rate[:, i], memory[i, :1] = signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
             split_K[:, i], memory[i, 1:] = signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
-        line_u = np.column_stack([static_u(line, x[:, i]) for i, line in enumerate(self.lines)])
+        line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
         state = replace(
             state, kernel=kernel, memory=memory, spikes=state.spikes + int(np.sum(flags == SPIKE)),

@@ -16,6 +16,7 @@ from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.files import open_table, shown
 from calibration.finding import Finding, look, note, sentences
+from calibration.lines.static import shared_u_K
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
@@ -24,17 +25,17 @@ from calibration.rig import Rig
 from tcdyn.compensate.intensity import Criterion
 from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
 from tcdyn.compensate.record import Compensated
-from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
+from tcdyn.compensate.smoother import deconvolve, smooth
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import refined_chains, with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
+from tcdyn.pipeline.windows import over_window
 from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered, rig_of
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
-LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -65,6 +66,9 @@ class Way:
 @dataclass(frozen=True)
 class CompensatedLog(Result):
     """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes.
+
+    Where the parts were asked for, ``<channel>_noise_u_K`` is what differs from sample to sample, and
+    ``<channel>_common_u_K`` what moves all channels of a disk together: the common lag and the oven's reference.
 
     ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes may jump [s after
     the first sample], the last the unloading. Where only noise was removed there is no column ``_u_K``.
@@ -121,39 +125,9 @@ class CompensatedLog(Result):
         return before_use(inverses[worst], float(noise[worst]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
-        """Covariance between the samples of each channel over ``length_s`` [s] from ``start_s`` on, as plain lists.
-
-        ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
-        channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it; the static line's
-        uncertainty, one error for all samples, is not, nor is what is not known of an event.
-        Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
-        """
-        events = self.events_s
-        if start_s is None and not events:
-            raise InputError(
-                "the covariance begins at the last event, and there is none",
-                where=self.raw.path.name,
-                remedy="say from when on: start_s",
-                parameters=("start_s",),
-            )
-        time = self.frame["time_s"].to_numpy(dtype=float)
-        begin = events[-1] if start_s is None else start_s - time[0]
-        first = max(int(np.ceil(begin / self._dt_s - 1e-6)), 0)
-        last = min(first + round(length_s / self._dt_s), len(time))
-        if not 1 < last - first <= LONGEST_COVARIANCE:
-            raise InputError(
-                f"a covariance over {last - first} samples",
-                expected=f"2 to {LONGEST_COVARIANCE}, {LONGEST_COVARIANCE * self._dt_s:.3g} s",
-                remedy="ask for another length",
-            )
-        found = {
-            name.removesuffix("_degC"): window_covariance(
-                traces.measured_degC[:, i], self._dt_s, traces.chains[i], self.disks[disk], i, first, last
-            ).tolist()
-            for disk, traces in self.traces.items()
-            for i, name in enumerate(traces.columns)
-        }
-        return {"log": self.raw.path.name, "time_s": time[first:last].tolist(), "covariance_K2": found}
+        """Covariance between samples, and between the channels' means: see ``tcdyn.pipeline.windows.over_window``."""
+        time_s = self.frame["time_s"].to_numpy(dtype=float)
+        return over_window(self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s)
 
     @property
     def _dt_s(self) -> float:
@@ -167,6 +141,7 @@ def compensate_log(
     *,
     refine: bool = True,
     way: Way | None = None,
+    parts: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
     """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
@@ -174,7 +149,7 @@ def compensate_log(
     The log's own metadata is carried over.
     ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
     a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
-    ``way``: the compensator, the smoother unless told.
+    ``way``: the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made of, too.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
@@ -219,6 +194,10 @@ def compensate_log(
             frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
             if way.removes_lag:
                 frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
+            if way.removes_lag and parts:
+                common = np.hypot(done[disk].common_sd()[:, i], shared_u_K(one.lines)[i])
+                frame[column.replace("_degC", "_noise_u_K")] = np.round(done[disk].sd_noise[:, i], DECIMALS)
+                frame[column.replace("_degC", "_common_u_K")] = np.round(common, DECIMALS)
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
     begun = float(frame["time_s"].iloc[0])
@@ -286,7 +265,7 @@ def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way
     given: dict[str, Any] = {
         "noise_sd": traces.noise_K if traces.noise.coloured or traces.noise.lines else white_noise_sd(y, NOISE_ORDER),
         "lag_covariance": traces.lag_covariance_s2,
-        "static_u": traces.static_u(traces.readings_degC),
+        "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
         "names": [c.removesuffix("_degC") for c in traces.columns],
     }
     if way.method != "inverse":

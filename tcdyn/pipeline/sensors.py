@@ -15,7 +15,7 @@ from calibration.errors import InputError
 from calibration.files import sha256, shown
 from calibration.files.write import log_writer
 from calibration.finding import Finding, look, note, sentences
-from calibration.lines.static import apply_static, static_u
+from calibration.lines.static import apply_static, whole_u
 from calibration.log import COMPENSATED
 from calibration.result import Result
 from tcdyn.chain import Chain
@@ -229,7 +229,7 @@ def _smoothed(
     line_u = np.zeros_like(y)
     for k, w in enumerate(worn):
         if line := w.file.static.get(w.file.columns[w.at]):
-            line_u[:, k] = static_u(line, y[:, k])
+            line_u[:, k] = whole_u(line, y[:, k])
     try:
         done = smooth(
             y, grid.dt_s, [w.chain for w in worn], lag_covariance=covariance,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from calibration.compare import check_record
 from calibration.estimate import with_u
 from calibration.finding import sentences
-from calibration.lines.static import OvenFit, static_u
+from calibration.lines.static import OvenFit, whole_u
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
@@ -19,6 +20,7 @@ from tcdyn.plots.plunge import plunge_figure, standardised
 from tcdyn.plots.plunge import residual_figure as left_over_figure
 from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
+from tcdyn.report.signed import signed_sections
 
 OF_A_CHANNEL = ("line", "record", "plunge", "noise", "junctions", "said")  # kinds of finding
 BEYOND = "line.extrapolated"
@@ -26,13 +28,17 @@ FIT = "fit to use"
 NO_BREAK = "\u00a0"
 
 
-def write_certificate(path: str | Path, run: CalibrationRun) -> Path:
-    """One page: verdict, warnings and assumptions, each thermocouple, then what the lags and the lines rest on."""
+def write_certificate(path: str | Path, run: CalibrationRun, earlier: Sequence[DiskRecord] = ()) -> Path:
+    """One page: verdict, warnings and assumptions, what is signed, then, folded, what the lags and the lines rest on.
+
+    ``earlier``: records of the same disk, for its drift.
+    """
     record = run.record
+    behind = certificate_sections(record, run.oven, fit_sections(run.fit))
     return write_page(
         path,
         f"Calibration of the {record.disk} disk",
-        certificate_sections(record, run.oven, fit_sections(run.fit)),
+        [*signed_sections(record, earlier), *(replace(section, folded=True) for section in behind)],
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
@@ -63,7 +69,7 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     rows = []
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
-        u = static_u(line, np.linspace(low, high, 50))
+        u = whole_u(line, np.linspace(low, high, 50))
         gain, offset = line.gain_estimate, line.offset_estimate
         row = {
             "channel": name,
@@ -118,8 +124,6 @@ def certificate_sections(
     sections += list(traces)
     if oven is not None:
         sections += oven_sections(oven)
-    inputs = pd.DataFrame([{"file": i.file, "sha256": i.sha256} for i in record.inputs])
-    sections.append(Section("Made from", table=inputs if len(inputs) else None))
     return sections
 
 
@@ -147,7 +151,8 @@ def certificate_assumptions(record: DiskRecord) -> list[str]:
     """What was assumed and not measured."""
     disk, b = record.setup.disk, record.conditioning
     return [
-        "PRT errors are uniform within 0.1 degC, one for each hold of the oven.",
+        f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; one "
+        "for each hold of the oven, uniform within 0.1 degC.",
         f"Signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet.",
         f"Steel: K = {disk.conductivity_W_mK:g} W/mK, density {disk.density_kg_m3:g} kg/m3, "
         f"specific heat {disk.specific_heat_J_kgK:g} J/kgK; bore radius {disk.bore_radius_mm:g} mm.",

@@ -33,13 +33,17 @@ LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with any of: paragraphs of text (blank line between them), a table, a figure with its caption."""
+    """A heading with any of: paragraphs of text (blank line between them), a table, a figure with its caption.
+
+    ``folded``: opened by a click, and left out in print unless it is open.
+    """
 
     title: str
     text: str = ""
     table: pd.DataFrame | None = None
     figure: Figure | None = None
     caption: str = ""
+    folded: bool = False
 
     @property
     def paragraphs(self) -> list[str]:

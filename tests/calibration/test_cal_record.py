@@ -33,6 +33,7 @@ from tcdyn.chain import Chain
 from tcdyn.cli.record import app
 from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
 from tcdyn.report.page import write_page
+from tcdyn.report.signed import signed_sections
 from tcdyn.traces import record_chains
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
@@ -275,7 +276,7 @@ def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_pat
     page = write_page(
         tmp_path / "fast.html",
         "Disk fast",
-        certificate_sections(RECORD, oven),
+        [*signed_sections(RECORD), *certificate_sections(RECORD, oven)],
         verdict=certificate_verdict(RECORD),
         assumptions=certificate_assumptions(RECORD),
     )

@@ -15,6 +15,7 @@ import pytest
 
 from calibration.errors import InputError
 from calibration.log import read_log, write_log
+from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.pipeline import compensate_log
 from tests.conftest import Campaign
@@ -198,6 +199,18 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert c.shape == (len(time), len(time)) == (38, 38)  # half a second at 75 Hz
     assert np.all(np.sqrt(np.diag(c)) < done.loc[time, "e_u_K"] * 1.03)  # 3 %: the window's own grid of knots
     assert np.all(np.diag(c, 1) > 0.5 * np.diag(c)[1:])
+    channels, of_means = found["channels"], np.array(found["mean_covariance_K2"])
+    u = np.sqrt(np.diag(of_means))
+    assert channels == list("abcdef")
+    assert found["mean_degC"] == pytest.approx([done.loc[time, f"{x}_degC"].mean() for x in channels], abs=1e-4)
+    assert np.all(u < [done.loc[time, f"{x}_u_K"].max() for x in channels])  # noise goes with the mean, no more
+    shared = load_rig().common.traceability.reference_u_K
+    assert np.all(of_means[~np.eye(6, dtype=bool)] > 0.99 * shared**2)  # what all have in common moves no difference
+    assert found["difference_u_K"][0][1] ** 2 == pytest.approx(u[0] ** 2 + u[1] ** 2 - 2 * of_means[0, 1])
+    assert tcdyn(*words[:-1], "--parts", "-q") == 0
+    parts = pd.read_csv(out, comment="#")
+    assert np.all(np.hypot(parts["e_noise_u_K"], parts["e_common_u_K"]) < parts["e_u_K"] * 1.001)
+    assert parts["e_common_u_K"].min() >= 0.99 * shared
     assert tcdyn(*words, out, "-q") == 2  # would write over the other output
     assert tcdyn(*words, cov, "-q") == 0  # from the entry on, which is found
     begun, entry = json.loads(cov.read_text(encoding="utf-8"))["time_s"][0], 7 + stretch["time_s"].iloc[0]
