@@ -53,7 +53,7 @@ def record_numbers(record: DiskRecord) -> dict[str, float]:
 
 def compensated_numbers(campaign: Any) -> dict[str, float]:
     """Temperatures and standard uncertainties of every channel, thinly over the test and fully after the parting."""
-    records = {d: sure_of_its_split(record) for d, record in campaign.records.items()}  # version 0.1 counted no such
+    records = {d: as_sure_as_0_1(record) for d, record in campaign.records.items()}  # version 0.1 counted no such
     done = compensate_log(campaign.files.ehl["B3"], records, campaign.rig)
     time = done.frame["time_s"].to_numpy()
     off = campaign.truth["tests"]["B3"]["unload_s"]
@@ -62,11 +62,13 @@ def compensated_numbers(campaign: Any) -> dict[str, float]:
     return {f"{name} row {i}": float(done.frame[name].iloc[i]) for name in columns for i in kept[:: len(columns) // 3]}
 
 
-def sure_of_its_split(record: DiskRecord) -> DiskRecord:
-    """The record without doubt of how its lags divide."""
+def as_sure_as_0_1(record: DiskRecord) -> DiskRecord:
+    """The record without doubt of how its lags divide, and of the oven's reference."""
     assert record.chain is not None
     channels = {c: own.model_copy(update={"split_u_s": 0.0}) for c, own in record.chain.channels.items()}
-    return record.model_copy(update={"chain": record.chain.model_copy(update={"channels": channels})})
+    static = {c: line.model_copy(update={"shared_u_K": 0.0}) for c, line in record.static.items()}
+    chain = record.chain.model_copy(update={"channels": channels})
+    return record.model_copy(update={"chain": chain, "static": static})
 
 
 def case_a_numbers() -> dict[str, float]:
