@@ -13,10 +13,11 @@ from tcdyn.chain.rational import simulate
 from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.fit import fit, profile
-from tcdyn.identify.identified import Identified, bode_band, percent_times, read_identified, step_band
-from tcdyn.identify.models import Known, Model, chain_model, process, transfer
+from tcdyn.identify.identified import Identified, read_identified
+from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
+from tcdyn.identify.responses import bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
-from tcdyn.identify.tables import from_csv, from_frame
+from tcdyn.identify.data.tables import from_csv, from_frame
 from tcdyn.identify.validate import Validation, validate
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     "process",
     "profile",
     "read_identified",
+    "several",
     "simulate",
     "step_band",
     "transfer",

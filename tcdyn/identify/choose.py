@@ -20,7 +20,8 @@ from tcdyn.fitting import correlation_length
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
 from tcdyn.identify.data import SHORTEST, IOData, cut
 from tcdyn.identify.fit import coloured, fit
-from tcdyn.identify.models import Model, as_model
+from tcdyn.identify.grow import grown
+from tcdyn.identify.models import Model, as_model, process
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
 from tcdyn.identify.validate import Validation, validate
@@ -93,14 +94,17 @@ class Comparison(Result):
 
 def compare(
     data: IOData,
-    models: Sequence[Model | str] = CANDIDATES,
+    models: Sequence[Model | str] | None = None,
     *,
+    like: Model | None = None,
     held_out: IOData | float = 0.3,
     progress: Progress = lambda name, number, count: None,
     **options: Any,
 ) -> Comparison:
     """Fit every model to all of ``data`` and score it on data it has not seen.
 
+    Without ``models`` they are the way of a search that grows from one lag on (:func:`tcdyn.identify.grow.grown`), each
+    with the known part, the offset and the fixed gain of ``like``; of several inputs it finds those that matter.
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
     scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
@@ -108,17 +112,48 @@ def compare(
     the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
     recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
     """
-    found = compared(data, models, held_out, progress, options)
-    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
-        return with_disturbance(data, models, held_out, progress, options, found)
+    def tried(progress: Progress, options: Mapping[str, Any]) -> Comparison:
+        way = listed(data, models, like or process("P1"), held_out, progress, options)
+        return compared(data, way, held_out, progress, options)
 
-    again = told_with(progress, "initial state estimated")
+    found = tried(progress, options)
+    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
+        return with_disturbance(data, held_out, progress, options, found)
+
     with_state = {**options, "initial": "estimated"}
-    freed = compared(data, models, held_out, again, with_state)
+    freed = tried(told_with(progress, "initial state estimated"), with_state)
     if freed.table["BIC"].min() >= found.table["BIC"].min():
-        return with_disturbance(data, models, held_out, progress, options, found)
+        return with_disturbance(data, held_out, progress, options, found)
     freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
-    return with_disturbance(data, models, held_out, progress, with_state, freed)
+    return with_disturbance(data, held_out, progress, with_state, freed)
+
+
+Way = Sequence[tuple[Model, Mapping[str, float] | None]]  # models and where their searches begin
+
+
+def listed(
+    data: IOData,
+    models: Sequence[Model | str] | None,
+    like: Model,
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+) -> Way:
+    """The ``models``, begun nowhere, or where there are none those of the way from one lag on."""
+    if models is not None:
+        return [(as_model(m), None) for m in models]
+    train, test, from_s = divide(data, held_out)
+    quick = {**options, "intervals": "quadratic", "check": False}
+
+    def score(found: Fit) -> float:
+        progress(found.problem.model.name, 0, 0)
+        try:
+            model, start = found.problem.model, found.identified.theta
+            return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]
+        except InputError:  # too little is left of the record
+            return np.inf
+
+    return grown(data, like, score, options)
 
 
 def told_with(progress: Progress, what: str) -> Progress:
@@ -128,7 +163,6 @@ def told_with(progress: Progress, what: str) -> Progress:
 
 def with_disturbance(
     data: IOData,
-    models: Sequence[Model | str],
     held_out: IOData | float,
     progress: Progress,
     options: Mapping[str, Any],
@@ -143,12 +177,14 @@ def with_disturbance(
     if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
         return found
     asked = {**options, "check": False, "noise": "auto", "baseline": "auto", "intervals": "quadratic"}
+    asked["start"] = best.identified.theta
     given = fit(data, best.problem.model, **asked).disturbance
     if given == best.disturbance:
         return found
 
     again = told_with(progress, "disturbance modelled")
-    anew = compared(data, models, held_out, again, {**options, **given})
+    way = [(f.problem.model, f.identified.theta) for f in found.fits.values()]
+    anew = compared(data, way, held_out, again, {**options, **given})
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
@@ -158,7 +194,7 @@ def with_disturbance(
 
 def compared(
     data: IOData,
-    models: Sequence[Model | str],
+    models: Way,
     held_out: IOData | float,
     progress: Progress,
     options: Mapping[str, Any],
@@ -168,12 +204,13 @@ def compared(
     fits: dict[str, Fit] = {}
     first: InputError | None = None
     train, test, from_s = divide(data, held_out)
-    for number, entry in enumerate(models, 1):
-        model = as_model(entry)
+    for number, (model, start) in enumerate(models, 1):
         progress(model.name, number, len(models))
         try:
-            whole = not_worse(fit(data, model, **options), fits, data, options)
-            quick = {**options, "intervals": "quadratic", "check": False}  # the score needs no profile intervals
+            first_to_check = {} if not fits or start is None else {"check": False}
+            whole = fit(data, model, **{**options, "start": start, **first_to_check})
+            whole = whole if start is not None else not_worse(whole, fits, data, options)
+            quick = {**options, "intervals": "quadratic", "check": False, "start": start}  # a score needs no profiles
             score = whole if train is None else fit(train, model, **quick)
             rms, percent, p_held_out = judged(score, test, from_s)
         except InputError as error:

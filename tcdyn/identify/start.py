@@ -20,7 +20,7 @@ from calibration import Array
 from calibration.errors import InputError
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify.data import REPEATED, Segment
-from tcdyn.identify.models import Model, process
+from tcdyn.identify.models import Model, bare, process, several
 from tcdyn.identify.problem import Posed
 
 LEADS = 12  # lags of which two make a lead
@@ -220,7 +220,7 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     """x with gain, zero, offset and initial states from linear least squares at ``theta``, and the cost there."""
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
-    linear = [i for i, n in enumerate(model.free) if n == "Kp" or n.startswith("b")]
+    linear = [i for i, n in enumerate(model.free) if bare(n) == "Kp" or n.startswith("b")]
     linear += list(range(problem.n_model, problem.size))
     answer = problem.evaluate(x)
     if answer is None:
@@ -253,12 +253,61 @@ def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str
     return theta | {f"Tp{i + 1}": float(t) * (1.0 + 1e-3 * i) for i, t in enumerate(taus)}
 
 
+def rest(problem: Posed, theta: Mapping[str, float], k: int) -> Posed:
+    """The problem of the ``k``-th input alone, with what the other inputs do at ``theta`` taken out of the output."""
+    part, names, _ = problem.branches[k]
+    silent = {w: 0.0 for n, w in names.items() if n == "Kp" or n.startswith("b")}
+    fixed = replace(problem, model=replace(problem.model, fixed={**theta, **silent}))
+    answers = fixed.outputs(polished(problem, theta)[1][problem.n_model :])
+    assert answers is not None
+    segments = tuple(replace(s.of(k), y=s.y - y) for s, (y, _) in zip(problem.segments, answers))
+    model = replace(part, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
+    return replace(problem, model=model, segments=segments, input_sds=(problem.input_sds[k],))
+
+
+def one_lag_each(problem: Posed) -> tuple[Posed, dict[str, float]]:
+    """The problem with one lag behind each input, and where it explains most with the same lag behind all of them."""
+    m = problem.model
+    plain = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
+    posed = replace(problem, model=plain)
+    pool = [
+        polished(posed, {**dict.fromkeys(plain.names, 0.0), **{n: float(tau) for n in plain.names if n[:2] == "Tp"}})
+        for tau in np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
+    ]
+    return posed, posed.theta(min(pool, key=lambda item: item[0])[1])
+
+
+def alone(problem: Posed) -> list[Posed]:
+    """The problem of each input by itself, with what one lag behind each of the others explains taken out."""
+    if not problem.model.parts:
+        return [problem]
+    posed, theta = one_lag_each(problem)
+    return [rest(posed, theta, k) for k in range(len(posed.branches))]
+
+
+def starts_of_several(problem: Posed) -> list[Array]:
+    """Starts for several inputs: each input's own best start with what the others do taken out, in turns, twice."""
+    posed, known = one_lag_each(problem)
+    found: list[tuple[float, Array]] = []
+    theta: dict[str, float] = {}
+    for _ in range(2):
+        for k, (part, names, _) in enumerate(problem.branches):
+            sub = replace(rest(posed, known, k), model=replace(part, offset=problem.model.offset))
+            begun = sub.theta(starts(sub)[0])
+            theta |= {names[n]: v for n, v in begun.items()}
+        found.append(polished(problem, theta))
+        posed, known = problem, problem.theta(found[-1][1])
+    return [x for cost, x in sorted(found, key=lambda item: item[0]) if np.isfinite(cost)]
+
+
 def starts(problem: Posed) -> list[Array]:
     """Starts for any model, best first.
 
     One lag's total shared out over those of a process model; SRIVC where its poles may be complex, and for a general
     transfer function over prefilters from the record's length to its sampling and candidate dead times.
     """
+    if problem.model.parts:
+        return starts_of_several(problem)
     model, seen = problem.model, one_lag_starts(problem)[:4]
     (tau, delay), process = seen[0], model.kind == "process"
     begun: list[dict[str, float]] = []

@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.responses import Band, bode_band, percent_times, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure

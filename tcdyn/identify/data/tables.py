@@ -12,7 +12,7 @@ import pandas as pd
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files import CsvTable, open_table, read_whole, text_of
-from tcdyn.identify.data import Hold, IOData
+from tcdyn.identify.data.record import Hold, IOData
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 MOST_SAMPLES = 5e7  # of one run on an even grid
