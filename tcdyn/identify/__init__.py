@@ -10,7 +10,7 @@
 """
 
 from tcdyn.chain.rational import simulate
-from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
+from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score, joint_table
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.fit import fit, profile
 from tcdyn.identify.identified import Identified, read_identified
@@ -37,6 +37,7 @@ __all__ = [
     "from_csv",
     "from_frame",
     "held_out_score",
+    "joint_table",
     "percent_times",
     "process",
     "profile",

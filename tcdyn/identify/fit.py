@@ -15,7 +15,7 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
-from tcdyn.identify.data import IOData
+from tcdyn.identify.data import SHORTEST, IOData
 from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
@@ -147,13 +147,13 @@ def assemble(
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
-    sse, offsets = float(e @ e), x[problem.n_model : problem.places[0][1].start]
+    sse = float(e @ e)
     identified = Identified(
         model=model,
         theta=theta,
         covariance=cov,
         estimates={name: Estimate.normal(theta[name], u[name]) for name in model.free},
-        offset=float(np.mean(offsets)) if len(offsets) else 0.0,
+        offset=last_level(problem, x, -answer[0], noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
         dt_s=problem.dt_s,
@@ -179,6 +179,18 @@ def assemble(
         "robust_covariance": float(robust),
     }
     return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+
+
+def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float:
+    """The offset with which the model goes on where the data end: a drift is not believed beyond them, a random walk
+    (``residual`` (N,) are measured less model) stays where it is."""
+    offsets, runs = x[problem.n_model : problem.places[0][1].start], len(problem.begun_s)
+    level = float(np.mean(offsets)) if len(offsets) else 0.0
+    if problem.trend:
+        ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
+        spans = [ends[run] - problem.begun_s[run] for run in sorted(ends)]
+        level += float(np.mean(x[-runs:] * spans)) / problem.longest_s
+    return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
 
 
 def covariance_of(
@@ -217,7 +229,9 @@ def noticed(
         if x[i] <= lower[i] or x[i] >= upper[i]:
             end = "lower" if x[i] <= lower[i] else "upper"
             found.append(look("fit.bound", subject=name, end=end, value=value))
-        elif name in lags and any(abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name and suffix(n) == suffix(name)):
+        elif name in lags and any(
+            abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name and suffix(n) == suffix(name)
+        ):
             found.append(look("fit.twin", subject=name))  # the cost is flat in their difference
         elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and u[name] > 0.5 * size:
             found.append(look("fit.undetermined", subject=name, u=u[name], value=value))

@@ -177,14 +177,21 @@ class Identified(Dynamics, Result):
         m = self.model
         model: dict[str, Any] = {k: getattr(m, k) for k in MODEL}
         if m.inputs:
-            model |= {"inputs": m.inputs, "parts": [{"name": p.name, "kind": p.kind, "names": p.names} for p in m.parts]}
+            model |= {
+                "inputs": m.inputs,
+                "parts": [{"name": p.name, "kind": p.kind, "names": p.names} for p in m.parts],
+            }
         known = {"num": m.known.num, "den": m.known.den}
         kept: dict[str, Any] = {
             "schema": SCHEMA,
             "model": {**model, "parameters": m.names, "known": known},
             **{k: getattr(self, k) for k in PLAIN},
             "units": {n: m.unit(n) for n in m.names},
-            "lag_s": None if m.integrators else self.lag_s if not m.inputs else {n: p.lag_s for n, p in self.parts.items()},
+            "lag_s": None
+            if m.integrators
+            else self.lag_s
+            if not m.inputs
+            else {n: p.lag_s for n, p in self.parts.items()},
             "input": {"name": self.input_name, "unit": self.input_unit},
             "output": {"name": self.output_name, "unit": self.output_unit},
             "warnings": self.warnings,

@@ -90,7 +90,9 @@ class Posed:
         none. What an integrator has made of a past is its offset."""
         asked = self.initial == "equilibrium" and not self.model.integrators
         at = count(self.places[-1][1].stop)
-        return tuple(tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds) for loose in self.loose)
+        return tuple(
+            tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds) for loose in self.loose
+        )
 
     @property
     def size(self) -> int:

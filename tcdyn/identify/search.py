@@ -113,7 +113,7 @@ def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Lite
             f"the data hold {len(data.input_names)} inputs ({', '.join(data.input_names)}), {model.name} has "
             f"{', '.join(model.inputs) or 'one'}",
             where=where,
-            remedy="choose one: data.select(input=..), or give a model to each: several([\"P1D\", ..], data.input_names)",
+            remedy='choose one: data.select(input=..), or give a model to each: several(["P1D", ..], data.input_names)',
         )
     segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
     if not segments:

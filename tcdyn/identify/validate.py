@@ -154,8 +154,12 @@ def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
     """The input so many samples before each measured one, (N, lags), over its level at the start of its segment; a
     negative shift looks ahead, and after its end a segment's input stays. Several inputs stand side by side."""
     if len(problem.branches) > 1:
-        each = [replace(problem, segments=tuple(s.of(k) for s in problem.segments)) for k in range(len(problem.branches))]
-        return np.hstack([shifted_inputs(replace(p, model=problem.model.parts[0], input_sds=(0.0,)), behind) for p in each])
+        each = [
+            replace(problem, segments=tuple(s.of(k) for s in problem.segments)) for k in range(len(problem.branches))
+        ]
+        return np.hstack(
+            [shifted_inputs(replace(p, model=problem.model.parts[0], input_sds=(0.0,)), behind) for p in each]
+        )
     most, ahead = max(int(behind.max()), 0), max(-int(behind.min()), 0)
     tables = []
     for s in problem.segments:

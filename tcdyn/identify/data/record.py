@@ -81,12 +81,7 @@ class IOData(Result):
         where = name or "IOData"
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise InputError(f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero")
-        if hold not in ("zoh", "foh"):
-            raise InputError(
-                f"hold is {hold!r}",
-                where=where,
-                expected="'zoh' (input held between samples) or 'foh' (straight line)",
-            )
+        check_hold(hold, where)
         ua, ya = columns(u, input_names, "input", where), columns(y, output_names, "output", where)
         if len(ua) != len(ya):
             raise InputError(
@@ -186,6 +181,14 @@ class IOData(Result):
     def times_s(self, index: int = 0) -> Array:
         """Time of every sample of one run [s]."""
         return np.asarray(self.runs[index].start_s + np.arange(self.runs[index].n) * self.dt_s)
+
+
+def check_hold(hold: Hold, where: str) -> Hold:
+    """The hold as it is; InputError for one that there is not."""
+    if hold not in ("zoh", "foh"):
+        expected = "'zoh' (input held between samples) or 'foh' (straight line)"
+        raise InputError(f"hold is {hold!r}", where=where, expected=expected)
+    return hold
 
 
 def indices_of(asked: str | Sequence[str] | None, names: tuple[str, ...], role: str) -> list[int]:

@@ -13,6 +13,7 @@ from calibration.noise import MAD_TO_SD
 from tcdyn.identify.data.record import Run
 
 REPEATED = 0.4  # share of samples that equal the one before, from which an input was set and not measured
+MOST_NOISE = 0.1  # of the standard deviation of the input, beyond which it is no noise
 SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
 
 
@@ -75,7 +76,8 @@ def input_noise_sd(segments: Sequence[Segment]) -> float:
     """Standard deviation of the input's measurement noise, from its fourth differences; 0 where it counts for nothing.
 
     A signal slower than a tenth of the sampling rate leaves less than 2 % of its amplitude in them. An input whose
-    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none.
+    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none. Where
+    it would be more than a tenth of the input's standard deviation, the input itself moves from sample to sample.
     """
     u = [s.u for s in segments if len(s.u) > 4]
     if not u or np.mean(np.concatenate([np.diff(x) for x in u]) == 0) > REPEATED:
@@ -83,4 +85,5 @@ def input_noise_sd(segments: Sequence[Segment]) -> float:
     away = np.abs(np.concatenate([np.diff(x, 4) for x in u]))
     away = away[away <= 4 * MAD_TO_SD * np.median(away)]  # a step leaves five of them, each far out
     sd = float(np.sqrt(np.mean(away**2) / comb(8, 4)))
-    return sd if sd > 1e-4 * np.ptp(np.concatenate(u)) else 0.0
+    moving = np.concatenate(u)
+    return sd if 1e-4 * np.ptp(moving) < sd < MOST_NOISE * np.std(moving) else 0.0

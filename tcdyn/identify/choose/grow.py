@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import InputError
+from tcdyn.fitting import correlation_length
+from tcdyn.identify.advice import DECISIVE
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.models import SILENT, Model, bare, process, several, suffix, transfer
@@ -19,46 +21,63 @@ from tcdyn.identify.start import rest, starts
 
 WORTH = 2.0  # BIC that a step must gain
 UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
-MOST_POLES, MOST_STEPS = 6, 24
+SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
+MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 
 
-def grown(data: IOData, template: Model, score: Score, options: Mapping[str, Any]) -> list[tuple[Model, dict[str, float]]]:
+def grown(
+    data: IOData, template: Model, score: Score, options: Mapping[str, Any]
+) -> list[tuple[Model, Mapping[str, float], bool]]:
     """The way from one lag (behind the input that explains most) to the model from which no step is worth its while.
 
     A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond three
     poles it goes on with general transfer functions. Where there are several inputs it also gives one that had none its
-    first lag. Of all steps that with the least BIC is taken, if it gains 2 and the error that ``score`` finds in data
-    kept from the fit does not rise by more than 5 %; else the next best that does. Each model comes with its
-    parameters, and last the best step that was not taken. ``template`` holds what all have: the known part, the offset,
+    first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that ``score``
+    finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals white and
+    that error falls by 3 % or more; else the next best that does. Each model comes with its
+    parameters and whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known part, the offset,
     a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
     """
     quick = {**options, "intervals": "quadratic", "check": False}
     now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
     error, way, seen = score(now), [now], {now.problem.model.name}
+    refused: list[Fit] = []
     for _ in range(MOST_STEPS):
         fresh = [m for m in steps(now.problem.model, data) if m.name not in seen]
         seen |= {m.name for m in fresh}
         tried = [f for f in (fitted(data, m, now, quick) for m in fresh) if f is not None]
         tried.sort(key=bic)
         for found in tried:
-            worth = bic(found) < bic(now) - WORTH
-            unseen = score(found) if worth else np.inf
-            if not worth or unseen <= UNSEEN * error:
+            sure = gain(now, found) > WORTH
+            if not sure and bic(found) > bic(now) - DECISIVE:
+                continue
+            unseen = score(found)
+            if unseen <= (UNSEEN if sure else SEEN) * error:
                 break
         else:
-            break
-        way.append(found)  # the last of all shows that no step is worth it
-        if not worth:
+            refused = tried[:MOST_SHOWN]
             break
         now, error = found, unseen
-    return [(f.problem.model, dict(f.identified.theta)) for f in way]
+        way.append(found)
+    return [(f.problem.model, f.identified.theta, f not in way) for f in (*way, *refused)]
 
 
 def bic(found: Fit) -> float:
-    """The criterion."""
+    """The criterion of white residuals."""
     return float(found.identified.statistics["bic"])
+
+
+def gain(smaller: Fit, larger: Fit) -> float:
+    """What the larger model gains in BIC where residuals that are coloured count for as many as are independent.
+
+    m ln(S/S') - (k' - k) ln m, m = N/(1 + 2 sum of the autocorrelations of the larger model's residuals).
+    """
+    before, after = (f.innovation @ f.innovation for f in (smaller, larger))
+    more = larger.identified.statistics["parameters"] - smaller.identified.statistics["parameters"]
+    independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
+    return float(independent * np.log(before / max(after, 1e-300)) - more * np.log(independent))
 
 
 def best_of(tried: list[Fit | None]) -> Fit:
@@ -108,16 +127,14 @@ def as_template(model: Model, like: Model) -> Model:
     gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
     gains = {new: v for n, v in gains.items() for new in ("Kp" + suffix(n), "b0" + suffix(n)) if new in model.names}
     known = model.known if model.parts else like.known
-    return replace(
-        model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains}
-    )
+    return replace(model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains})
 
 
 def successors(model: Model) -> list[Model]:
     """The models one step larger behind one input.
 
     >>> [m.name for m in successors(process("P1D"))]
-    ['P1DZ', 'P2D', 'P2DZ']
+    ['P1DZ', 'P2D', 'P2DZ', 'P2DU']
     >>> [m.name for m in successors(transfer(1, 3))]
     ['TF(1,3)D', 'TF(2,3)', 'TF(1,4)', 'TF(2,4)', 'TF(3,5)']
     """
@@ -135,7 +152,7 @@ def successors(model: Model) -> list[Model]:
     if poles < 3:
         named += [(poles + 1, letters)]
         named += [(poles + 1, letters | {"Z"})] if "Z" not in letters else []
-    named += [(poles, letters | {"U"})] if poles >= 2 and "U" not in letters else []
+    named += [(max(poles, 2), letters | {"U"})] if poles and "U" not in letters else []
     found = [process(f"P{p}{''.join(c for c in 'DUZ' if c in kept)}") for p, kept in named]
     zeros = int("Z" in letters)
     if poles >= 2 and zeros:
@@ -177,7 +194,7 @@ def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dic
     new = [n for n in part.names if n not in have]
     begun = dict(have) | dict.fromkeys(new, tau) | delay
     if "Tw" in new:
-        begun["Tw"] = float(np.sqrt(have["Tp1"] * have["Tp2"]))
+        begun["Tw"] = float(np.sqrt(have["Tp1"] * have.get("Tp2", tau)))
         begun["Zeta"] = min(tau / begun["Tw"], 1.0)
         begun["Tp3"] = have.get("Tp3", tau)
     if "Tz" in new and not any(n[:2] == "Tp" for n in new):
