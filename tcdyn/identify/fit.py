@@ -15,13 +15,14 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
+from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import SHORTEST, IOData
 from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.search import Fit, ordered, pose, rms, search
-from tcdyn.identify.start import alone, check_causality, polished
+from tcdyn.identify.start import alone, polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
@@ -51,7 +52,8 @@ def fit(
     the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
     "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
     ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to
-    begin at, or several sets of them, of which the most promising is taken. ``check=False`` skips the question whether the output moves first. ``input_noise`` is the sd of a measured
+    begin at, or several sets of them, of which the most promising is taken. ``check=False`` skips the question whether
+    the output moves first. ``input_noise`` is the sd of a measured
     input, 0 for one that is known; "auto" takes it from the input's own samples. With noise the input's level before
     a run in equilibrium is estimated, of which the first sample is but one reading. Raises InputError for data nothing
     can be learnt from.
@@ -68,8 +70,8 @@ def fit(
     if check:
         for one in alone(problem):
             check_causality(one, data.name or "identify")
-    begun = [] if start is None else [start] if isinstance(start, Mapping) else start
-    optimum = search(problem, start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in begun])
+    asked = [] if start is None else [start] if isinstance(start, Mapping) else start
+    optimum = search(problem, start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in asked])
     if any(problem.loose):  # initial states are best searched in the time scale of the model, linear ones solved anew
         problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
         optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])

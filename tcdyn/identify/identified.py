@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,7 +21,7 @@ from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Start, simulate
 from tcdyn.identify.data import Hold
-from tcdyn.identify.models import Known, Model
+from tcdyn.identify.models import Known, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times
 
 if TYPE_CHECKING:
@@ -160,6 +160,8 @@ class Identified(Dynamics, Result):
         """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""
         rows = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
         for m in self.parts.values() if not self.model.integrators else ():
+            if not m.gain:  # an input that is left out
+                continue
             end = f".{m.input_name}" if self.model.inputs else ""
             rows += [(name + end, e, "s") for name, e in {"lag": m.lag_s, **percent_times(m)}.items()]
         digits = [
@@ -182,16 +184,13 @@ class Identified(Dynamics, Result):
                 "parts": [{"name": p.name, "kind": p.kind, "names": p.names} for p in m.parts],
             }
         known = {"num": m.known.num, "den": m.known.den}
+        lags = {name: part.lag_s for name, part in self.parts.items() if not m.integrators}
         kept: dict[str, Any] = {
             "schema": SCHEMA,
             "model": {**model, "parameters": m.names, "known": known},
             **{k: getattr(self, k) for k in PLAIN},
             "units": {n: m.unit(n) for n in m.names},
-            "lag_s": None
-            if m.integrators
-            else self.lag_s
-            if not m.inputs
-            else {n: p.lag_s for n, p in self.parts.items()},
+            "lag_s": None if m.integrators else lags if m.inputs else self.lag_s,
             "input": {"name": self.input_name, "unit": self.input_unit},
             "output": {"name": self.output_name, "unit": self.output_unit},
             "warnings": self.warnings,
@@ -213,7 +212,7 @@ class Identified(Dynamics, Result):
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
         parts = tuple(Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ()))
-        own = {"names": tuple(m["parameters"]), "inputs": tuple(m.get("inputs", ())), "parts": parts}
+        own: dict[str, Any] = {"names": tuple(m["parameters"]), "inputs": tuple(m.get("inputs", ())), "parts": parts}
         model = Model(**{k: m[k] for k in MODEL}, **own, known=known)
         size = len(model.free)
         parsed = {
@@ -239,3 +238,47 @@ def read_identified(path: str | Path) -> Identified:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
+
+
+def from_control(
+    system: control.TransferFunction | control.StateSpace, delay_s: float | Sequence[float] = 0.0
+) -> Identified:
+    """A continuous ``control`` system of one output as an :class:`Identified`, without uncertainty.
+
+    ``compare(data, from_control(g), "P2D")`` compares it as it stands; ``fit(data, g.model, start=g.theta)`` begins at
+    it. ``delay_s`` is the dead time behind each input, or behind all, which such a system does not hold. Raises
+    InputError for a discrete or unstable system, several outputs, or more zeros than poles.
+    """
+    import control
+
+    where = "from_control"
+    if not isinstance(system, control.TransferFunction | control.StateSpace):
+        raise InputError(f"is a {type(system).__name__}", where=where, expected="a TransferFunction or StateSpace")
+    if system.isdtime(strict=True) or system.noutputs != 1:
+        what = "is discrete in time" if system.isdtime(strict=True) else f"has {system.noutputs} outputs"
+        raise InputError(what, where=where, expected="a continuous system of one output", remedy="take system[0, :]")
+    delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
+    if not (np.isfinite(delays) & (delays >= 0)).all():
+        raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
+    ratio, parts, values = control.ss2tf(system) if isinstance(system, control.StateSpace) else system, [], []
+    for k, delay in enumerate(delays):
+        num, den = (np.trim_zeros(np.asarray(c[0][k], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
+        integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
+        den = den[1:] if integrates else den
+        poles = np.polynomial.polynomial.polyroots(den)
+        if len(den) < 2 or len(num) > len(den) or np.any(poles.real >= 0):
+            raise InputError(
+                f"input {k + 1} has {len(num) - 1} zeros over the poles {np.round(poles, 6).tolist()} 1/s",
+                where=where,
+                expected="poles in the left half plane (one at zero may be beside them), no more zeros than poles",
+            )
+        part = transfer(max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates))
+        above, below = num / den[0], den[1:] / den[0]
+        parts.append(part)
+        values.append(dict(zip(part.names, [*above, *below, *([float(delay)] if delay else [])])))
+    names = tuple(map(str, system.input_labels))
+    model = parts[0] if len(parts) == 1 else several(parts, names)
+    theta = {w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()}
+    size = len(model.free)
+    estimates = {n: Estimate.normal(theta[n], 0.0) for n in model.free}
+    return Identified(model, theta, np.zeros((size, size)), estimates, input_name=", ".join(names))

@@ -227,7 +227,7 @@ def several(models: Sequence[Model | str], inputs: Sequence[str], *, common: boo
     if len(parts) == 1:
         return replace(parts[0], known=known, **options)
     parts = [part if part.name == SILENT else replace(part, known=known) for part in parts]
-    shared = [n for n in parts[0].names if n[0] in "Ta" and n not in ("Tz", "Td") or n == "Zeta"] if common else []
+    shared = [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"] if common else []
     if common and any({*shared} - {*part.names} or part.order != parts[0].order for part in parts):
         raise InputError(f"{name}: the models differ in their poles", expected="the same lags in each, as P2D and P2Z")
     names = [n if n in shared else f"{n}.{u}" for part, u in zip(parts, inputs) for n in part.names]

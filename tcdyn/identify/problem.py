@@ -26,8 +26,8 @@ class Posed:
     the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
     ``initial`` is "estimated"; then what the input was before each segment begun in equilibrium, over its first
     sample, where the input is measured with noise. Of that past the first sample tells with the weight
-    ``noise_sd``/``input_sds``, noise of the output over noise of each input; 0 for the latter is an input that is known.
-    With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
+    ``noise_sd``/``input_sds``, noise of the output over noise of each input; 0 for the latter is an input that is
+    known. With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -231,8 +231,8 @@ class Posed:
         y: Array,
         j: Array,
     ) -> None:
-        """Add to ``y`` (N,) and ``j`` (N, size) what comes from one input of ``segment``: of the input, of its ``level``
-        before, of the initial ``state`` (places in x)."""
+        """Add to ``y`` (N,) and ``j`` (N, size) what comes from one input of ``segment``: of the input, of its
+        ``level`` before, of the initial ``state`` (places in x)."""
         rational, system, rule, at = behind
         past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
         u = np.concatenate([past, segment.u])

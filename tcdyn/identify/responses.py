@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Z95, Estimate
 from tcdyn.chain.rational import Rational, realise, simulate_rows
-from tcdyn.identify.models import Model
+from tcdyn.identify.models import Known, Model
 
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
@@ -149,3 +149,34 @@ def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
     return BodeBand(
         Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
     )
+
+
+@dataclass(frozen=True)
+class Root:
+    """A pole or zero of the model [1/s] with the ``covariance`` (2, 2) of its real and imaginary part."""
+
+    kind: str
+    value: complex
+    covariance: Array
+
+
+def roots_of(model: Dynamics) -> list[Root]:
+    """Poles and zeros of what was identified, the known part left out, with their covariances.
+
+    A root r of p(s) = sum c_k s^k moves by dr = -(sum r^k dc_k)/p'(r): valid for roots that are apart. Those at zero,
+    of an integrator, are certain.
+    """
+    m, found = model.model, [Root("pole", 0j, np.zeros((2, 2)))] * model.model.integrators
+    rule, known = replace(m, known=Known()).chain_rule(model.theta), 0
+    above, below = m.coefficients(m.full(model.theta))
+    for kind, coefficients in (("zero", above), *(("pole", f) for f in below)):
+        c, first = np.asarray(coefficients, dtype=float), int(kind == "pole")
+        rows = np.zeros((len(c), rule.shape[1]))
+        rows[first:] = rule[known : known + len(c) - first]
+        known += len(c) - first
+        slope = np.polynomial.polynomial.polyder(c)
+        for r in np.polynomial.polynomial.polyroots(c) if len(c) > 1 else ():
+            moved = -(r ** np.arange(len(c)) @ rows) / np.polynomial.polynomial.polyval(r, slope)
+            j = np.array([np.real(moved), np.imag(moved)])
+            found.append(Root(kind, complex(r), j @ model.covariance @ j.T))
+    return found

@@ -16,8 +16,8 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding
 from calibration.result import Result
 from tcdyn.fitting import Loss, Noise, Optimum, Problem, least, minimise
-from tcdyn.identify.identified import Identified
 from tcdyn.identify.data import SHORTEST, IOData, cut, input_noise_sd
+from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.start import starts

@@ -16,10 +16,10 @@ from calibration.finding import Finding, Grade
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.data import IOData
-from tcdyn.identify.fit import coloured, fit
 from tcdyn.identify.choose.grow import grown
 from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.data import IOData
+from tcdyn.identify.fit import coloured, fit
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model, process, several
 from tcdyn.identify.search import Fit
@@ -107,8 +107,9 @@ def compare(
 
     ``models``, or one list of them, are models to be fitted by name or value, or those that are (a :class:`Fit`, an
     :class:`Identified`, also of :func:`tcdyn.identify.from_control`), which are compared as they stand but for their
-    offset. Without any they are the way of a search that grows from one lag on (:func:`tcdyn.identify.choose.grow.grown`), each
-    with the known part, the offset and the fixed gain of ``like``; of several inputs it finds those that matter.
+    offset. Without any they are the way of a search that grows from one lag on
+    (:func:`tcdyn.identify.choose.grow.grown`), each with the known part, the offset and the fixed gain of ``like``; of
+    several inputs it finds those that matter.
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
     scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
@@ -116,7 +117,9 @@ def compare(
     the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
     recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
     """
-    entries = [e for m in models for e in (m if isinstance(m, list | tuple) else [m])]
+    entries: list[Entry] = []
+    for m in models:
+        entries += [m] if isinstance(m, Entry) else m
 
     def tried(progress: Progress, options: Mapping[str, Any]) -> Comparison:
         way = listed(data, entries, like or process("P1"), held_out, progress, options)
@@ -158,8 +161,11 @@ def listed(
     train, test, from_s = divide(data, held_out)
     quick = {**options, "intervals": "quadratic", "check": False}
 
+    told: list[str] = []
+
     def score(found: Fit) -> float:
-        progress(found.problem.model.name, 0, 0)
+        told.append(found.problem.model.name)
+        progress(told[-1], len(told), len(told))
         try:
             model, start = found.problem.model, found.identified.theta
             return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]

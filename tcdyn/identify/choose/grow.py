@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -10,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from calibration import Array
 from calibration.errors import InputError
+from tcdyn.chain.rational import product
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.advice import DECISIVE
 from tcdyn.identify.data import IOData
@@ -32,13 +33,13 @@ def grown(
 ) -> list[tuple[Model, Mapping[str, float], bool]]:
     """The way from one lag (behind the input that explains most) to the model from which no step is worth its while.
 
-    A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond three
-    poles it goes on with general transfer functions. Where there are several inputs it also gives one that had none its
-    first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that ``score``
-    finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals white and
-    that error falls by 3 % or more; else the next best that does. Each model comes with its
-    parameters and whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known part, the offset,
-    a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
+    A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond
+    three poles it goes on with general transfer functions. Where there are several inputs it also gives one that had
+    none its first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that
+    ``score`` finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals
+    white and that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and
+    whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
+    part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
     """
     quick = {**options, "intervals": "quadratic", "check": False}
     now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
@@ -74,7 +75,7 @@ def gain(smaller: Fit, larger: Fit) -> float:
 
     m ln(S/S') - (k' - k) ln m, m = N/(1 + 2 sum of the autocorrelations of the larger model's residuals).
     """
-    before, after = (f.innovation @ f.innovation for f in (smaller, larger))
+    before, after = (float(f.innovation @ f.innovation) for f in (smaller, larger))
     more = larger.identified.statistics["parameters"] - smaller.identified.statistics["parameters"]
     independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
     return float(independent * np.log(before / max(after, 1e-300)) - more * np.log(independent))
@@ -180,11 +181,12 @@ def onward(found: Fit, model: Model) -> list[dict[str, float]]:
 
 
 def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dict[str, float]:
-    """The parameters of ``part`` from those of ``was``, what is new of the size ``tau`` [s]; a new zero on a new pole."""
+    """The parameters of ``part`` from those of ``was``, what is new of the size ``tau`` [s]; a zero on its pole."""
     delay = {"Td": have.get("Td", 0.1 * tau)} if "Td" in part.names else {}
     if part.kind == "tf":
-        above, factors = was.coefficients(have)
-        below = functools.reduce(np.convolve, factors, np.ones(1))
+        first, factors = was.coefficients(have)
+        above: Array = np.asarray(first, dtype=float)
+        below = product(factors)
         for _ in range(part.order + 1 - len(below)):
             below = np.convolve(below, [1.0, tau])
             if len(above) < sum(n[0] == "b" for n in part.names):

@@ -37,9 +37,9 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
     error no smaller from the noise of the fit alone.
 
-    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift stays as it was at
-    the end of the fit's data: a record that is scored
-    from some time on is continued from the state that suits what came before, any other gets the state that suits it.
+    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift stays as it was
+    at the end of the fit's data. A record that is scored from some time on is continued from the state that suits what
+    came before, any other gets the state that suits it.
     The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
     """
     model = result.identified

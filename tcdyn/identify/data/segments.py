@@ -60,7 +60,7 @@ class Segment:
 
 def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
     """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
-    known = np.isfinite(run.u).all(axis=1)
+    known = np.asarray(np.isfinite(run.u).all(axis=1))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
     pieces = []
     for a, b in edges.reshape(-1, 2):
@@ -76,8 +76,8 @@ def input_noise_sd(segments: Sequence[Segment]) -> float:
     """Standard deviation of the input's measurement noise, from its fourth differences; 0 where it counts for nothing.
 
     A signal slower than a tenth of the sampling rate leaves less than 2 % of its amplitude in them. An input whose
-    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none. Where
-    it would be more than a tenth of the input's standard deviation, the input itself moves from sample to sample.
+    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none.
+    Where it would be more than a tenth of the input's standard deviation, the input itself moves that fast.
     """
     u = [s.u for s in segments if len(s.u) > 4]
     if not u or np.mean(np.concatenate([np.diff(x) for x in u]) == 0) > REPEATED:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -13,9 +13,9 @@ import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.finding import Place
-from calibration.files.dialect import CLOCK, TextColumn
 from calibration.files import CsvTable, open_table, read_whole, text_of
+from calibration.files.dialect import CLOCK, TextColumn
+from calibration.finding import Place
 from tcdyn.identify.data.record import Hold, IOData, check_hold
 from tcdyn.identify.data.segments import REPEATED
 
@@ -37,11 +37,13 @@ def from_frame(
     resample_s: float | None = None,
     name: str = "",
 ) -> IOData:
-    """IOData from a table: one row a sample, one or several input and output columns, an optional ``run`` column whose values name separate recordings.
+    """IOData from a table: one row a sample, one or several columns of inputs and of outputs, and an optional ``run``
+    column whose values name separate recordings.
 
-    ``time`` is a column in seconds (found by itself when called time_s, time, t or t_s); without one give
-    ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it. Rows missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on
-    an even grid by straight lines. Raises InputError naming column, row and remedy.
+    ``time`` is a column in seconds or of clock times (found by itself when called time_s, time, t or t_s); without one
+    give ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it, else "foh". Rows
+    missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by
+    straight lines. Raises InputError naming column, row and remedy.
 
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
@@ -49,7 +51,7 @@ def from_frame(
     """
     where = name or "table"
     inputs, outputs = ([c] if isinstance(c, str) else list(c) for c in (input, output))
-    roles = [("input", c) for c in inputs] + [("output", c) for c in outputs]
+    roles: list[tuple[str, str | None]] = [("input", c) for c in inputs] + [("output", c) for c in outputs]
     for _, column in roles:
         if [c for _, c in roles].count(column) > 1:
             raise InputError(
