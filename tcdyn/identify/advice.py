@@ -150,7 +150,8 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
     except InputError:
         return ""
     parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if f.init and getattr(chain, f.name)]
-    return f"To remove this lag from other traces: tcdyn.smooth(y, dt, Chain({', '.join(parts)})); the gain is left in."
+    made = f"tcdyn.smooth(y, dt, tcdyn.Chain({', '.join(parts)}))"
+    return f"To remove this lag from other traces: {made}; the gain is left in."
 
 
 def _digits(value: Any) -> str:
@@ -158,5 +159,7 @@ def _digits(value: Any) -> str:
     if isinstance(value, tuple):
         return f"({', '.join(map(_digits, value))},)"
     if isinstance(value, Conditioning) and not value.poles:
-        return "Conditioning(poles=0)"
+        return "tcdyn.Conditioning(poles=0)"
+    if isinstance(value, Conditioning):
+        return f"tcdyn.{value!r}"
     return f"{value:.4g}" if isinstance(value, float) else repr(value)

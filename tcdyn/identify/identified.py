@@ -260,9 +260,11 @@ def from_control(
     delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
     if not (np.isfinite(delays) & (delays >= 0)).all():
         raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
-    ratio, parts, values = control.ss2tf(system) if isinstance(system, control.StateSpace) else system, [], []
+    parts, values = [], []
     for k, delay in enumerate(delays):
-        num, den = (np.trim_zeros(np.asarray(c[0][k], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
+        one = system[0, k] if system.ninputs > 1 else system
+        ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
+        num, den = (np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
         integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
         den = den[1:] if integrates else den
         poles = np.polynomial.polynomial.polyroots(den)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from calibration.disk import Conditioning
@@ -16,21 +15,17 @@ from calibration.finding import Finding, Grade
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.choose.grow import grown
+from tcdyn.identify.choose.grow import Entry, Progress, Way, listed
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import coloured, fit
-from tcdyn.identify.identified import Identified
-from tcdyn.identify.models import Model, as_model, process, several
+from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import Validation, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
 WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
-Entry = Model | str | Fit | Identified
-Way = Sequence[tuple[Model, Mapping[str, float] | None, bool]]  # models, where their searches begin, whether refused
-Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 @dataclass(frozen=True)
@@ -135,44 +130,6 @@ def compare(
         return with_disturbance(data, held_out, progress, options, found)
     freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
     return with_disturbance(data, held_out, progress, with_state, freed)
-
-
-def entry(given: Entry, data: IOData) -> Model:
-    """The model to be fitted: the one that was named, behind each input where there are several, or one that stands."""
-    found = given.identified if isinstance(given, Fit) else given
-    if isinstance(found, Identified):
-        return replace(found.model, name=f"{found.model.name} as given", fixed=found.theta)
-    model = as_model(found)
-    names = data.input_names
-    return model if model.parts or len(names) == 1 else several([model] * len(names), names)
-
-
-def listed(
-    data: IOData,
-    models: Sequence[Entry],
-    like: Model,
-    held_out: IOData | float,
-    progress: Progress,
-    options: Mapping[str, Any],
-) -> Way:
-    """The ``models``, begun nowhere, or where there are none those of the way from one lag on."""
-    if models:
-        return [(m, None if m.free else {}, False) for m in (entry(m, data) for m in models)]
-    train, test, from_s = divide(data, held_out)
-    quick = {**options, "intervals": "quadratic", "check": False}
-
-    told: list[str] = []
-
-    def score(found: Fit) -> float:
-        told.append(found.problem.model.name)
-        progress(told[-1], len(told), len(told))
-        try:
-            model, start = found.problem.model, found.identified.theta
-            return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]
-        except InputError:  # too little is left of the record
-            return np.inf
-
-    return grown(data, like, score, options)
 
 
 def told_with(progress: Progress, what: str) -> Progress:

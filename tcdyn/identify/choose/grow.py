@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,9 +14,11 @@ from calibration.errors import InputError
 from tcdyn.chain.rational import product
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.advice import DECISIVE
+from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
-from tcdyn.identify.models import SILENT, Model, bare, process, several, suffix, transfer
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.models import SILENT, Model, as_model, bare, process, several, suffix, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import rest, starts
 
@@ -26,6 +28,9 @@ SEEN = 0.97  # times the held-out error, below which a step counts though the co
 MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
+Entry = Model | str | Fit | Identified
+Way = Sequence[tuple[Model, Mapping[str, float] | None, bool]]  # models, where their searches begin, whether refused
+Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 def grown(
@@ -186,11 +191,11 @@ def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dic
     if part.kind == "tf":
         first, factors = was.coefficients(have)
         above: Array = np.asarray(first, dtype=float)
-        below = product(factors)
+        below: Array = product(factors)
         for _ in range(part.order + 1 - len(below)):
-            below = np.convolve(below, [1.0, tau])
+            below = product([below, [1.0, tau]])
             if len(above) < sum(n[0] == "b" for n in part.names):
-                above = np.convolve(above, [1.0, tau])
+                above = product([above, [1.0, tau]])
         values = {f"b{i}": float(v) for i, v in enumerate(above)} | {f"a{i}": float(v) for i, v in enumerate(below)}
         return {n: values.get(n, 0.0) for n in part.names} | delay
     new = [n for n in part.names if n not in have]
@@ -202,3 +207,41 @@ def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dic
     if "Tz" in new and not any(n[:2] == "Tp" for n in new):
         begun["Tz"] = 0.1 * tau
     return {n: begun[n] for n in part.names}
+
+
+def entry(given: Entry, data: IOData) -> Model:
+    """The model to be fitted: the one that was named, behind each input where there are several, or one that stands."""
+    found = given.identified if isinstance(given, Fit) else given
+    if isinstance(found, Identified):
+        return replace(found.model, name=f"{found.model.name} as given", fixed=found.theta)
+    model = as_model(found)
+    names = data.input_names
+    return model if model.parts or len(names) == 1 else several([model] * len(names), names)
+
+
+def listed(
+    data: IOData,
+    models: Sequence[Entry],
+    like: Model,
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+) -> Way:
+    """The ``models``, begun nowhere, or where there are none those of the way from one lag on."""
+    if models:
+        return [(m, None if m.free else {}, False) for m in (entry(m, data) for m in models)]
+    train, test, from_s = divide(data, held_out)
+    quick = {**options, "intervals": "quadratic", "check": False}
+
+    told: list[str] = []
+
+    def score(found: Fit) -> float:
+        told.append(found.problem.model.name)
+        progress(told[-1], len(told), len(told))
+        try:
+            model, start = found.problem.model, found.identified.theta
+            return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]
+        except InputError:  # too little is left of the record
+            return np.inf
+
+    return grown(data, like, score, options)

@@ -51,7 +51,7 @@ def from_frame(
     """
     where = name or "table"
     inputs, outputs = ([c] if isinstance(c, str) else list(c) for c in (input, output))
-    roles: list[tuple[str, str | None]] = [("input", c) for c in inputs] + [("output", c) for c in outputs]
+    roles: list[tuple[str, str | None]] = [*(("input", c) for c in inputs), *(("output", c) for c in outputs)]
     for _, column in roles:
         if [c for _, c in roles].count(column) > 1:
             raise InputError(
