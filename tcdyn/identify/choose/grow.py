@@ -26,6 +26,7 @@ WORTH = 2.0  # BIC that a step must gain
 UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
 SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
 MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
+SHARED = (2.0, 10.0, 50.0)  # samples, of the first pole that all inputs share
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
@@ -40,10 +41,11 @@ def grown(
 
     A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond
     three poles it goes on with general transfer functions. Where there are several inputs it also gives one that had
-    none its first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that
-    ``score`` finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals
-    white and that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and
-    whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
+    none its first lag, and goes over to poles that all share, if that gains 10 and lowers the error of ``score`` by 3 %
+    or more. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that ``score``
+    finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals white and
+    that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and whether it
+    was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
     part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
     """
     quick = {**options, "intervals": "quadratic", "check": False}
@@ -67,7 +69,36 @@ def grown(
             break
         now, error = found, unseen
         way.append(found)
-    return [(f.problem.model, f.identified.theta, f not in way) for f in (*way, *refused)]
+    joint = common_poles(data, template, quick) if len(data.input_names) > 1 else None
+    if joint is not None and bic(joint) < bic(now) - DECISIVE:
+        (way if score(joint) <= SEEN * error else refused).append(joint)
+    return [(f.problem.model, f.identified.theta, any(f is r for r in refused)) for f in (*way, *refused)]
+
+
+def common_poles(data: IOData, template: Model, options: Mapping[str, Any]) -> Fit | None:
+    """The best model whose inputs share their poles, one more at a time until BIC no longer falls by 10."""
+    best: Fit | None = None
+    for order in range(1, MOST_POLES):
+        names = data.input_names
+        parts = [transfer(order, order)] * len(names)
+        model = as_template(several(parts, names, common=True, known=template.known), template)
+        begun = [{n: size * data.dt_s for n in model.names if n[0] == "a"} for size in SHARED] if best is None else []
+        for size in SIZES if best is not None else ():
+            old, lag = best.problem.model, size * max(best.identified.longest_lag_s, data.dt_s)
+            start: dict[str, float] = {}
+            for k, part in enumerate(parts):
+                (was, own), names_k = old.branch(k), model.branch(k)[1]
+                have = {n: best.identified.theta[w] for n, w in own.items()}
+                start |= {names_k[n]: v for n, v in begin(was, have, part, lag).items()}
+            begun.append(start)
+        try:
+            found = fit(data, model, **options, start=begun)
+        except InputError:
+            break
+        if best is not None and bic(found) > bic(best) - DECISIVE:
+            break
+        best = found
+    return best
 
 
 def bic(found: Fit) -> float:
