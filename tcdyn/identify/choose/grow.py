@@ -82,15 +82,17 @@ def common_poles(data: IOData, template: Model, options: Mapping[str, Any]) -> F
         names = data.input_names
         parts = [transfer(order, order)] * len(names)
         model = as_template(several(parts, names, common=True, known=template.known), template)
-        begun = [{n: size * data.dt_s for n in model.names if n[0] == "a"} for size in SHARED] if best is None else []
-        for size in SIZES if best is not None else ():
-            old, lag = best.problem.model, size * max(best.identified.longest_lag_s, data.dt_s)
-            start: dict[str, float] = {}
-            for k, part in enumerate(parts):
-                (was, own), names_k = old.branch(k), model.branch(k)[1]
-                have = {n: best.identified.theta[w] for n, w in own.items()}
-                start |= {names_k[n]: v for n, v in begin(was, have, part, lag).items()}
-            begun.append(start)
+        begun = [{n: size * data.dt_s for n in model.names if n[0] == "a"} for size in SHARED]
+        if best is not None:
+            begun, old, theta = [], best.problem.model, best.identified.theta
+            for size in SIZES:
+                start: dict[str, float] = {}
+                for k, part in enumerate(parts):
+                    (was, own), named = old.branch(k), model.branch(k)[1]
+                    lag = size * max(best.identified.longest_lag_s, data.dt_s)
+                    values = begin(was, {n: theta[w] for n, w in own.items()}, part, lag)
+                    start |= {named[n]: v for n, v in values.items()}
+                begun.append(start)
         try:
             found = fit(data, model, **options, start=begun)
         except InputError:
