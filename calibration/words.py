@@ -316,9 +316,10 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
     for group, one, several, rest in (
         ("undetermined", "would score better but is", "would score better but are", "not determined by these data"),
         ("missing", "would score better but misses", "would score better but miss", "dynamics"),
+        ("refused", "has", "have", "a lower one that is of the residuals' colour, or not seen in the held-out part"),
         ("pairs", "is", "are", "left out, for the pair does not oscillate and is two lags"),
     ):
-        if names := more[group]:
+        if names := more.get(group):
             said += f"; {', '.join(names)} {several if len(names) > 1 else one} {rest}"
     freed = " As a run starts off the equilibrium, the state at each start was estimated."
     return f"{said}." + (freed if more.get("freed") else "") + _disturbance(**more)

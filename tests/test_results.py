@@ -29,7 +29,7 @@ import tcdyn.plots
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
-WITHOUT_PICTURE = {"Rig", "CampaignFiles", "IOData", "RecordDiff"}
+WITHOUT_PICTURE = {"Rig", "CampaignFiles", "RecordDiff"}
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,14 +15,15 @@ from calibration.files.write import write_text
 from calibration.words import SPOKEN
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, in_options, say, spare_inputs, within
-from tcdyn.identify import CANDIDATES, compare, from_csv, read_identified
+from tcdyn.identify import Known, Model, compare, from_csv, joint_table, read_identified, several
 from tcdyn.identify.disturbance import BASELINES, NOISES
+from tcdyn.identify.models import as_model
 
 
 def identify(
     data: Annotated[Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")],
-    input: Annotated[str, typer.Option("--input", "-u", help="Column of the input.")],
-    output: Annotated[str, typer.Option("--output", "-y", help="Column of the output.")],
+    input: Annotated[str, typer.Option("--input", "-u", help="Column of the input; several with commas: a,b.")],
+    output: Annotated[str, typer.Option("--output", "-y", help="Column of the output; several with commas.")],
     run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
     time: Annotated[
         str | None, typer.Option(help="Time column in seconds; time_s, time or t is found by itself.")
@@ -32,8 +34,17 @@ def identify(
     resample_s: Annotated[
         float | None, typer.Option("--resample", help="Put uneven times on a grid of so many seconds.")
     ] = None,
-    hold: Annotated[str, typer.Option(help="Input between samples: foh (straight line) or zoh (held).")] = "foh",
-    models: Annotated[str, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2).")] = ",".join(CANDIDATES),
+    hold: Annotated[
+        str,
+        typer.Option(help="Input between samples: foh (straight line), zoh (held); auto: held where it was set."),
+    ] = "auto",
+    models: Annotated[
+        str,
+        typer.Option(
+            help="Models to compare, such as P1D,P2D,TF(1,2); of several inputs P1D+P2, one for each, or P1D for all. "
+            "grow: from one lag on, orders, dead times, zeros and inputs are added until the criterion stops."
+        ),
+    ] = "grow",
     gain: Annotated[
         float | None,
         typer.Option(help="Hold the static gain Kp at this value (process models).", callback=within(-1e12, 1e12)),
@@ -89,11 +100,13 @@ def identify(
 ) -> None:
     """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say.
 
+    Several inputs share one model, each with its own dead time; several outputs get a model each, and a joint table.
+
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
     """
     if gain == 0:
         raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
-    check_choice("--hold", hold, ("foh", "zoh"))
+    check_choice("--hold", hold, ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISES)
     check_choice("--baseline", baseline, BASELINES)
@@ -103,38 +116,76 @@ def identify(
         begun |= {"noise": noise, "baseline": baseline}
     if initial is not None:
         check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
-    json_path = out or data.with_suffix(".identified.json")
-    html_path = report or json_path.with_suffix(".html")
-    spare_inputs([data], out=json_path, report=html_path)
-    record = from_csv(data, input=input, output=output, run=run, time=time, dt_s=dt_s, resample_s=resample_s, hold=hold)
-    fixed = {} if gain is None else {"Kp": gain}
+    inputs, outputs = columns("--input", input), columns("--output", output)
+    if len(inputs) > 1 and (narx or gain is not None):
+        raise InputError(
+            f"{'--narx' if narx else '--gain'} with {len(inputs)} inputs", expected="one input", remedy="leave it out"
+        )
+    base = out or data.with_suffix(".identified.json")
+    jsons = {y: base if len(outputs) == 1 else base.with_name(of_output(base.name, y)) for y in outputs}
+    pages = {y: path.with_suffix(".html") for y, path in jsons.items()}
+    if report:
+        pages = {y: report if len(outputs) == 1 else report.with_name(of_output(report.name, y)) for y in outputs}
+    for y in outputs:
+        spare_inputs([data], out=jsons[y], report=pages[y])
+    record = from_csv(
+        data, input=inputs, output=outputs, run=run, time=time, dt_s=dt_s, resample_s=resample_s,
+        hold=hold,
+    )  # fmt: skip
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
-    structures = [
-        structure(name.strip(), fixed, no_offset, filter_) for name in re.split(r",(?![^(]*\))", models) if name.strip()
-    ]
-    loss = "huber" if robust else "linear"
-    with counted(len(structures), quiet or json_) as progress:
-        comparison = compare(record, structures, held_out=held_out, progress=progress, loss=loss, check=check, **begun)
-    if not (quiet or json_):
-        typer.echo(in_options(comparison.summary(), SPOKEN))
-        say(comparison.removal(filter_))
-    content = comparison.best.identified.to_dict()
-    level = ""
-    if narx:
-        from tcdyn.identify.narx import temperature_dependence
+    asked = {"offset": "none" if no_offset else "free", "known": filter_}
+    fixed = {} if gain is None else {"Kp": gain}
+    structures = [] if models.strip() == "grow" else [structure(n, inputs, fixed, asked) for n in names_of(models)]
+    begun |= {
+        "like": structure("P1", inputs[:1], fixed, asked),
+        "loss": "huber" if robust else "linear",
+        "check": check,
+    }
+    found, contents = {}, {}
+    for y in outputs:
+        one = record.select(output=y)
+        with counted(len(structures) or None, quiet or json_) as progress:
+            found[y] = comparison = compare(one, structures, held_out=held_out, progress=progress, **begun)
+        if not (quiet or json_):
+            typer.echo(in_options(comparison.summary(), SPOKEN))
+            say(comparison.removal(filter_))
+        content, level = comparison.best.identified.to_dict(), ""
+        if narx:
+            from tcdyn.identify.narx import temperature_dependence
 
-        dependence = temperature_dependence(record, held_out=held_out)
-        content["narx"], level = dependence.to_dict(), dependence.sentence
-        say(level, quiet or json_)
-    from tcdyn.report.dynamics import write_identify_report
+            dependence = temperature_dependence(one, held_out=held_out)
+            content["narx"], level = dependence.to_dict(), dependence.sentence
+            say(level, quiet or json_)
+        from tcdyn.report.dynamics import write_identify_report
 
-    write_text(json_path, dump(content))
-    read_identified(json_path)
-    write_identify_report(html_path, record, comparison, filter_, level)
+        write_text(jsons[y], dump(content))
+        read_identified(jsons[y])
+        write_identify_report(pages[y], one, comparison, filter_, level)
+        contents[y] = content
+        say(f"wrote {jsons[y]} and {pages[y]}", quiet or json_)
     if json_:
-        print(dump(content), end="")
-        return
-    say(f"wrote {json_path} and {html_path}", quiet)
+        print(dump(contents[outputs[0]] if len(outputs) == 1 else contents), end="")
+    elif len(outputs) > 1:
+        say(joint_table(found).to_string(index=False), quiet)
+
+
+def columns(option: str, text: str) -> list[str]:
+    """The names between the commas; InputError for an empty or a repeated one."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names) or len(set(names)) < len(names):
+        raise InputError(f"{option} is {text!r}", expected="a column, or different ones between commas")
+    return names
+
+
+def of_output(name: str, output: str) -> str:
+    """The file's name with that of the output before its endings."""
+    stem, _, ending = name.partition(".")
+    return f"{stem}.{re.sub(r'[^A-Za-z0-9_-]+', '_', output)}{'.' + ending if ending else ''}"
+
+
+def names_of(models: str) -> list[str]:
+    """The models between the commas that stand in no bracket."""
+    return [name.strip() for name in re.split(r",(?![^(]*\))", models) if name.strip()]
 
 
 def standard_deviation(text: str) -> float:
@@ -148,13 +199,14 @@ def standard_deviation(text: str) -> float:
     return sd
 
 
-def structure(name: str, fixed: dict[str, float], no_offset: bool, filter_: Conditioning) -> Any:
-    """The named model with the command's constraints."""
-    from dataclasses import replace
-
-    from tcdyn.identify.models import Known, as_model
-
+def structure(name: str, inputs: list[str], fixed: dict[str, float], asked: dict[str, Any]) -> Model:
+    """The named model with the command's constraints: behind each input, or of several between plus signs one behind
+    each."""
+    parts = [part.strip() for part in name.split("+")]
+    if len(inputs) > 1:
+        return several(parts if len(parts) > 1 else parts * len(inputs), inputs, **asked)
+    if len(parts) > 1:
+        raise InputError(f"--models {name} names {len(parts)} parts", expected="one, for one input")
     model = as_model(name)
     kept = {k: v for k, v in fixed.items() if k in model.names}
-    offset = "none" if no_offset else model.offset
-    return replace(model, fixed={**model.fixed, **kept}, offset=offset, known=Known.of(filter_))
+    return replace(model, fixed={**model.fixed, **kept}, offset=asked["offset"], known=Known.of(asked["known"]))

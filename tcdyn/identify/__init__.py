@@ -10,13 +10,14 @@
 """
 
 from tcdyn.chain.rational import simulate
-from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score
+from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score, joint_table
 from tcdyn.identify.data import IOData, Run
+from tcdyn.identify.data.tables import from_csv, from_frame
 from tcdyn.identify.fit import fit, profile
-from tcdyn.identify.identified import Identified, bode_band, percent_times, read_identified, step_band
-from tcdyn.identify.models import Known, Model, chain_model, process, transfer
+from tcdyn.identify.identified import Identified, from_control, read_identified
+from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
+from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
-from tcdyn.identify.tables import from_csv, from_frame
 from tcdyn.identify.validate import Validation, validate
 
 __all__ = [
@@ -33,13 +34,17 @@ __all__ = [
     "chain_model",
     "compare",
     "fit",
+    "from_control",
     "from_csv",
     "from_frame",
     "held_out_score",
+    "joint_table",
     "percent_times",
     "process",
     "profile",
     "read_identified",
+    "roots_of",
+    "several",
     "simulate",
     "step_band",
     "transfer",

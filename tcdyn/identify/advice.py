@@ -28,13 +28,16 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     input; then among those without complaint. A model is passed over for another kind only where that one's BIC is
     less than 10 above it: what explains decisively less of the output passes the tests for want of power. Within a
     kind the best gives way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
-    held-out error is better by more than 5 %. ``left_out`` are names that are not considered.
+    held-out error is better by more than 5 %. ``left_out`` are names that are not considered, nor are rows that a
+    growing search has refused.
     """
-    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out))]
+    refused = table["refused"] if "refused" in table else pd.Series(False, table.index)
+    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out)) & ~refused.eq(True)]
     sound = good[good["determined"]]
     following = good.get("p_input", pd.Series(1.0, good.index)) < ALARM
     passing, explaining = sound[~following[sound.index]], good[~following]
-    limit = (sound if len(sound) else good)["BIC"].min() + DECISIVE
+    known = sound if len(sound) and not refused.any() else good  # a search's steps are held against colour already
+    limit = known["BIC"].min() + DECISIVE
     pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
     best = other = pool.iloc[0]
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
@@ -48,9 +51,10 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     ties = pool[(abs(pool["BIC"] - best["BIC"]) < 2) & (pool["model"] != best["model"])]
     groups = {
         "ties": ties[:0] if len(near) else ties,
-        "undetermined": good[~good["determined"] & better[good.index]],
+        "undetermined": good[~good["determined"].astype(bool) & better[good.index]],
         "missing": sound[~sound["model"].isin(pool["model"]) & better[sound.index]],
-        "pairs": table[table["model"].isin(list(left_out)) & (table["BIC"] < best["BIC"] + 2)],
+        "pairs": table[table["model"].isin(list(left_out)) & ~refused.eq(True) & (table["BIC"] < best["BIC"] + 2)],
+        "refused": table[refused.eq(True) & better],
     }
     told: dict[str, Any] = {group: list(rows["model"]) for group, rows in groups.items()}
     why = note(
@@ -146,7 +150,8 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
     except InputError:
         return ""
     parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if f.init and getattr(chain, f.name)]
-    return f"To remove this lag from other traces: tcdyn.smooth(y, dt, Chain({', '.join(parts)})); the gain is left in."
+    made = f"tcdyn.smooth(y, dt, tcdyn.Chain({', '.join(parts)}))"
+    return f"To remove this lag from other traces: {made}; the gain is left in."
 
 
 def _digits(value: Any) -> str:
@@ -154,5 +159,7 @@ def _digits(value: Any) -> str:
     if isinstance(value, tuple):
         return f"({', '.join(map(_digits, value))},)"
     if isinstance(value, Conditioning) and not value.poles:
-        return "Conditioning(poles=0)"
+        return "tcdyn.Conditioning(poles=0)"
+    if isinstance(value, Conditioning):
+        return f"tcdyn.{value!r}"
     return f"{value:.4g}" if isinstance(value, float) else repr(value)

@@ -15,13 +15,14 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
-from tcdyn.identify.data import IOData
+from tcdyn.identify.causality import check_causality
+from tcdyn.identify.data import SHORTEST, IOData
 from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.problem import Initial, Posed, pose
-from tcdyn.identify.search import Fit, ordered, rms, search
-from tcdyn.identify.start import check_causality, polished
+from tcdyn.identify.models import Model, as_model, bare, beside, suffix
+from tcdyn.identify.problem import Initial, Posed
+from tcdyn.identify.search import Fit, ordered, pose, rms, search
+from tcdyn.identify.start import alone, polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
@@ -38,7 +39,7 @@ def fit(
     loss: Loss = "linear",
     covariance: Covariance = "auto",
     intervals: Intervals = "auto",
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | Sequence[Mapping[str, float]] | None = None,
     check: bool = True,
     input_noise: float | Literal["auto"] = "auto",
 ) -> Fit:
@@ -51,7 +52,8 @@ def fit(
     the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
     "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
     ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to
-    begin at. ``check=False`` skips the question whether the output moves first. ``input_noise`` is the sd of a measured
+    begin at, or several sets of them, of which the most promising is taken. ``check=False`` skips the question whether
+    the output moves first. ``input_noise`` is the sd of a measured
     input, 0 for one that is known; "auto" takes it from the input's own samples. With noise the input's level before
     a run in equilibrium is estimated, of which the first sample is but one reading. Raises InputError for data nothing
     can be learnt from.
@@ -66,13 +68,14 @@ def fit(
     structure = as_model(model)
     problem = pose(data, structure, initial, input_noise)
     if check:
-        check_causality(problem, data.name or "identify")
-    x0 = polished(problem, {**dict.fromkeys(structure.names, 0.0), **start})[1] if start is not None else None
-    optimum = search(problem, start=x0)
+        for one in alone(problem):
+            check_causality(one, data.name or "identify")
+    asked = [] if start is None else [start] if isinstance(start, Mapping) else start
+    optimum = search(problem, start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in asked])
     if any(problem.loose):  # initial states are best searched in the time scale of the model, linear ones solved anew
         problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
         optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
-    if any(k is not None for k in problem.pasts):  # how much the first sample tells of them is known by now
+    if problem.precision.any():  # how much the first sample tells of them is known by now
         problem = replace(problem, noise_sd=rms(optimum, problem))
         optimum = search(problem, start=optimum.theta)
     model_noise = Noise()
@@ -125,8 +128,7 @@ def chosen(fits: Sequence[Fit]) -> Fit:
 
 def first_moment(problem: Posed, x: Array) -> float:
     """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
-    g = problem.model.rational(problem.theta(x))
-    return max(problem.dt_s, float(sum(abs(f.coefs[1]) for f in g.factors)))
+    return max(problem.dt_s, *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)))
 
 
 def assemble(
@@ -147,19 +149,19 @@ def assemble(
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
-    sse, offsets = float(e @ e), x[problem.n_model : problem.places[0][1].start]
+    sse = float(e @ e)
     identified = Identified(
         model=model,
         theta=theta,
         covariance=cov,
         estimates={name: Estimate.normal(theta[name], u[name]) for name in model.free},
-        offset=float(np.mean(offsets)) if len(offsets) else 0.0,
+        offset=last_level(problem, x, -answer[0], noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
         dt_s=problem.dt_s,
-        input_name=data.input_names[0],
+        input_name=", ".join(data.input_names),
         output_name=data.output_names[0],
-        input_unit=data.input_units[0],
+        input_unit=", ".join(filter(None, dict.fromkeys(data.input_units))),
         output_unit=data.output_units[0],
         findings=noticed(problem, optimum, theta, u),
     )
@@ -179,6 +181,18 @@ def assemble(
         "robust_covariance": float(robust),
     }
     return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+
+
+def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float:
+    """The offset with which the model goes on where the data end: a drift is not believed beyond them, a random walk
+    (``residual`` (N,) are measured less model) stays where it is."""
+    offsets, runs = x[problem.n_model : problem.places[0][1].start], len(problem.begun_s)
+    level = float(np.mean(offsets)) if len(offsets) else 0.0
+    if problem.trend:
+        ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
+        spans = [ends[run] - problem.begun_s[run] for run in sorted(ends)]
+        level += float(np.mean(x[-runs:] * spans)) / problem.longest_s
+    return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
 
 
 def covariance_of(
@@ -208,18 +222,20 @@ def noticed(
     """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
     found, x, model = [], optimum.theta, problem.model
     lower, upper = problem.bounds()
-    lags = [n for n in ("Tp1", "Tp2", "Tp3") if n in model.free]
+    lags = [n for n in model.free if n[:2] == "Tp"]
     for i, name in enumerate(model.free):
         value = theta[name]
         size = abs(value)
-        if name == "Tz":  # it may be nought, and is measured by the lags beside it
-            size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc")))
+        if bare(name) == "Tz":  # it may be nought, and is measured by the lags beside it
+            size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc") and beside(n, name)))
         if x[i] <= lower[i] or x[i] >= upper[i]:
             end = "lower" if x[i] <= lower[i] else "upper"
             found.append(look("fit.bound", subject=name, end=end, value=value))
-        elif name in lags and any(abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name):
+        elif name in lags and any(
+            abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name and suffix(n) == suffix(name)
+        ):
             found.append(look("fit.twin", subject=name))  # the cost is flat in their difference
-        elif (name in ("Kp", "Tz") or model.positive(name)) and u[name] > 0.5 * size:
+        elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and u[name] > 0.5 * size:
             found.append(look("fit.undetermined", subject=name, u=u[name], value=value))
     if not determined(optimum.information):
         found.append(look("fit.indistinct", subject=model.name))
@@ -270,7 +286,8 @@ def poor(found: Fit, name: str) -> bool:
     e, model = found.estimates[name], found.problem.model
     if model.positive(name):
         return e.u > 0.2 * e.value
-    if name in ("Tz", "Td") and {"Tz", "Td"} <= set(model.free):
+    twins = [n + suffix(name) for n in ("Tz", "Td")]
+    if name in twins and set(twins) <= set(model.free):
         lag = first_moment(found.problem, found.x)
-        return abs(found.estimates["Tz"].value) < 0.1 * lag  # there zero and dead time act alike
-    return name == "Td" and e.low95 < 0
+        return abs(found.estimates[twins[0]].value) < 0.1 * lag  # there zero and dead time act alike
+    return bare(name) == "Td" and e.low95 < 0

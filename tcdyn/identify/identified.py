@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,13 +15,14 @@ import pandas as pd
 from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.estimate import Z95, Estimate, rounded
+from calibration.estimate import Estimate, rounded
 from calibration.finding import Finding, look
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.rational import Rational, Start, realise, simulate, simulate_rows
+from tcdyn.chain.rational import Start, simulate
 from tcdyn.identify.data import Hold
-from tcdyn.identify.models import Known, Model
+from tcdyn.identify.models import Known, Model, several, transfer
+from tcdyn.identify.responses import Dynamics, percent_times
 
 if TYPE_CHECKING:
     import control
@@ -29,11 +30,10 @@ if TYPE_CHECKING:
 SCHEMA = "tcdyn.identified/1"
 MODEL = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")  # of the model, as they stand in the file
 PLAIN = ("theta", "estimates", "covariance", "offset", "noise_sd", "hold", "dt_s", "statistics", "sentence")
-PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
 
 @dataclass(frozen=True)
-class Identified(Result):
+class Identified(Dynamics, Result):
     """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
 
     ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation
@@ -61,44 +61,67 @@ class Identified(Result):
         """What the user should know."""
         return tuple(f.sentence for f in self.findings)
 
-    @property
-    def rational(self) -> Rational:
-        """The transfer function as factors, the known part included."""
-        return self.model.rational(self.theta)
-
-    @property
-    def gain(self) -> float:
-        """Static gain (of the part before the integrator)."""
-        return float(self.rational.num[0])
-
     @cached_property
-    def lag_s(self) -> Estimate:
-        """First moment of the impulse response [s], the known part's own included, with its interval.
+    def parts(self) -> Mapping[str, Identified]:
+        """The model behind each input, by the input's name."""
+        found, free, one = {}, self.model.free, self.model.inputs or (self.input_name,)
+        for k, name in enumerate(one):
+            part, names = self.model.branch(k)
+            at = [free.index(names[n]) for n in part.free]
+            found[name] = replace(
+                self,
+                model=part,
+                theta={n: self.theta[w] for n, w in names.items()},
+                covariance=self.covariance[np.ix_(at, at)],
+                estimates={n: self.estimates[names[n]] for n in part.free},
+                offset=self.offset if len(one) == 1 else 0.0,
+                input_name=name,
+                statistics=self.statistics if len(one) == 1 else {},
+                sentence=self.sentence if len(one) == 1 else "",
+                findings=self.findings if len(one) == 1 else (),
+            )
+        return found
 
-        Td + sum of a_1 - b_1/b_0, and by the chain rule of the coefficients its derivatives with the free parameters.
-        """
-        g = self.rational
-        row = [g.num[1] / g.num[0] ** 2, -1.0 / g.num[0]] if len(g.num) > 1 else []
-        row += [0.0] * (len(g.num) - len(row))
-        for f in g.factors:
-            row += [1.0, *[0.0] * (len(f.coefs) - 2)] if f.free else []
-        slopes = np.asarray([*row, 1.0] @ self.model.chain_rule(self.theta))
-        return Estimate.normal(g.lag_s, float(self.u_of(slopes[:, None])[0]))
-
-    def u_of(self, slopes: Array) -> Array:
-        """Standard uncertainties (N,) of quantities with these ``slopes`` (P, N) by the free parameters."""
-        return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", slopes, self.covariance, slopes), 0.0)))
+    @property
+    def longest_lag_s(self) -> float:
+        """The largest lag behind any input [s]; 0 of an integrator, which has none."""
+        return 0.0 if self.model.integrators else max(part.lag_s.value for part in self.parts.values())
 
     def simulate(
         self, u: Array, dt_s: float | None = None, hold: Hold | None = None, start: Start = "equilibrium"
     ) -> Array:
-        """The model's output, offset included, for an input (N,) sampled every ``dt_s`` [s] (as identified)."""
-        y = simulate(self.rational, np.asarray(u, dtype=float), dt_s or self.dt_s, hold or self.hold, start)
-        return y + self.offset
+        """The model's output, offset included, for an input (N,), or inputs (N, K), sampled every ``dt_s`` [s] (as
+        identified)."""
+        table = np.asarray(u, dtype=float).reshape(len(u), -1)
+        if table.shape[1] != len(self.parts):
+            raise InputError(f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}")
+        each = zip(self.parts.values(), table.T)
+        y = [simulate(m.rational, v, dt_s or self.dt_s, hold or self.hold, start) for m, v in each]
+        return np.asarray(np.sum(y, axis=0) + self.offset)
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
-        """The model as a ``control.TransferFunction``; the dead time by its Pade form of ``pade_order``."""
-        return self.rational.transfer_function(pade_order, inputs=self.input_name, outputs=self.output_name)
+        """The model as a ``control.TransferFunction``, a row of one entry for each input; dead times by their Pade form
+        of ``pade_order``."""
+        import control
+
+        named = self.parts.items()
+        row = [m.rational.transfer_function(pade_order, inputs=n, outputs=self.output_name) for n, m in named]
+        return row[0] if len(row) == 1 else control.combine_tf([row])
+
+    def state_space(self, pade_order: int = 3) -> control.StateSpace:
+        """The model as a ``control.StateSpace``, the offset left out; dead times by their Pade form of
+        ``pade_order``."""
+        import control
+
+        each = [
+            control.ss(m.rational.transfer_function(pade_order), inputs=[name], outputs=[self.output_name])
+            for name, m in self.parts.items()
+        ]
+        joined = control.append(*each)
+        sum_ = np.ones((1, len(each)))
+        return control.StateSpace(
+            joined.A, joined.B, sum_ @ joined.C, sum_ @ joined.D, inputs=list(self.parts), outputs=[self.output_name]
+        )
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain; ``conditioning`` is the filter that was the
@@ -123,10 +146,11 @@ class Identified(Result):
     def summary(self) -> str:
         """The table people read: parameters, the lag, how well it fits, what validation said and was noticed."""
         m, s = self.model, self.statistics
+        wide = max(5, *map(len, m.names)) + 2 * bool(m.inputs)
         lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {self.hold.upper()}, dt = {self.dt_s:g} s"]
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
-            lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
-        lines += [f"  {name:5s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
+            lines.append(f"  {name:{wide}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
+        lines += [f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
         if s:
             lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
         lines += [f"  {self.sentence}"] if self.sentence else []
@@ -135,8 +159,11 @@ class Identified(Result):
     def card(self) -> pd.DataFrame:
         """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""
         rows = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
-        if not self.model.integrators:
-            rows += [(name, e, "s") for name, e in {"lag": self.lag_s, **percent_times(self)}.items()]
+        for m in self.parts.values() if not self.model.integrators else ():
+            if not m.gain:  # an input that is left out
+                continue
+            end = f".{m.input_name}" if self.model.inputs else ""
+            rows += [(name + end, e, "s") for name, e in {"lag": m.lag_s, **percent_times(m)}.items()]
         digits = [
             (name, *rounded(e.value, e.u), *(rounded(x, e.u)[0] for x in (e.low95, e.high95)), unit)
             for name, e, unit in rows
@@ -150,14 +177,20 @@ class Identified(Result):
     def to_dict(self) -> dict[str, Any]:
         """The model as its file holds it."""
         m = self.model
-        model = {k: getattr(m, k) for k in MODEL}
+        model: dict[str, Any] = {k: getattr(m, k) for k in MODEL}
+        if m.inputs:
+            model |= {
+                "inputs": m.inputs,
+                "parts": [{"name": p.name, "kind": p.kind, "names": p.names} for p in m.parts],
+            }
         known = {"num": m.known.num, "den": m.known.den}
+        lags = {name: part.lag_s for name, part in self.parts.items() if not m.integrators}
         kept: dict[str, Any] = {
             "schema": SCHEMA,
             "model": {**model, "parameters": m.names, "known": known},
             **{k: getattr(self, k) for k in PLAIN},
             "units": {n: m.unit(n) for n in m.names},
-            "lag_s": self.lag_s if not m.integrators else None,
+            "lag_s": None if m.integrators else lags if m.inputs else self.lag_s,
             "input": {"name": self.input_name, "unit": self.input_unit},
             "output": {"name": self.output_name, "unit": self.output_unit},
             "warnings": self.warnings,
@@ -178,7 +211,9 @@ class Identified(Result):
             )
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
-        model = Model(**{k: m[k] for k in MODEL}, names=tuple(m["parameters"]), known=known)
+        parts = tuple(Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ()))
+        own: dict[str, Any] = {"names": tuple(m["parameters"]), "inputs": tuple(m.get("inputs", ())), "parts": parts}
+        model = Model(**{k: m[k] for k in MODEL}, **own, known=known)
         size = len(model.free)
         parsed = {
             "covariance": np.array(d["covariance"], dtype=float).reshape(size, size),
@@ -205,94 +240,47 @@ def read_identified(path: str | Path) -> Identified:
         raise InputError(f"cannot be read ({error.strerror})", where=str(path)) from error
 
 
-@dataclass(frozen=True)
-class Band:
-    """``value`` over ``x`` with standard uncertainty ``u``; the 95 % band is value -+ 1.96 u."""
+def from_control(
+    system: control.TransferFunction | control.StateSpace, delay_s: float | Sequence[float] = 0.0
+) -> Identified:
+    """A continuous ``control`` system of one output as an :class:`Identified`, without uncertainty.
 
-    x: Array
-    value: Array
-    u: Array
-
-    @property
-    def low95(self) -> Array:
-        """Lower edge."""
-        return np.asarray(self.value - Z95 * self.u)
-
-    @property
-    def high95(self) -> Array:
-        """Upper edge."""
-        return np.asarray(self.value + Z95 * self.u)
-
-
-@dataclass(frozen=True)
-class BodeBand:
-    """Magnitude [dB] and phase [deg] over frequency [Hz]."""
-
-    magnitude_dB: Band
-    phase_deg: Band
-
-
-def step_rows(model: Identified, time_s: Array) -> tuple[Array, Array]:
-    """Unit step response (N,) at the even times ``time_s`` from 0 and its derivatives by the free parameters (P,
-    N)."""
-    g = model.rational
-    dt = float(time_s[1] - time_s[0])
-    rows = simulate_rows(realise(g), np.ones(len(time_s)), dt, g.delay_s, "zoh", "zero")
-    return rows[0], model.model.chain_rule(model.theta).T @ rows[1:]
-
-
-def step_times(model: Identified, count: int = 1200) -> Array:
-    """An even time grid [s] that holds the whole step response."""
-    g = model.rational
-    slowest = max((float(1 / np.min(np.abs(f.poles.real))) for f in g.factors), default=1.0)
-    return np.linspace(0.0, g.delay_s + 8 * slowest, count + 1)
-
-
-def step_band(model: Identified, time_s: Array | None = None) -> Band:
-    """The unit step response with its band, by first-order propagation of the covariance."""
-    t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
-    y, j = step_rows(model, t)
-    return Band(t, y, model.u_of(j))
-
-
-def percent_times(model: Identified) -> dict[str, Estimate]:
-    """t50, t63.2 and t90 [s]: when the unit step response first passes that share of its final value (VDI/VDE
-    3522).
-
-    dt_q = -d(y/K)/dtheta / slope at the crossing. Raises InputError for an integrating model, which has no final
-    value.
+    ``compare(data, from_control(g), "P2D")`` compares it as it stands; ``fit(data, g.model, start=g.theta)`` begins at
+    it. ``delay_s`` is the dead time behind each input, or behind all, which such a system does not hold. Raises
+    InputError for a discrete or unstable system, several outputs, or more zeros than poles.
     """
-    if model.model.integrators:
-        raise InputError(f"{model.model.name} integrates: its step response has no final value")
-    t = step_times(model, 4000)
-    y, j = step_rows(model, t)
-    share = y / model.gain
-    derivative = (j - np.outer(model.model.chain_rule(model.theta)[0], share)) / model.gain
-    slope = np.gradient(share, t)
-    out = {}
-    for name, q in PERCENT_TIMES.items():
-        i = max(int(np.argmax(share >= q)), 1)
-        at = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
-        steep = max(float(np.interp(at, t, slope)), 1e-12)
-        slopes = -np.array([[np.interp(at, t, row)] for row in derivative]) / steep
-        out[name] = Estimate.normal(at, float(model.u_of(slopes)[0]))
-    return out
+    import control
 
-
-def bode_band(model: Identified, frequency_Hz: Array | None = None) -> BodeBand:
-    """Magnitude and phase with their bands; by default two decades either side of the slowest corner.
-
-    d(20 lg|G|) = 20/ln 10 Re(dG/G), d(phase) = Im(dG/G).
-    """
-    g = model.rational
-    if frequency_Hz is None:
-        corner = 1 / (2 * np.pi * max(g.lag_s, model.dt_s)) if not g.integrators else 0.1 / model.dt_s
-        frequency_Hz = np.geomspace(corner / 100, min(corner * 100, 0.5 / model.dt_s), 200)
-    f = np.asarray(frequency_Hz, dtype=float)
-    value = g.frequency_response(f)
-    relative = model.model.chain_rule(model.theta).T @ (g.frequency_sensitivity(f) / value)
-    magnitude = model.u_of(20 / np.log(10) * relative.real)
-    phase = model.u_of(np.degrees(relative.imag))
-    return BodeBand(
-        Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
-    )
+    where = "from_control"
+    if not isinstance(system, control.TransferFunction | control.StateSpace):
+        raise InputError(f"is a {type(system).__name__}", where=where, expected="a TransferFunction or StateSpace")
+    if system.isdtime(strict=True) or system.noutputs != 1:
+        what = "is discrete in time" if system.isdtime(strict=True) else f"has {system.noutputs} outputs"
+        raise InputError(what, where=where, expected="a continuous system of one output", remedy="take system[0, :]")
+    delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
+    if not (np.isfinite(delays) & (delays >= 0)).all():
+        raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
+    parts, values = [], []
+    for k, delay in enumerate(delays):
+        one = system[0, k] if system.ninputs > 1 else system
+        ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
+        num, den = (np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
+        integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
+        den = den[1:] if integrates else den
+        poles = np.polynomial.polynomial.polyroots(den)
+        if len(den) < 2 or len(num) > len(den) or np.any(poles.real >= 0):
+            raise InputError(
+                f"input {k + 1} has {len(num) - 1} zeros over the poles {np.round(poles, 6).tolist()} 1/s",
+                where=where,
+                expected="poles in the left half plane (one at zero may be beside them), no more zeros than poles",
+            )
+        part = transfer(max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates))
+        above, below = num / den[0], den[1:] / den[0]
+        parts.append(part)
+        values.append(dict(zip(part.names, [*above, *below, *([float(delay)] if delay else [])])))
+    names = tuple(map(str, system.input_labels))
+    model = parts[0] if len(parts) == 1 else several(parts, names)
+    theta = {w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()}
+    size = len(model.free)
+    estimates = {n: Estimate.normal(theta[n], 0.0) for n in model.free}
+    return Identified(model, theta, np.zeros((size, size)), estimates, input_name=", ".join(names))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags
 from tcdyn.chain.rational import Factor, Rational, product
 
 UNITS = {"Kp": "", "Tp1": "s", "Tp2": "s", "Tp3": "s", "Tw": "s", "Zeta": "", "Tz": "s", "Tc": "s", "Td": "s"}
+SILENT = "-"  # the name of what lets nothing through: an input that is left out
 POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")
 STEP = 1e-30  # of a parameter along the imaginary axis: coefficients are polynomials, so their slopes are exact
 
@@ -69,6 +70,8 @@ class Model:
     fixed: Mapping[str, float] = field(default_factory=dict)
     delay_max_s: float | None = None
     offset: str = "free"
+    parts: tuple[Model, ...] = ()
+    inputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in self.fixed:
@@ -83,21 +86,24 @@ class Model:
     @property
     def has_delay(self) -> bool:
         """Whether the dead time is estimated."""
-        return "Td" in self.free
+        return "Td" in map(bare, self.free)
 
     @property
     def order(self) -> int:
         """Number of poles that are estimated (a cement layer counts as one)."""
+        if self.parts:
+            return max(part.order for part in self.parts)
         return sum(1 if n[:2] in ("Tp", "Tc") else 2 if n == "Tw" else 0 for n in self.names) + sum(
             n.startswith("a") for n in self.names
         )
 
     def positive(self, name: str) -> bool:
         """Whether a parameter lives on the positive axis, where it is searched by its logarithm."""
-        return name in POSITIVE
+        return bare(name) in POSITIVE
 
     def unit(self, name: str) -> str:
         """Unit of a parameter, s or a power of it."""
+        name = bare(name)
         if name in UNITS:
             return UNITS[name]
         power = int(name[1:])
@@ -106,6 +112,14 @@ class Model:
     def full(self, theta: Mapping[str, float]) -> dict[str, float]:
         """All parameters by name, the fixed ones filled in."""
         return {n: float(self.fixed[n]) if n in self.fixed else float(theta[n]) for n in self.names}
+
+    def branch(self, k: int) -> tuple[Model, dict[str, str]]:
+        """What stands behind the ``k``-th input, and the names in this model of its parameters."""
+        if not self.parts:
+            return self, {n: n for n in self.names}
+        part = self.parts[k]
+        names = {n: n if n in self.names else f"{n}.{self.inputs[k]}" for n in part.names}
+        return replace(part, fixed={n: self.fixed[w] for n, w in names.items() if w in self.fixed}), names
 
     def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
         """Own numerator and own factors below at the parameters ``p``, ascending in s."""
@@ -136,6 +150,25 @@ class Model:
 
         columns = np.array([column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex)
         return columns.reshape(len(self.free), len(column(at))).T.imag / STEP
+
+
+def bare(name: str) -> str:
+    """A parameter's name without that of its input.
+
+    >>> bare("Tp1.heater")
+    'Tp1'
+    """
+    return name.partition(".")[0]
+
+
+def suffix(name: str) -> str:
+    """What :func:`bare` takes off: the dot and the input's name, or nothing."""
+    return name[len(bare(name)) :]
+
+
+def beside(name: str, other: str) -> bool:
+    """Whether two parameters stand behind the same input; those that inputs share stand beside all."""
+    return suffix(name) in ("", suffix(other))
 
 
 def process(name: str, **options: Any) -> Model:
@@ -175,10 +208,41 @@ def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **optio
     return process(name, **{"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning, **options})
 
 
+def several(models: Sequence[Model | str], inputs: Sequence[str], *, common: bool = False, **options: Any) -> Model:
+    """One model for each of the ``inputs``, their outputs added; ``common``: with the same poles behind all of them.
+
+    ``options`` as for :func:`process`, ``fixed`` by names such as "Kp.heater"; ``known`` is behind every input.
+
+    >>> several(["P2D", "P1"], ["heater", "fan"]).names
+    ('Kp.heater', 'Tp1.heater', 'Tp2.heater', 'Td.heater', 'Kp.fan', 'Tp1.fan')
+    >>> several(["P1D", "P1"], ["heater", "fan"], common=True).names
+    ('Kp.heater', 'Tp1', 'Td.heater', 'Kp.fan')
+    """
+    parts, known = [as_model(m) for m in models], Known.of(options.pop("known", None))
+    name = f"{' + '.join(part.name for part in parts)}{', common poles' * common}"
+    if len(parts) != len(inputs) or not parts:
+        raise InputError(f"{len(parts)} models for {len(inputs)} inputs", expected="one for each")
+    if any(part.integrators or part.parts for part in parts):
+        raise InputError(f"{name} integrates or holds sums", expected="models without integrator (I) behind each input")
+    if len(parts) == 1:
+        return replace(parts[0], known=known, **options)
+    parts = [part if part.name == SILENT else replace(part, known=known) for part in parts]
+    shared = [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"] if common else []
+    if common and any({*shared} - {*part.names} or part.order != parts[0].order for part in parts):
+        raise InputError(f"{name}: the models differ in their poles", expected="the same lags in each, as P2D and P2Z")
+    names = [n if n in shared else f"{n}.{u}" for part, u in zip(parts, inputs) for n in part.names]
+    fixed = {n if n in shared else f"{n}.{u}": v for part, u in zip(parts, inputs) for n, v in part.fixed.items()}
+    fixed |= options.pop("fixed", {})
+    joined, unique = tuple(parts), tuple(dict.fromkeys(names))
+    return Model(name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), **options)
+
+
 def as_model(model: Model | str) -> Model:
     """A Model as it is; a name such as "P2D" or "TF(1,2)D" by :func:`process` or :func:`transfer`."""
     if isinstance(model, Model):
         return model
+    if model == SILENT:
+        return Model(SILENT, "process", ("Kp",), fixed={"Kp": 0.0})
     match = re.match(r"^TF\((\d),(\d)\)(D?)(I?)$", model.replace(" ", ""))
     if match:
         return transfer(int(match[1]), int(match[2]), delay=bool(match[3]), integrator=bool(match[4]))

@@ -11,24 +11,23 @@ from typing import Literal
 import numpy as np
 
 from calibration import Array
-from calibration.errors import InputError
 from calibration.noise import rounding_sd
-from tcdyn.chain.rational import Start, free_rows, realise, simulate_rows
+from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
-from tcdyn.identify.data import SHORTEST, IOData, Segment, cut, input_noise_sd
-from tcdyn.identify.models import Model
+from tcdyn.identify.data import Segment
+from tcdyn.identify.models import Model, bare
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
 
 @dataclass(frozen=True)
 class Posed:
-    """One input, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
+    """Inputs, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
     the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
     ``initial`` is "estimated"; then what the input was before each segment begun in equilibrium, over its first
     sample, where the input is measured with noise. Of that past the first sample tells with the weight
-    ``noise_sd``/``input_sd``, noise of the output over noise of the input; 0 for the latter is an input that is known.
-    With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
+    ``noise_sd``/``input_sds``, noise of the output over noise of each input; 0 for the latter is an input that is
+    known. With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
 
     model: Model
     segments: tuple[Segment, ...]
@@ -36,9 +35,32 @@ class Posed:
     hold: Literal["zoh", "foh"]
     initial: Initial
     time_scale_s: float = 1.0
-    input_sd: float = 0.0
+    input_sds: tuple[float, ...] = (0.0,)
     noise_sd: float = 1.0
     trend: bool = False
+
+    @property
+    def input_sd(self) -> float:
+        """Noise of the input, where it is the only one."""
+        return self.input_sds[0] if len(self.input_sds) == 1 else 0.0
+
+    @cached_property
+    def branches(self) -> list[tuple[Model, dict[str, str], list[int]]]:
+        """The model behind each input, the names here of its parameters, and where in x its free ones stand."""
+        pairs = [self.model.branch(k) for k in range(len(self.input_sds))]
+        return [(part, names, [self.model.free.index(names[n]) for n in part.free]) for part, names in pairs]
+
+    def rationals(self, x: Array) -> list[Rational]:
+        """The transfer function behind each input at x."""
+        theta = self.theta(x)
+        return [part.rational({n: theta[w] for n, w in names.items()}) for part, names, _ in self.branches]
+
+    @cached_property
+    def state_sizes(self) -> list[int]:
+        """How many initial states each branch has of its own; poles that inputs share hold one set of them."""
+        sizes = [part.order + part.integrators + len(part.known.den) - 1 for part, *_ in self.branches]
+        common = self.model.parts and any("." not in n for n in self.model.names)
+        return [sizes[0], *(0 if common else size for size in sizes[1:])]
 
     @property
     def n_model(self) -> int:
@@ -58,23 +80,25 @@ class Posed:
         """
         m, runs = self.model, sorted({s.run for s in self.segments})
         offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (not (m.integrators and all(self.loose)))
-        states = m.order + m.integrators + len(m.known.den) - 1
-        edges = self.n_model + offsets + states * np.cumsum([0, *self.loose])
+        edges = self.n_model + offsets + sum(self.state_sizes) * np.cumsum([0, *self.loose])
         own = [self.n_model + (runs.index(s.run) if m.offset == "per run" else 0) for s in self.segments]
         return tuple((slice(o, o + (offsets > 0)), slice(a, b)) for o, a, b in zip(own, edges, edges[1:].tolist()))
 
     @cached_property
-    def pasts(self) -> tuple[int | None, ...]:
-        """Where in x the level of the input before each segment stands, over its first sample; None where there is
+    def pasts(self) -> tuple[tuple[int | None, ...], ...]:
+        """Where in x the level of each input before each segment stands, over its first sample; None where there is
         none. What an integrator has made of a past is its offset."""
-        asked = self.input_sd > 0 and self.initial == "equilibrium" and not self.model.integrators
+        asked = self.initial == "equilibrium" and not self.model.integrators
         at = count(self.places[-1][1].stop)
-        return tuple(next(at) if asked and not loose else None for loose in self.loose)
+        return tuple(
+            tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds) for loose in self.loose
+        )
 
     @property
     def size(self) -> int:
         """Length of x."""
-        return self.places[-1][1].stop + sum(k is not None for k in self.pasts) + self.trend * len(self.begun_s)
+        levels = sum(k is not None for past in self.pasts for k in past)
+        return self.places[-1][1].stop + levels + self.trend * len(self.begun_s)
 
     @cached_property
     def begun_s(self) -> dict[int, float]:
@@ -85,7 +109,10 @@ class Posed:
     def precision(self) -> Array:
         """What is known beforehand of x (size,), in units of the output's noise: the past, by its first sample."""
         known = np.zeros(self.size)
-        known[[k for k in self.pasts if k is not None]] = (self.noise_sd / (self.input_sd or 1.0)) ** 2
+        for past in self.pasts:
+            for k, sd in zip(past, self.input_sds):
+                if k is not None:
+                    known[k] = (self.noise_sd / sd) ** 2
         return known
 
     @property
@@ -108,9 +135,9 @@ class Posed:
     @cached_property
     def reach(self) -> int:
         """Samples by which a dead time can hold the input back."""
-        if "Td" not in self.model.names:
-            return 0
-        return int(np.ceil(self.model.fixed.get("Td", self.longest_delay_s) / self.dt_s)) + 1
+        delays = [n for n in self.model.names if bare(n) == "Td"]
+        longest = max((self.model.fixed.get(n, self.longest_delay_s) for n in delays), default=-self.dt_s)
+        return int(np.ceil(longest / self.dt_s)) + 1
 
     @cached_property
     def longest_s(self) -> float:
@@ -159,9 +186,9 @@ class Posed:
         """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
         lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
         for i, n in enumerate(self.model.free):
-            if n == "Td":
+            if bare(n) == "Td":
                 lower[i], upper[i] = 0.0, self.longest_delay_s
-            elif n == "Zeta":
+            elif bare(n) == "Zeta":
                 lower[i], upper[i] = np.log(1e-3), np.log(20.0)
             elif self.model.positive(n):
                 lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * self.longest_s)
@@ -169,42 +196,64 @@ class Posed:
 
     def outputs(self, x: Array) -> list[tuple[Array, Array]] | None:
         """Per segment the model output (N,) and its Jacobian (N, size); None where the model is unstable."""
-        theta, n = self.theta(x), self.n_model
-        rational = self.model.rational(theta)
-        if not rational.stable:
+        rationals = self.rationals(x)
+        if not all(g.stable for g in rationals):
             return None
-        system, rule = realise(rational), self.model.chain_rule(theta) * self.natural_scale(x)
+        theta, scale, behind = self.theta(x), self.natural_scale(x), []
+        for g, (part, names, at) in zip(rationals, self.branches):
+            rule = part.chain_rule({n: theta[w] for n, w in names.items()}) * scale[at]
+            behind.append((g, realise(g), rule, at))
         answers = []
-        for segment, (offset, state), level in zip(self.segments, self.places, self.pasts):
-            past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
-            u = np.concatenate([past, segment.u])
-            if level is None:
-                rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
-            else:  # what it was for ever, and from the first sample on the departure from that
-                before = u[0] + x[level]
-                rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
-                rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
-            y, j = rows[0] + x[offset].sum(), np.zeros((len(segment.u), self.size))
-            j[:, :n] = rows[1:].T @ rule
+        for segment, (offset, state), levels in zip(self.segments, self.places, self.pasts):
+            y, j = np.full(len(segment.y), x[offset].sum()), np.zeros((len(segment.y), self.size))
             j[:, offset] = 1.0
             if self.trend:
                 run = self.size - len(self.begun_s) + sorted(self.begun_s).index(segment.run)
                 j[:, run] = (
                     segment.start_s - self.begun_s[segment.run] + self.dt_s * np.arange(len(y))
                 ) / self.longest_s
-                y = y + x[run] * j[:, run]
-            if level is not None:
-                plain, one = realise(rational, False), np.ones(len(u))
-                j[:, level] = rational.num[0] - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
-            if states := len(x[state]):
-                scale = self.time_scale_s ** np.arange(1.0, states + 1)
-                begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
-                free = free_rows(begun, len(y), self.dt_s)  # its value, d/dnumerator, d/dfactor coefficients
-                y, by_factor = y + free[0], free[1 + states : -1]
-                j[:, :n] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
-                j[:, state] = free[1 : 1 + states].T * scale
+                y += x[run] * j[:, run]
+            first = state.start
+            for k, (one, level, own) in enumerate(zip(behind, levels, self.state_sizes)):
+                own = own if state.stop > state.start else 0
+                self.add(one, segment.of(k) if len(levels) > 1 else segment, level, slice(first, first + own), x, y, j)
+                first += own
             answers.append((y, j))
         return answers
+
+    def add(
+        self,
+        behind: tuple[Rational, Realisation, Array, list[int]],
+        segment: Segment,
+        level: int | None,
+        state: slice,
+        x: Array,
+        y: Array,
+        j: Array,
+    ) -> None:
+        """Add to ``y`` (N,) and ``j`` (N, size) what comes from one input of ``segment``: of the input, of its
+        ``level`` before, of the initial ``state`` (places in x)."""
+        rational, system, rule, at = behind
+        past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
+        u = np.concatenate([past, segment.u])
+        if level is None:
+            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
+        else:  # what it was for ever, and from the first sample on the departure from that
+            before = u[0] + x[level]
+            rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
+            rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
+            plain, one = realise(rational, False), np.ones(len(u))
+            j[:, level] = rational.num[0] - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
+        y += rows[0]
+        j[:, at] += rows[1:].T @ rule
+        if states := state.stop - state.start:
+            scale = self.time_scale_s ** np.arange(1.0, states + 1)
+            begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
+            free = free_rows(begun, len(y), self.dt_s)  # its value, d/dnumerator, d/dfactor coefficients
+            by_factor = free[1 + states : -1]
+            y += free[0]
+            j[:, at] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
+            j[:, state] = free[1 : 1 + states].T * scale
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
         """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian."""
@@ -230,57 +279,3 @@ class Posed:
         with np.errstate(divide="ignore"):
             sd = 1 / np.sqrt(self.precision)
         return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=sd)
-
-
-def nothing_left(data: IOData) -> str:
-    """Which column is to blame where no stretch of the data can be used."""
-    for name, columns in (
-        (data.input_names[0], [r.u[:, 0] for r in data.runs]),
-        (data.output_names[0], [r.y[:, 0] for r in data.runs]),
-    ):
-        if not any(np.isfinite(c).any() for c in columns):
-            return f"column {name} holds no number at all (NaN everywhere)"
-    return f"column {data.input_names[0]} has no {SHORTEST} samples in a row, with the output measured, without a gap"
-
-
-def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0) -> Posed:
-    """The problem of fitting ``model`` to one-input one-output ``data``; refuses data nothing can be learnt
-    from. ``input_noise`` is its sd, in the input's unit."""
-    where = data.name or "identify"
-    if len(data.input_names) != 1 or len(data.output_names) != 1:
-        raise InputError(
-            f"the data hold {len(data.input_names)} inputs and {len(data.output_names)} outputs",
-            where=where,
-            remedy="choose one of each: data.select(input=.., output=..)",
-        )
-    segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
-    if not segments:
-        raise InputError(nothing_left(data), where=where, remedy="see whether the right column was taken")
-    if all(np.ptp(s.u) == 0 for s in segments) and len({float(s.u[0]) for s in segments}) == 1:
-        raise InputError(
-            f"input {data.input_names[0]} is constant ({segments[0].u[0]:g})",
-            where=where,
-            expected="an input that moves: without a change there is no dynamics to see",
-        )
-    if data.hold == "zoh" and model.has_delay and model.order + model.integrators + len(model.known.den) == 1:
-        raise InputError(
-            f"{model.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
-            remedy="add a lag (P1D)",
-        )
-    if input_noise != "auto" and not 0 <= input_noise < np.inf:
-        raise InputError(
-            f"the input's noise is {input_noise}", where=where, expected="a standard deviation in the input's unit"
-        )
-    sd = input_noise_sd(segments) if input_noise == "auto" else float(input_noise)
-    problem = Posed(model, segments, data.dt_s, data.hold, initial, input_sd=sd)
-    problem = replace(problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0)
-    if problem.n_seen < max(2 * problem.size, 8):
-        raise InputError(
-            f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",
-            where=where,
-            expected=f"at least {max(2 * problem.size, 8)}",
-            remedy="record longer or choose a smaller model",
-        )
-    if all(np.nanstd(s.y) == 0 for s in segments):
-        raise InputError(f"output {data.output_names[0]} never moves", where=where, remedy="check the channel")
-    return problem

@@ -1,11 +1,11 @@
-"""The prediction-error search: a few short descents from the best starts, the winner taken to convergence; and the
-finished fit that comes of it."""
+"""The problem that data pose; the prediction-error search: a few short descents from the best starts, the winner taken
+to convergence; and the finished fit that comes of it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,8 +16,10 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding
 from calibration.result import Result
 from tcdyn.fitting import Loss, Noise, Optimum, Problem, least, minimise
+from tcdyn.identify.data import SHORTEST, IOData, cut, input_noise_sd
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.problem import Posed
+from tcdyn.identify.models import Model, bare, beside, suffix
+from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.start import starts
 
 
@@ -86,10 +88,73 @@ class Fit(Result):
         return self.identified.card()
 
 
-def search(posed: Posed, core: Problem | None = None, start: Array | None = None) -> Optimum:
+def nothing_left(data: IOData) -> str:
+    """Which column is to blame where no stretch of the data can be used."""
+    every = [(n, [r.u[:, k] for r in data.runs]) for k, n in enumerate(data.input_names)]
+    for name, columns in (*every, (data.output_names[0], [r.y[:, 0] for r in data.runs])):
+        if not any(np.isfinite(c).any() for c in columns):
+            return f"column {name} holds no number at all (NaN everywhere)"
+    names, have = ", ".join(data.input_names), "has" if len(data.input_names) == 1 else "have"
+    return f"column {names} {have} no {SHORTEST} samples in a row, with the output measured, without a gap"
+
+
+def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0) -> Posed:
+    """The problem of fitting ``model`` to the data of one output and as many inputs as the model has; refuses data
+    nothing can be learnt from. ``input_noise`` is its sd, in the input's unit."""
+    where, inputs = data.name or "identify", max(len(model.parts), 1)
+    if len(data.output_names) != 1:
+        raise InputError(
+            f"the data hold {len(data.output_names)} outputs ({', '.join(data.output_names)})",
+            where=where,
+            remedy="fit them one by one: data.select(output=..), or compare_outputs(data)",
+        )
+    if len(data.input_names) != inputs or model.inputs not in ((), data.input_names):
+        raise InputError(
+            f"the data hold {len(data.input_names)} inputs ({', '.join(data.input_names)}), {model.name} has "
+            f"{', '.join(model.inputs) or 'one'}",
+            where=where,
+            remedy='choose one: data.select(input=..), or give a model to each: several(["P1D", ..], data.input_names)',
+        )
+    segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
+    if not segments:
+        raise InputError(nothing_left(data), where=where, remedy="see whether the right column was taken")
+    for k, name in enumerate(data.input_names):
+        if np.ptp(np.concatenate([s.inputs[:, k] for s in segments])) == 0:
+            raise InputError(
+                f"input {name} is constant ({segments[0].inputs[0, k]:g})",
+                where=where,
+                expected="an input that moves: without a change there is no dynamics to see",
+            )
+    for part in model.parts or (model,):
+        if data.hold == "zoh" and "Td" in part.names and part.order + part.integrators + len(part.known.den) == 1:
+            raise InputError(
+                f"{part.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
+                remedy="add a lag (P1D)",
+            )
+    if input_noise != "auto" and not 0 <= input_noise < np.inf:
+        raise InputError(
+            f"the input's noise is {input_noise}", where=where, expected="a standard deviation in the input's unit"
+        )
+    alone = [[s.of(k) for s in segments] for k in range(inputs)]
+    sds = tuple(input_noise_sd(each) if input_noise == "auto" else float(input_noise) for each in alone)
+    problem = Posed(model, segments, data.dt_s, data.hold, initial, input_sds=sds)
+    problem = replace(problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0)
+    if problem.n_seen < max(2 * problem.size, 8):
+        raise InputError(
+            f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",
+            where=where,
+            expected=f"at least {max(2 * problem.size, 8)}",
+            remedy="record longer or choose a smaller model",
+        )
+    if all(np.nanstd(s.y) == 0 for s in segments):
+        raise InputError(f"output {data.output_names[0]} never moves", where=where, remedy="check the channel")
+    return problem
+
+
+def search(posed: Posed, core: Problem | None = None, start: Array | Sequence[Array] = ()) -> Optimum:
     """The least-squares optimum of ``posed``; ``core`` replaces its residuals by filtered or weighted ones."""
     core = core or posed.core()
-    tried = [start] if start is not None else diverse(posed, starts(posed))
+    tried = list(np.atleast_2d(start)) if len(start) else diverse(posed, starts(posed))
     if len(tried) > 1:
         tried = [least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in tried]).theta]
     # the noise is not known: only the cost itself says what is little of it
@@ -124,28 +189,28 @@ def spans(posed: Posed, x: Array) -> Array:
 def kicked(posed: Posed, optimum: Optimum) -> Optimum:
     """The better of ``optimum`` and descents from either side of Tz = 0, where zero and dead time act alike."""
     free = list(posed.model.free)
-    if "Tz" not in free or "Td" not in free:
-        return optimum
-    both = [free.index("Tz"), free.index("Td")]
-    lag = max(sum(v for n, v in posed.theta(optimum.theta).items() if n.startswith("Tp")), posed.dt_s)
-    if abs(optimum.theta[both[0]]) > 0.02 * lag:
-        return optimum
-    found = [optimum]
-    for size in (0.15 * lag, -0.15 * lag):
-        x0 = optimum.theta.copy()
-        x0[both] += size
-        found.append(minimise(optimum.problem, x0, limit=40, tolerance=0.0))
-    return least(found)
+    for zero in (n for n in free if bare(n) == "Tz" and "Td" + n[2:] in free):
+        both = [free.index(zero), free.index("Td" + zero[2:])]
+        theta = posed.theta(optimum.theta)
+        lag = max(sum(v for n, v in theta.items() if n[:2] == "Tp" and beside(n, zero)), posed.dt_s)
+        if abs(optimum.theta[both[0]]) > 0.02 * lag:
+            continue
+        found = [optimum]
+        for size in (0.15 * lag, -0.15 * lag):
+            x0 = optimum.theta.copy()
+            x0[both] += size
+            found.append(minimise(optimum.problem, x0, limit=40, tolerance=0.0))
+        optimum = least(found)
+    return optimum
 
 
 def ordered(posed: Posed, optimum: Optimum) -> Optimum:
     """The same optimum with Tp1 >= Tp2 >= Tp3."""
-    free = list(posed.model.free)
-    lags = [free.index(n) for n in ("Tp1", "Tp2", "Tp3") if n in free]
-    if "Tw" in free or len(lags) < 2:
-        return optimum
-    index = np.arange(len(optimum.theta))
-    index[lags] = [lags[i] for i in np.argsort(-optimum.theta[lags], kind="stable")]
+    free, index = list(posed.model.free), np.arange(len(optimum.theta))
+    for end in {suffix(n) for n in free}:
+        lags = [free.index(n + end) for n in ("Tp1", "Tp2", "Tp3") if n + end in free]
+        if "Tw" + end not in free:
+            index[lags] = [lags[i] for i in np.argsort(-optimum.theta[lags], kind="stable")]
     return replace(
         optimum,
         theta=optimum.theta[index],

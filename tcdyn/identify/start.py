@@ -1,5 +1,5 @@
 """Where the search begins: lags and dead times by which the input explains most of the output, then SRIVC; no start is
-asked for. And whether there is anything to find, in an output that moves before its input.
+asked for.
 
 SRIVC (simplified refined instrumental variables for continuous time) is Young and Jakeman's idea in this package's own
 terms: with the current denominator A, both records are filtered by s^j/A; the regression A y_f = B u_f is solved with
@@ -11,20 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 from scipy.signal import correlate
 
 from calibration import Array
-from calibration.errors import InputError
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
-from tcdyn.identify.data import REPEATED, Segment
-from tcdyn.identify.models import Model, process
+from tcdyn.identify.data import Segment
+from tcdyn.identify.models import Model, bare, several
 from tcdyn.identify.problem import Posed
-
-LEADS = 12  # lags of which two make a lead
-REFINED = 4  # times the row of lags is narrowed to its cube root and less: from a factor 3 to 1 %
 
 
 def filled(segment: Segment) -> Array:
@@ -119,81 +115,6 @@ def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:
     return [(float(taus[k]), float(np.argmax(score[k])) * problem.dt_s) for k in best]
 
 
-def check_causality(problem: Posed, where: str) -> None:
-    """Raise InputError when a lag with a *negative* dead time explains the output far better than any real one.
-
-    Far better means: more than two samples ahead, r^2 above 0.3, and less than 0.7 of the variance that the best
-    dead time from zero upwards leaves unexplained. In trials every causal system, leads and integrators included,
-    stayed above 0.97, exchanged or shifted columns below 0.63. On a record of little noise a trial lag a factor off
-    leaves more than the right one early; so what a coarse row of lags suspects is judged by lags refined on both sides.
-    What it still suspects may be a lead: a zero slower than the poles, of which one lag knows nothing. A lead explains
-    nothing before its input moves; so where one with two lags does nearly as well as any of them early, it stands. An
-    output that was set and not measured is no sensor's: there the columns are exchanged, though a lead would fit too.
-    """
-    if problem.model.integrators or sum(len(s.u) for s in problem.segments) < 40:
-        return
-    plain = replace(problem, model=process("P1D", known=problem.model.known))
-    n = max(len(s.u) for s in problem.segments)
-    reach, taus = n // 4, [np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)]
-    ratio, best = float(taus[0][1] / taus[0][0]), [(-1.0, 0, 0.0)] * 2  # r^2, place, lag: ahead of the input, behind it
-    for _ in range(REFINED + 1):
-        for row in taus:
-            score = np.abs(explained(plain, row, reach, reach))
-            for side, part in enumerate((score[:, : reach - 2], score[:, reach - 2 :])):
-                k, place = map(int, np.unravel_index(int(np.argmax(part)), part.shape))
-                best[side] = max(best[side], (float(part[k, place]), place, float(row[k])))
-        (early, at, _), (late, _, _) = best
-        if not (early > 0.3 and 1 - early < 0.7 * (1 - late)):
-            return
-        taus, ratio = [tau * np.geomspace(1 / ratio, ratio, 9) for _, _, tau in best], ratio**0.3
-    if not held_output(problem):
-        left = 1 - leading(plain)
-        trials = np.unique(np.geomspace(3, max(reach - at, 3), 6).astype(int))
-        if all(1 - leading(plain, int(k)) >= 0.7 * left for k in trials):
-            return
-    raise InputError(
-        f"the output moves about {(reach - at) * problem.dt_s:.3g} s before the input",
-        where=where,
-        expected="an output that follows its input",
-        remedy="check that the columns are not exchanged and that both clocks agree; in a closed loop the input "
-        "answers the output: use a record with the loop open, or check=False",
-        parameters=("check=False",),
-    )
-
-
-def held_output(problem: Posed) -> bool:
-    """Whether the output mostly repeats the sample before, as what a computer sets, and the input does not."""
-    repeats = [np.mean(np.diff(np.concatenate(x)) == 0) for x in zip(*((filled(s), s.u) for s in problem.segments))]
-    return bool(repeats[0] > REPEATED > repeats[1])
-
-
-def leading(problem: Posed, ahead: int = 0) -> float:
-    """The largest r^2 of the output, ``ahead`` samples later, with the input and what any two of a row of lags make of
-    it.
-
-    Two lags with two zeros, a lead among them. Segments begin in equilibrium and share the constant.
-    """
-    taus = np.geomspace(2 * problem.dt_s, 0.3 * problem.longest_s, LEADS)
-    rows = []
-    for s in problem.segments:
-        lagged = [
-            simulate_rows(
-                realise(Rational(np.array(problem.model.known.num), (*f, *problem.model.known.factors)), False),
-                s.u, problem.dt_s, 0.0, problem.hold, problem.begun,
-            )[0]
-            for f in ((), *((Factor((1.0, float(tau))),) for tau in taus))
-        ]  # fmt: skip
-        rows.append(np.vstack([filled(s)[: max(len(s.u) - ahead, 0)], *(x[ahead:] for x in lagged)]))
-    table = np.hstack(rows)
-    table = table - table.mean(axis=1, keepdims=True)
-    whole, best = float(table[0] @ table[0]), 0.0
-    for pair in combinations(range(2, len(table)), 2):
-        basis = table[[1, *pair]]
-        fitted = basis.T @ np.linalg.lstsq(basis @ basis.T, basis @ table[0], rcond=1e-12)[0]
-        best = max(best, 1 - float(np.sum((table[0] - fitted) ** 2)) / whole)
-    return best
-
-
 def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
     """Process parameters whose total lag is that of one lag ``tau`` behind ``delay``, shared out by
     ``pattern``."""
@@ -220,7 +141,7 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     """x with gain, zero, offset and initial states from linear least squares at ``theta``, and the cost there."""
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
-    linear = [i for i, n in enumerate(model.free) if n == "Kp" or n.startswith("b")]
+    linear = [i for i, n in enumerate(model.free) if bare(n) == "Kp" or n.startswith("b")]
     linear += list(range(problem.n_model, problem.size))
     answer = problem.evaluate(x)
     if answer is None:
@@ -253,12 +174,61 @@ def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str
     return theta | {f"Tp{i + 1}": float(t) * (1.0 + 1e-3 * i) for i, t in enumerate(taus)}
 
 
+def rest(problem: Posed, theta: Mapping[str, float], k: int) -> Posed:
+    """The problem of the ``k``-th input alone, with what the other inputs do at ``theta`` taken out of the output."""
+    part, names, _ = problem.branches[k]
+    silent = {w: 0.0 for n, w in names.items() if n == "Kp" or n.startswith("b")}
+    fixed = replace(problem, model=replace(problem.model, fixed={**theta, **silent}))
+    answers = fixed.outputs(polished(problem, theta)[1][problem.n_model :])
+    assert answers is not None
+    segments = tuple(replace(s.of(k), y=s.y - y) for s, (y, _) in zip(problem.segments, answers))
+    model = replace(part, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
+    return replace(problem, model=model, segments=segments, input_sds=(problem.input_sds[k],))
+
+
+def one_lag_each(problem: Posed) -> tuple[Posed, dict[str, float]]:
+    """The problem with one lag behind each input, and where it explains most with the same lag behind all of them."""
+    m = problem.model
+    plain = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
+    posed = replace(problem, model=plain)
+    pool = [
+        polished(posed, {**dict.fromkeys(plain.names, 0.0), **{n: float(tau) for n in plain.names if n[:2] == "Tp"}})
+        for tau in np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
+    ]
+    return posed, posed.theta(min(pool, key=lambda item: item[0])[1])
+
+
+def alone(problem: Posed) -> list[Posed]:
+    """The problem of each input by itself, with what one lag behind each of the others explains taken out."""
+    if not problem.model.parts:
+        return [problem]
+    posed, theta = one_lag_each(problem)
+    return [rest(posed, theta, k) for k in range(len(posed.branches))]
+
+
+def starts_of_several(problem: Posed) -> list[Array]:
+    """Starts for several inputs: each input's own best start with what the others do taken out, in turns, twice."""
+    posed, known = one_lag_each(problem)
+    found: list[tuple[float, Array]] = []
+    theta: dict[str, float] = {}
+    for _ in range(2):
+        for k, (part, names, _) in enumerate(problem.branches):
+            sub = replace(rest(posed, known, k), model=replace(part, offset=problem.model.offset))
+            begun = sub.theta(starts(sub)[0])
+            theta |= {names[n]: v for n, v in begun.items()}
+        found.append(polished(problem, theta))
+        posed, known = problem, problem.theta(found[-1][1])
+    return [x for cost, x in sorted(found, key=lambda item: item[0]) if np.isfinite(cost)]
+
+
 def starts(problem: Posed) -> list[Array]:
     """Starts for any model, best first.
 
     One lag's total shared out over those of a process model; SRIVC where its poles may be complex, and for a general
     transfer function over prefilters from the record's length to its sampling and candidate dead times.
     """
+    if problem.model.parts:
+        return starts_of_several(problem)
     model, seen = problem.model, one_lag_starts(problem)[:4]
     (tau, delay), process = seen[0], model.kind == "process"
     begun: list[dict[str, float]] = []

@@ -70,14 +70,14 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
-    behind = shifts(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
+    behind = shifts(problem, fit.identified.longest_lag_s, lags)
     root = 1.0 if fit.optimum.weights is None else np.sqrt(fit.optimum.weights)[:, None]  # of the robust loss, as in e
     u, ahead = (
         extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
-    cross = input_correlation(ew, jw, u, np.asarray(problem.dt_s * behind, dtype=float))
+    cross = input_correlation(ew, jw, u, np.tile(problem.dt_s * behind, len(problem.branches)).astype(float))
     rounding = bool(np.max(np.abs(r)) <= 0.5 * problem.rounding_step)  # which alone could leave these residuals
     if rounding:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
@@ -152,7 +152,14 @@ def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
 
 def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
     """The input so many samples before each measured one, (N, lags), over its level at the start of its segment; a
-    negative shift looks ahead, and after its end a segment's input stays."""
+    negative shift looks ahead, and after its end a segment's input stays. Several inputs stand side by side."""
+    if len(problem.branches) > 1:
+        each = [
+            replace(problem, segments=tuple(s.of(k) for s in problem.segments)) for k in range(len(problem.branches))
+        ]
+        return np.hstack(
+            [shifted_inputs(replace(p, model=problem.model.parts[0], input_sds=(0.0,)), behind) for p in each]
+        )
     most, ahead = max(int(behind.max()), 0), max(-int(behind.min()), 0)
     tables = []
     for s in problem.segments:

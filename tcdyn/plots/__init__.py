@@ -23,7 +23,10 @@ _ROOMS = {
         "draw_common_lag", "draw_design", "draw_differential_lags", "draw_entry", "draw_heat_transfer", "draw_holes",
         "draw_record",
     ),
-    "identify": ("draw_band", "draw_bode", "draw_correlation", "draw_fit", "draw_residuals", "draw_step"),
+    "identify": (
+        "draw_band", "draw_bode", "draw_correlation", "draw_data", "draw_fit", "draw_poles",
+        "draw_residuals", "draw_step",
+    ),
     "compensate": ("draw_before_use", "draw_compensated", "draw_tradeoff"),
     "partition": (
         "draw_budget", "draw_exponent", "draw_lines", "draw_map", "draw_temperatures", "draw_unloading", "draw_ways",

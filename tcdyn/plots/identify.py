@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.stats import chi2
 
-from tcdyn.identify.identified import Band, Identified, bode_band, percent_times, step_band
+from tcdyn.identify.data import IOData
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.responses import Band, bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure
+
+INPUTS, OUTPUTS = (FAST, TRUTH, DARK, GREY), (SLOW, GREY, DARK, TRUTH)
 
 
 def label(name: str, unit: str) -> str:
@@ -25,11 +30,48 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     ax.plot(t, fit.simulated()[segment], color=TRUTH, linewidth=1.3, label=f"{model.model.name} simulated")
     style = "steps-post" if fit.problem.hold == "zoh" else "default"
     twin = ax.twinx()
-    twin.plot(t, s.u, color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
+    for u, width in zip(s.inputs.T, (0.8, 1.4, 0.5, 2.0) * s.inputs.shape[1]):
+        twin.plot(t, u, color=FAST, linewidth=width, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
     ax.plot([], [], color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), label=f"{model.input_name}, right axis")
     twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
     ax.set_title(f"fit {model.statistics['fit_percent']:.2f} %")
     return dressed(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
+
+
+def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
+    """The outputs of one run as points, its inputs dashed over the right axis."""
+    t, one = data.times_s(run), data.runs[run]
+    twin = ax.twinx()
+    for k, (name, u) in enumerate(zip(data.input_names, one.u.T)):
+        style = "steps-post" if data.hold == "zoh" else "default"
+        twin.plot(t, u, color=INPUTS[k % len(INPUTS)], linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
+        ax.plot(
+            [], [], color=INPUTS[k % len(INPUTS)], linewidth=0.8, linestyle=(0, (4, 1)), label=f"{name}, right axis"
+        )
+    for k, (name, y) in enumerate(zip(data.output_names, one.y.T)):
+        ax.plot(t, y, ".", markersize=2.5, color=OUTPUTS[k % len(OUTPUTS)], label=name)
+    twin.set_ylabel(", ".join(label(*both) for both in zip(data.input_names, data.input_units)))
+    names = ", ".join(label(*both) for both in zip(data.output_names, data.output_units))
+    return dressed(ax, "time [s]", names, loc="best")
+
+
+def draw_poles(model: Identified, ax: Axes) -> Axes:
+    """Poles (crosses) and zeros (rings) of what was identified, with their 95 % regions."""
+    turn = np.linspace(0, 2 * np.pi, 60)
+    for k, (name, part) in enumerate(model.parts.items()):
+        colour = INPUTS[k % len(INPUTS)]
+        for r in roots_of(part) if part.gain else ():
+            mark = {"marker": "x"} if r.kind == "pole" else {"marker": "o", "markerfacecolor": "none"}
+            ax.plot([r.value.real], [r.value.imag], color=colour, linestyle="none", **mark)  # type: ignore[arg-type]
+            size, axes = np.linalg.eigh(r.covariance)
+            free = np.sum(size > 1e-9 * size[-1]) if size[-1] > 0 else 1  # a real root moves along its axis alone
+            reach = np.sqrt(np.maximum(size, 0) * chi2.ppf(0.95, free))
+            round_ = axes @ (reach[:, None] * [np.cos(turn), np.sin(turn)])
+            ax.plot(r.value.real + round_[0], r.value.imag + round_[1], color=colour, linewidth=0.9)
+        ax.plot([], [], "x", color=colour, label=name)
+    ax.axhline(0.0, color=DARK, linewidth=0.6)
+    ax.axvline(0.0, color=DARK, linewidth=0.6)
+    return dressed(ax, "real part [1/s]", "imaginary part [1/s]", legend=len(model.parts) > 1)
 
 
 def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
@@ -95,10 +137,15 @@ def fit_figure(fit: Fit) -> Figure:
 
 
 def dynamics_figure(model: Identified) -> Figure:
-    """Step response and Bode diagram."""
-    fig, axes = figure(1, 3, 12.0, 3.4)
-    draw_step(model, axes[0])
-    draw_bode(model, axes[1], axes[2])
+    """Step response, Bode diagram, poles and zeros, a row for each input that matters."""
+    parts = {name: part for name, part in model.parts.items() if part.gain}
+    fig, axes = figure(len(parts), 4, 14.0, 3.4 * len(parts))
+    for row, (name, part) in enumerate(parts.items()):
+        draw_step(part, axes[4 * row])
+        draw_bode(part, axes[4 * row + 1], axes[4 * row + 2])
+        draw_poles(part, axes[4 * row + 3])
+        if len(model.parts) > 1:
+            axes[4 * row].set_title(f"from {name}: {part.model.name}")
     return fig
 
 

@@ -18,6 +18,7 @@ from tcdyn.compensate.inverse import BeforeUse
 from tcdyn.compensate.record import Compensated
 from tcdyn.design.compare import Design
 from tcdyn.identify.choose import Comparison
+from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
@@ -42,6 +43,7 @@ PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {
     Partition: ("draw_ways", lambda r: r),
     CampaignRun: ("draw_beta", lambda r: r.table),
     DemoRun: ("draw_ways", lambda r: next(iter(r.tests.values())).partition),
+    IOData: ("draw_data", lambda r: r),
     Comparison: ("draw_fit", lambda r: r.best),
     Fit: ("draw_fit", lambda r: r),
     Identified: ("draw_step", lambda r: r),

@@ -71,7 +71,7 @@ def write_identify_report(
             "",
             None,
             dynamics_figure(model),
-            "Step response and Bode diagram of the identified model with 95 % bands.",
+            "Step response, Bode diagram, poles (crosses) and zeros (rings) of the identified model with 95 % bands.",
         ),
         Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best, comparison.validation)),
     ]

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import tcdyn
 from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
@@ -97,13 +98,13 @@ def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_
     y = Chain((0.8, 0.3), conditioning=b).response(u, 0.05, hold="zoh")
     data = IOData.from_arrays(u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh")
     best = compare(data, [process("P2", known=b)]).best.identified
-    words = re.search(r"tcdyn\.smooth\(y, dt, (Chain\(.*\))\);", as_chain(best, b))
-    chain = eval(words[1], {"Chain": Chain, "Conditioning": Conditioning}) if words else None
+    words = re.search(r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", as_chain(best, b))
+    chain = eval(words[1], {"tcdyn": tcdyn}) if words else None
     assert chain.conditioning == b
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)  # noise of 0.1 % over four steps
     assert as_chain(best, NO_CONDITIONING) == ""  # identified with a filter: without it, it is another chain
     plain = compare(data, [process("P2")]).best.identified
-    assert "conditioning=Conditioning(poles=0)" in as_chain(plain)  # and no cut-off of a filter that is not there
+    assert "conditioning=tcdyn.Conditioning(poles=0)" in as_chain(plain)  # and no cut-off of a filter that is not there
 
 
 def test_a_held_out_part_in_which_nothing_happens_does_not_overrule_a_decisive_bic() -> None:

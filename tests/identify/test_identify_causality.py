@@ -13,9 +13,9 @@ from scipy.signal import lfilter
 from calibration.errors import InputError
 from calibration.finding import Grade
 from tcdyn.identify import IOData, compare, fit
+from tcdyn.identify.causality import check_causality
 from tcdyn.identify.models import process
-from tcdyn.identify.problem import pose
-from tcdyn.identify.start import check_causality
+from tcdyn.identify.search import pose
 
 FINER, DT_S = 10, 0.05
 

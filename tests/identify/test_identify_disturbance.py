@@ -18,7 +18,7 @@ from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.data import input_noise_sd
 from tcdyn.identify.disturbance import coefficients, partials
 from tcdyn.identify.models import process
-from tcdyn.identify.problem import pose
+from tcdyn.identify.search import pose
 
 
 def held(runs: int, least: float) -> float:

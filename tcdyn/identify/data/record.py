@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from math import comb
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,12 +11,9 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.noise import MAD_TO_SD
 from calibration.result import Result
 
 Hold = Literal["zoh", "foh"]
-REPEATED = 0.4  # share of samples that equal the one before, from which an input was set and not measured
-SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
 
 
 @dataclass(frozen=True)
@@ -85,12 +81,7 @@ class IOData(Result):
         where = name or "IOData"
         if not (np.isfinite(dt_s) and dt_s > 0):
             raise InputError(f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero")
-        if hold not in ("zoh", "foh"):
-            raise InputError(
-                f"hold is {hold!r}",
-                where=where,
-                expected="'zoh' (input held between samples) or 'foh' (straight line)",
-            )
+        check_hold(hold, where)
         ua, ya = columns(u, input_names, "input", where), columns(y, output_names, "output", where)
         if len(ua) != len(ya):
             raise InputError(
@@ -174,17 +165,17 @@ class IOData(Result):
         """One run alone."""
         return replace(self, runs=(self.runs[index],))
 
-    def select(self, input: str | None = None, output: str | None = None) -> IOData:
-        """One input and one output of several, by name (the first ones where no name is given)."""
-        i = index_of(input, self.input_names, "input")
-        o = index_of(output, self.output_names, "output")
+    def select(self, input: str | Sequence[str] | None = None, output: str | Sequence[str] | None = None) -> IOData:
+        """Some of the inputs and outputs, by name; all of them where no name is given."""
+        i = indices_of(input, self.input_names, "input")
+        o = indices_of(output, self.output_names, "output")
         return replace(
             self,
-            runs=tuple(replace(r, u=r.u[:, [i]].copy(), y=r.y[:, [o]].copy()) for r in self.runs),
-            input_names=(self.input_names[i],),
-            output_names=(self.output_names[o],),
-            input_units=(self.input_units[i],),
-            output_units=(self.output_units[o],),
+            runs=tuple(replace(r, u=r.u[:, i].copy(), y=r.y[:, o].copy()) for r in self.runs),
+            input_names=tuple(self.input_names[k] for k in i),
+            output_names=tuple(self.output_names[k] for k in o),
+            input_units=tuple(self.input_units[k] for k in i),
+            output_units=tuple(self.output_units[k] for k in o),
         )
 
     def times_s(self, index: int = 0) -> Array:
@@ -192,69 +183,21 @@ class IOData(Result):
         return np.asarray(self.runs[index].start_s + np.arange(self.runs[index].n) * self.dt_s)
 
 
-@dataclass(frozen=True)
-class Segment:
-    """A stretch with the input known throughout: ``u`` (N,), ``y`` (N,) with NaN where not measured.
-
-    ``past`` (M,) is the input of its run before it, gaps bridged by straight lines. A segment that has a past follows
-    a gap: nothing is known of the state it begins from, but what a dead time holds back is.
-    """
-
-    u: Array
-    y: Array
-    seen: np.ndarray
-    run: int
-    start_s: float
-    past: Array = field(default_factory=lambda: np.empty(0))
-
-    @property
-    def resumed(self) -> bool:
-        """Whether it follows a gap of its run."""
-        return len(self.past) > 0
-
-    def history(self, count: int) -> Array:
-        """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
-        first = np.concatenate([self.past, self.u])[0]
-        padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
-        return np.asarray(padded[len(padded) - count :])
+def check_hold(hold: Hold, where: str) -> Hold:
+    """The hold as it is; InputError for one that there is not."""
+    if hold not in ("zoh", "foh"):
+        expected = "'zoh' (input held between samples) or 'foh' (straight line)"
+        raise InputError(f"hold is {hold!r}", where=where, expected=expected)
+    return hold
 
 
-def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
-    """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
-    known = np.isfinite(run.u[:, 0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
-    pieces = []
-    for a, b in edges.reshape(-1, 2):
-        y = run.y[a:b, 0]
-        if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
-            t = np.flatnonzero(known[:b])
-            past = np.interp(np.arange(t[0], a), t, run.u[t, 0])
-            pieces.append(Segment(run.u[a:b, 0], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
-    return pieces
-
-
-def input_noise_sd(segments: Sequence[Segment]) -> float:
-    """Standard deviation of the input's measurement noise, from its fourth differences; 0 where it counts for nothing.
-
-    A signal slower than a tenth of the sampling rate leaves less than 2 % of its amplitude in them. An input whose
-    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none.
-    """
-    u = [s.u for s in segments if len(s.u) > 4]
-    if not u or np.mean(np.concatenate([np.diff(x) for x in u]) == 0) > REPEATED:
-        return 0.0
-    away = np.abs(np.concatenate([np.diff(x, 4) for x in u]))
-    away = away[away <= 4 * MAD_TO_SD * np.median(away)]  # a step leaves five of them, each far out
-    sd = float(np.sqrt(np.mean(away**2) / comb(8, 4)))
-    return sd if sd > 1e-4 * np.ptp(np.concatenate(u)) else 0.0
-
-
-def index_of(name: str | None, names: tuple[str, ...], role: str) -> int:
-    """Position of ``name`` among ``names``; the first when None."""
-    if name is None:
-        return 0
-    if name not in names:
-        raise InputError(f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}")
-    return names.index(name)
+def indices_of(asked: str | Sequence[str] | None, names: tuple[str, ...], role: str) -> list[int]:
+    """Positions of ``asked`` among ``names``; all of them when None."""
+    wanted = names if asked is None else (asked,) if isinstance(asked, str) else tuple(asked)
+    for name in wanted:
+        if name not in names:
+            raise InputError(f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}")
+    return [names.index(name) for name in wanted]
 
 
 def columns(values: ArrayLike, names: Sequence[str], role: str, where: str) -> Array:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -12,37 +14,52 @@ import pandas as pd
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files import CsvTable, open_table, read_whole, text_of
-from tcdyn.identify.data import Hold, IOData
+from calibration.files.dialect import CLOCK, TextColumn
+from calibration.finding import Place
+from tcdyn.identify.data.record import Hold, IOData, check_hold
+from tcdyn.identify.data.segments import REPEATED
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 MOST_SAMPLES = 5e7  # of one run on an even grid
+JUMP = 0.05  # of its range, by which an input that was set moves; rounding makes smaller steps
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
 
 def from_frame(
     frame: pd.DataFrame,
     *,
-    input: str,
-    output: str,
+    input: str | Sequence[str],
+    output: str | Sequence[str],
     time: str | None = None,
     run: str | None = None,
     dt_s: float | None = None,
-    hold: Hold = "foh",
+    hold: Hold | Literal["auto"] = "auto",
     resample_s: float | None = None,
     name: str = "",
 ) -> IOData:
-    """IOData from a table: one row a sample, an optional ``run`` column whose values name separate recordings.
+    """IOData from a table: one row a sample, one or several columns of inputs and of outputs, and an optional ``run``
+    column whose values name separate recordings.
 
-    ``time`` is a column in seconds (found by itself when called time_s, time, t or t_s); without one give
-    ``dt_s``. Rows missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on
-    an even grid by straight lines. Raises InputError naming column, row and remedy.
+    ``time`` is a column in seconds or of clock times (found by itself when called time_s, time, t or t_s); without one
+    give ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it, else "foh". Rows
+    missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by
+    straight lines. Raises InputError naming column, row and remedy.
 
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
     1.0
     """
     where = name or "table"
-    for role, column in (("input", input), ("output", output), ("time", time), ("run", run)):
+    inputs, outputs = ([c] if isinstance(c, str) else list(c) for c in (input, output))
+    roles: list[tuple[str, str | None]] = [*(("input", c) for c in inputs), *(("output", c) for c in outputs)]
+    for _, column in roles:
+        if [c for _, c in roles].count(column) > 1:
+            raise InputError(
+                f"column {column!r} is named twice", where=where, expected="other columns as inputs and outputs"
+            )
+    if not inputs or not outputs:
+        raise InputError("no input or no output is named", where=where, expected="at least one of each")
+    for role, column in (*roles, ("time", time), ("run", run)):
         if column is not None and column not in frame.columns:
             near = get_close_matches(column, map(str, frame.columns), n=1, cutoff=0.6)
             raise InputError(
@@ -67,10 +84,10 @@ def from_frame(
     parts = []
     for label, part in groups:
         place = f"{where}, run {label}" if label else where
-        u, y = numbers(part, input, place), numbers(part, output, place)
+        u, y = (np.column_stack([numbers(part, c, place) for c in each]) for each in (inputs, outputs))
         start = 0.0
         if time is not None:
-            t = numbers(part, time, place)
+            t = numbers(part, time, place, clock=True)
             check_times(t, time, place)
             start = float(t[0])
             u, y = even(t, u, y, interval, resample_s is not None, time, place)
@@ -79,20 +96,33 @@ def from_frame(
                 u,
                 y,
                 interval,
-                hold=hold,
                 start_s=start,
-                input_names=[input],
-                output_names=[output],
+                input_names=inputs,
+                output_names=outputs,
                 name=label or name,
             )
         )
-    return parts[0].merge(*parts[1:])
+    data = parts[0].merge(*parts[1:])
+    held = all(was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs)))
+    return replace(data, hold=("zoh" if held else "foh") if hold == "auto" else check_hold(hold, where))
+
+
+def was_set(u: Array) -> bool:
+    """Whether a computer set the input ``u`` (N,): it mostly stays, and moves by a twentieth of its range or more."""
+    moved = np.abs(np.diff(u[np.isfinite(u)]))
+    jumps = moved[moved > 0]
+    return (
+        len(jumps) > 0
+        and len(jumps) < (1 - REPEATED) * len(moved)
+        and np.median(jumps) > JUMP * np.nanmax(np.ptp(u[np.isfinite(u)]))
+    )
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:
     """:func:`from_frame` on a file: text of any dialect, spaces between columns too, TDMS, LVM or Parquet."""
     path = Path(path)
-    asked = {str(options[role]) for role in ("input", "output", "time", "run") if options.get(role) is not None}
+    given = [options[role] for role in ("input", "output", "time", "run") if options.get(role) is not None]
+    asked = {c for names in given for c in ([names] if isinstance(names, str) else names)}
     table = open_table(path, asked)
     if isinstance(table, CsvTable):
         frame = _text_frame(table)
@@ -117,9 +147,16 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
     return frame
 
 
-def numbers(frame: pd.DataFrame, column: str, where: str) -> Array:
-    """One column as floats; text that is no number is refused with its row."""
+def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -> Array:
+    """One column as floats; text that is no number is refused with its row. A ``clock`` may hold times of the day, with
+    or without the date, which are seconds from the first one on."""
     values = frame[column]
+    if clock and values.dtype.kind not in "iufb":
+        if values.dtype.kind == "M":
+            return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
+        texts = [str(v).strip() for v in values]
+        if sum(CLOCK.fullmatch(t) is not None for t in texts) > 0.5 * len(texts):
+            return TextColumn(column, ".", Place(where)).numbers(texts, 0)
     converted = pd.to_numeric(values, errors="coerce")
     bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
     if len(bad):
@@ -133,7 +170,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str) -> Array:
 
 def sampling(groups: list[tuple[str, pd.DataFrame]], time: str | None, where: str) -> float:
     """The sampling interval [s]: total time by total steps, so that rounded time stamps do not drift."""
-    steps = [np.diff(numbers(g, str(time), where)) for _, g in groups]
+    steps = [np.diff(numbers(g, str(time), where, clock=True)) for _, g in groups]
     joined = np.concatenate([s[np.isfinite(s) & (s > 0)] for s in steps])
     if len(joined) == 0:
         raise InputError("has fewer than two samples", where=where, expected="a record")
@@ -170,8 +207,9 @@ def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str,
         )
     if resample:
         grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)
-        ok = np.isfinite(u)
-        return np.interp(grid, t[ok], u[ok]), np.interp(grid, t, y)
+        known = [np.isfinite(column) for column in u.T]
+        ue = np.column_stack([np.interp(grid, t[ok], column[ok]) for ok, column in zip(known, u.T)])
+        return ue, np.column_stack([np.interp(grid, t, column) for column in y.T])
     index = np.round(position).astype(int)
     off = np.abs(position - index)
     if off.max() > JITTER or np.any(np.diff(index) == 0):
@@ -187,6 +225,6 @@ def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str,
     n = index[-1] + 1
     if n == len(t):
         return u, y
-    ue, ye = np.full(n, np.nan), np.full(n, np.nan)
+    ue, ye = (np.full((n, v.shape[1]), np.nan) for v in (u, y))
     ue[index], ye[index] = u, y
     return ue, ye

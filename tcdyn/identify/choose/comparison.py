@@ -2,43 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from scipy import stats
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.fitting import correlation_length
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.data import SHORTEST, IOData, cut
+from tcdyn.identify.choose.grow import Entry, Progress, Way, listed
+from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import coloured, fit
-from tcdyn.identify.models import Model, as_model
+from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
-from tcdyn.identify.start import polished
 from tcdyn.identify.validate import Validation, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
 WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
-Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 @dataclass(frozen=True)
 class Comparison(Result):
-    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with its ``reason``."""
+    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with its ``reason``;
+    ``grown``: its models are the way of a search that grew, and none is left to be tried."""
 
     table: pd.DataFrame
     fits: Mapping[str, Fit]
     recommended: str
     reason: Finding
+    grown: bool = False
 
     @property
     def why(self) -> str:
@@ -68,7 +67,7 @@ class Comparison(Result):
     @property
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
-        untried = [name for name in OFFERED if name not in set(self.table["model"])]
+        untried = [name for name in OFFERED if name not in set(self.table["model"]) and not self.grown]
         return verdict(self.table, self.recommended, self.reason, untried, self.validation.troubles)
 
     def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
@@ -88,19 +87,24 @@ class Comparison(Result):
 
     def card(self) -> pd.DataFrame:
         """The order table, remarks left out."""
-        return self.table.drop(columns=["remark", "determined"])
+        return self.table.drop(columns=["remark", "determined", "refused"])
 
 
 def compare(
     data: IOData,
-    models: Sequence[Model | str] = CANDIDATES,
-    *,
+    *models: Entry | Sequence[Entry],
+    like: Model | None = None,
     held_out: IOData | float = 0.3,
     progress: Progress = lambda name, number, count: None,
     **options: Any,
 ) -> Comparison:
     """Fit every model to all of ``data`` and score it on data it has not seen.
 
+    ``models``, or one list of them, are models to be fitted by name or value, or those that are (a :class:`Fit`, an
+    :class:`Identified`, also of :func:`tcdyn.identify.from_control`), which are compared as they stand but for their
+    offset. Without any they are the way of a search that grows from one lag on
+    (:func:`tcdyn.identify.choose.grow.grown`), each with the known part, the offset and the fixed gain of ``like``; of
+    several inputs it finds those that matter.
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
     scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
@@ -108,17 +112,24 @@ def compare(
     the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
     recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
     """
-    found = compared(data, models, held_out, progress, options)
-    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
-        return with_disturbance(data, models, held_out, progress, options, found)
+    entries: list[Entry] = []
+    for m in models:
+        entries += [m] if isinstance(m, Entry) else m
 
-    again = told_with(progress, "initial state estimated")
+    def tried(progress: Progress, options: Mapping[str, Any]) -> Comparison:
+        way = listed(data, entries, like or process("P1"), held_out, progress, options)
+        return compared(data, way, held_out, progress, options)
+
+    found = tried(progress, options)
+    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
+        return with_disturbance(data, held_out, progress, options, found)
+
     with_state = {**options, "initial": "estimated"}
-    freed = compared(data, models, held_out, again, with_state)
+    freed = tried(told_with(progress, "initial state estimated"), with_state)
     if freed.table["BIC"].min() >= found.table["BIC"].min():
-        return with_disturbance(data, models, held_out, progress, options, found)
+        return with_disturbance(data, held_out, progress, options, found)
     freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
-    return with_disturbance(data, models, held_out, progress, with_state, freed)
+    return with_disturbance(data, held_out, progress, with_state, freed)
 
 
 def told_with(progress: Progress, what: str) -> Progress:
@@ -128,7 +139,6 @@ def told_with(progress: Progress, what: str) -> Progress:
 
 def with_disturbance(
     data: IOData,
-    models: Sequence[Model | str],
     held_out: IOData | float,
     progress: Progress,
     options: Mapping[str, Any],
@@ -143,22 +153,26 @@ def with_disturbance(
     if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
         return found
     asked = {**options, "check": False, "noise": "auto", "baseline": "auto", "intervals": "quadratic"}
+    if found.grown:
+        asked["start"] = best.identified.theta
     given = fit(data, best.problem.model, **asked).disturbance
     if given == best.disturbance:
         return found
 
     again = told_with(progress, "disturbance modelled")
-    anew = compared(data, models, held_out, again, {**options, **given})
+    way = [(f.problem.model, f.identified.theta if found.grown else None, False) for f in found.fits.values()]
+    anew = compared(data, way, held_out, again, {**options, **given})
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
+    anew = replace(anew, grown=found.grown)
     told = {"order": list(anew.best.noise.order), "baseline": given["baseline"]}
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 
 def compared(
     data: IOData,
-    models: Sequence[Model | str],
+    models: Way,
     held_out: IOData | float,
     progress: Progress,
     options: Mapping[str, Any],
@@ -168,12 +182,13 @@ def compared(
     fits: dict[str, Fit] = {}
     first: InputError | None = None
     train, test, from_s = divide(data, held_out)
-    for number, entry in enumerate(models, 1):
-        model = as_model(entry)
+    for number, (model, start, refused) in enumerate(models, 1):
         progress(model.name, number, len(models))
         try:
-            whole = not_worse(fit(data, model, **options), fits, data, options)
-            quick = {**options, "intervals": "quadratic", "check": False}  # the score needs no profile intervals
+            first_to_check = {} if not fits or start is None else {"check": False}
+            whole = fit(data, model, **{**options, "start": start, **first_to_check})
+            whole = whole if start is not None else not_worse(whole, fits, data, options)
+            quick = {**options, "intervals": "quadratic", "check": False, "start": start}  # a score needs no profiles
             score = whole if train is None else fit(train, model, **quick)
             rms, percent, p_held_out = judged(score, test, from_s)
         except InputError as error:
@@ -194,12 +209,13 @@ def compared(
                 "p_input": s["p_input"],
                 "remark": "; ".join(whole.warnings),
                 "determined": not whole.findings,
+                "refused": refused,
             }
         )
     if not fits:
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
-    return Comparison(table, fits, *recommend(table, overdamped(fits)))
+    return Comparison(table, fits, *recommend(table, overdamped(fits)), grown=any(refused for *_, refused in models))
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:
@@ -229,56 +245,25 @@ def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapp
     return found
 
 
-def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
-    """Training data, data to simulate, and the time from which their error counts [s]."""
-    if isinstance(held_out, IOData):
-        return None, held_out, -np.inf
-    if not 0 < held_out < 1:
-        raise InputError(f"held_out is {held_out}", expected="a share between 0 and 1, or IOData")
-    if len(data.runs) > 1:
-        return replace(data, runs=data.runs[:-1]), data.run(len(data.runs) - 1), -np.inf
-    run = data.runs[0]
-    edge = run.start_s + (run.n - 1) * data.dt_s * (1 - held_out)
-    train = data.between(None, edge)
-    return train, data, edge + 0.5 * data.dt_s
-
-
-def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
-    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on (:func:`judged`)."""
-    return judged(result, test, from_s)[:2]
-
-
-def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float, float]:
-    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
-    error no smaller from the noise of the fit alone.
-
-    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"): a record that is scored
-    from some time on is continued from the state that suits what came before, any other gets the state that suits it.
-    The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
-    """
-    model = result.identified
-    segments, scored = [], []
-    for s in (s for k, run in enumerate(test.runs) for s in cut(run, k, test.dt_s)):
-        late = s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s)
-        before = s.seen & ~late
-        segments.append(replace(s, y=s.y - model.offset, seen=before if before.sum() >= SHORTEST else s.seen))
-        scored.append(late)
-    known = replace(model.model, fixed=model.theta, offset="none")
-    posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold)
-    answers = posed.outputs(polished(posed, {})[1])
-    assert answers is not None
-    whole = replace(posed, segments=tuple(replace(s, seen=np.isfinite(s.y)) for s in segments))
-    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
-    late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
-    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
-    if result.noise.walks and not late.all():  # from the level at which the walk is by then
-        error = error - np.mean(all_of_it[~late][-SHORTEST:])
-    spread = np.concatenate(
-        [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
-    )
-    if len(error) == 0:
-        return np.nan, np.nan, np.nan
-    top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
-    ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
-    freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
-    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(stats.f.sf(ratio, *freedom))
+def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
+    """The recommended model of each output, its lags and what is to be said of it: one row an output and input."""
+    rows = []
+    for output, c in comparisons.items():
+        for name, part in c.best.identified.parts.items():
+            lag = "" if c.best.identified.model.integrators or not part.gain else part.lag_s.text("s")
+            fits = {
+                f"{what} [%]": f"{c.best_row[f'{key}_percent']:.2f}"
+                for what, key in (("fit", "fit"), ("held out", "held_out"))
+            }
+            rows.append(
+                {
+                    "output": output,
+                    "input": name,
+                    "model": part.model.name,
+                    "gain": f"{part.gain:.4g}",
+                    "lag": lag,
+                    **fits,
+                    "grade": c.verdict.grade.name.lower(),
+                }
+            )
+    return pd.DataFrame(rows)

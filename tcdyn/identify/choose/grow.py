@@ -1,0 +1,280 @@
+"""A search that grows: from one lag on, orders, zeros, dead times and inputs are added until the criterion stops."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from calibration import Array
+from calibration.errors import InputError
+from tcdyn.chain.rational import product
+from tcdyn.fitting import correlation_length
+from tcdyn.identify.advice import DECISIVE
+from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.data import IOData
+from tcdyn.identify.fit import fit
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.models import SILENT, Model, as_model, bare, process, several, suffix, transfer
+from tcdyn.identify.search import Fit
+from tcdyn.identify.start import rest, starts
+
+WORTH = 2.0  # BIC that a step must gain
+UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
+SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
+MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
+SHARED = (2.0, 10.0, 50.0)  # samples, of the first pole that all inputs share
+SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
+Score = Callable[[Fit], float]
+Entry = Model | str | Fit | Identified
+Way = Sequence[tuple[Model, Mapping[str, float] | None, bool]]  # models, where their searches begin, whether refused
+Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
+
+
+def grown(
+    data: IOData, template: Model, score: Score, options: Mapping[str, Any]
+) -> list[tuple[Model, Mapping[str, float], bool]]:
+    """The way from one lag (behind the input that explains most) to the model from which no step is worth its while.
+
+    A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond
+    three poles it goes on with general transfer functions. Where there are several inputs it also gives one that had
+    none its first lag, and goes over to poles that all share, if that gains 10 and lowers the error of ``score`` by 3 %
+    or more. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that ``score``
+    finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals white and
+    that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and whether it
+    was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
+    part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
+    """
+    quick = {**options, "intervals": "quadratic", "check": False}
+    now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
+    error, way, seen = score(now), [now], {now.problem.model.name}
+    refused: list[Fit] = []
+    for _ in range(MOST_STEPS):
+        fresh = [m for m in steps(now.problem.model, data) if m.name not in seen]
+        seen |= {m.name for m in fresh}
+        tried = [f for f in (fitted(data, m, now, quick) for m in fresh) if f is not None]
+        tried.sort(key=bic)
+        for found in tried:
+            sure = gain(now, found) > WORTH
+            if not sure and bic(found) > bic(now) - DECISIVE:
+                continue
+            unseen = score(found)
+            if unseen <= (UNSEEN if sure else SEEN) * error:
+                break
+        else:
+            refused = tried[:MOST_SHOWN]
+            break
+        now, error = found, unseen
+        way.append(found)
+    joint = common_poles(data, template, quick) if len(data.input_names) > 1 else None
+    if joint is not None and bic(joint) < bic(now) - DECISIVE:
+        (way if score(joint) <= SEEN * error else refused).append(joint)
+    return [(f.problem.model, f.identified.theta, any(f is r for r in refused)) for f in (*way, *refused)]
+
+
+def common_poles(data: IOData, template: Model, options: Mapping[str, Any]) -> Fit | None:
+    """The best model whose inputs share their poles, one more at a time until BIC no longer falls by 10."""
+    best: Fit | None = None
+    for order in range(1, MOST_POLES):
+        names = data.input_names
+        parts = [transfer(order, order)] * len(names)
+        model = as_template(several(parts, names, common=True, known=template.known), template)
+        begun = [{n: size * data.dt_s for n in model.names if n[0] == "a"} for size in SHARED]
+        if best is not None:
+            begun, old, theta = [], best.problem.model, best.identified.theta
+            for size in SIZES:
+                start: dict[str, float] = {}
+                for k, part in enumerate(parts):
+                    (was, own), named = old.branch(k), model.branch(k)[1]
+                    lag = size * max(best.identified.longest_lag_s, data.dt_s)
+                    values = begin(was, {n: theta[w] for n, w in own.items()}, part, lag)
+                    start |= {named[n]: v for n, v in values.items()}
+                begun.append(start)
+        try:
+            found = fit(data, model, **options, start=begun)
+        except InputError:
+            break
+        if best is not None and bic(found) > bic(best) - DECISIVE:
+            break
+        best = found
+    return best
+
+
+def bic(found: Fit) -> float:
+    """The criterion of white residuals."""
+    return float(found.identified.statistics["bic"])
+
+
+def gain(smaller: Fit, larger: Fit) -> float:
+    """What the larger model gains in BIC where residuals that are coloured count for as many as are independent.
+
+    m ln(S/S') - (k' - k) ln m, m = N/(1 + 2 sum of the autocorrelations of the larger model's residuals).
+    """
+    before, after = (float(f.innovation @ f.innovation) for f in (smaller, larger))
+    more = larger.identified.statistics["parameters"] - smaller.identified.statistics["parameters"]
+    independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
+    return float(independent * np.log(before / max(after, 1e-300)) - more * np.log(independent))
+
+
+def best_of(tried: list[Fit | None]) -> Fit:
+    """The least BIC; InputError of the first model where none could be fitted."""
+    good = [f for f in tried if f is not None]
+    if not good:
+        raise InputError("no first lag could be fitted", expected="an output that follows an input")
+    return min(good, key=bic)
+
+
+def fitted(data: IOData, model: Model, before: Fit | None, options: Mapping[str, Any]) -> Fit | None:
+    """The better of the fit begun at the simpler model's answer and, of one input, of that begun nowhere; None where
+    there is none."""
+    begun: list[Any] = [] if before is None else [onward(before, model)]
+    tried = []
+    for start in begun if model.parts and begun else [*begun, None]:
+        try:
+            tried.append(fit(data, model, **options, start=start))
+        except InputError:
+            continue
+    return min(tried, key=bic, default=None)
+
+
+def first_steps(data: IOData, template: Model) -> list[Model]:
+    """One lag behind the input; of several inputs behind each alone."""
+    names = data.input_names
+    if len(names) == 1:
+        return [as_template(process("P1"), template), as_template(process("P1D"), template)]
+    kinds = [["P1D" if j == k else SILENT for j in range(len(names))] for k in range(len(names))]
+    return [as_template(several(kind, names, known=template.known), template) for kind in kinds]
+
+
+def steps(model: Model, data: IOData) -> list[Model]:
+    """All models that are one step larger."""
+    if not model.parts:
+        return [as_template(m, model) for m in successors(model)]
+    found = []
+    for k in range(len(model.parts)):
+        for part in successors(model.parts[k]):
+            parts = [*model.parts[:k], part, *model.parts[k + 1 :]]
+            found.append(as_template(several(parts, model.inputs, known=model.known), model))
+    return found
+
+
+def as_template(model: Model, like: Model) -> Model:
+    """``model`` with the known part, the offset, the bound of the dead time and the fixed gains of ``like``."""
+    gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
+    gains = {new: v for n, v in gains.items() for new in ("Kp" + suffix(n), "b0" + suffix(n)) if new in model.names}
+    known = model.known if model.parts else like.known
+    return replace(model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains})
+
+
+def successors(model: Model) -> list[Model]:
+    """The models one step larger behind one input.
+
+    >>> [m.name for m in successors(process("P1D"))]
+    ['P1DZ', 'P2D', 'P2DZ', 'P2DU']
+    >>> [m.name for m in successors(transfer(1, 3))]
+    ['TF(1,3)D', 'TF(2,3)', 'TF(1,4)', 'TF(2,4)', 'TF(3,5)']
+    """
+    if model.name == SILENT:
+        return [process("P1"), process("P1D")]
+    delay = "Td" in model.names
+    poles, zeros = model.order, len([n for n in model.names if n[0] == "b"]) - 1
+    if model.kind == "tf":
+        larger = [(zeros + 1, poles), (zeros, poles + 1), (zeros + 1, poles + 1), (zeros + 2, poles + 2)]
+        found = [] if delay else [transfer(zeros, poles, delay=True)]
+        return found + [transfer(z, p, delay=delay) for z, p in larger if z <= p <= MOST_POLES]
+    letters = set(re.sub(r"[P\d]", "", model.name))
+    named = [] if delay else [(poles, letters | {"D"})]
+    named += [(poles, letters | {"Z"})] if poles and "Z" not in letters else []
+    if poles < 3:
+        named += [(poles + 1, letters)]
+        named += [(poles + 1, letters | {"Z"})] if "Z" not in letters else []
+    named += [(max(poles, 2), letters | {"U"})] if poles and "U" not in letters else []
+    found = [process(f"P{p}{''.join(c for c in 'DUZ' if c in kept)}") for p, kept in named]
+    zeros = int("Z" in letters)
+    if poles >= 2 and zeros:
+        found.append(transfer(2, poles, delay=delay))
+    if poles == 3:
+        found += [transfer(zeros, 4, delay=delay), transfer(zeros + 1, 4, delay=delay)]
+    return found
+
+
+def onward(found: Fit, model: Model) -> list[dict[str, float]]:
+    """Parameters of ``model`` to begin at: what the smaller one ``found`` did with what is new of three sizes, and the
+    starts that the larger branch has by itself."""
+    posed, theta, old = found.problem, found.identified.theta, found.problem.model
+    k = next(k for k in range(len(posed.branches)) if model.branch(k)[0].name != old.branch(k)[0].name)
+    (part, names), (was, own) = model.branch(k), old.branch(k)
+    have = {n: theta[w] for n, w in own.items()}
+    kept = {w: v for w, v in theta.items() if w not in own.values()}
+    lag = found.identified.longest_lag_s if was.name == SILENT else abs(was.rational(have).lag_s)
+    fresh = [begin(was, have, part, size * max(lag, posed.dt_s)) for size in SIZES]
+    if model.parts:
+        alone = rest(posed, theta, k)
+        sub = replace(alone, model=replace(part, offset=old.offset, delay_max_s=old.delay_max_s))
+        fresh = ([] if was.name == SILENT else fresh) + [sub.theta(x) for x in starts(sub)[:2]]
+    return [kept | {names[n]: v for n, v in one.items()} for one in fresh]
+
+
+def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dict[str, float]:
+    """The parameters of ``part`` from those of ``was``, what is new of the size ``tau`` [s]; a zero on its pole."""
+    delay = {"Td": have.get("Td", 0.1 * tau)} if "Td" in part.names else {}
+    if part.kind == "tf":
+        first, factors = was.coefficients(have)
+        above: Array = np.asarray(first, dtype=float)
+        below: Array = product(factors)
+        for _ in range(part.order + 1 - len(below)):
+            below = product([below, [1.0, tau]])
+            if len(above) < sum(n[0] == "b" for n in part.names):
+                above = product([above, [1.0, tau]])
+        values = {f"b{i}": float(v) for i, v in enumerate(above)} | {f"a{i}": float(v) for i, v in enumerate(below)}
+        return {n: values.get(n, 0.0) for n in part.names} | delay
+    new = [n for n in part.names if n not in have]
+    begun = dict(have) | dict.fromkeys(new, tau) | delay
+    if "Tw" in new:
+        begun["Tw"] = float(np.sqrt(have["Tp1"] * have.get("Tp2", tau)))
+        begun["Zeta"] = min(tau / begun["Tw"], 1.0)
+        begun["Tp3"] = have.get("Tp3", tau)
+    if "Tz" in new and not any(n[:2] == "Tp" for n in new):
+        begun["Tz"] = 0.1 * tau
+    return {n: begun[n] for n in part.names}
+
+
+def entry(given: Entry, data: IOData) -> Model:
+    """The model to be fitted: the one that was named, behind each input where there are several, or one that stands."""
+    found = given.identified if isinstance(given, Fit) else given
+    if isinstance(found, Identified):
+        return replace(found.model, name=f"{found.model.name} as given", fixed=found.theta)
+    model = as_model(found)
+    names = data.input_names
+    return model if model.parts or len(names) == 1 else several([model] * len(names), names)
+
+
+def listed(
+    data: IOData,
+    models: Sequence[Entry],
+    like: Model,
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+) -> Way:
+    """The ``models``, begun nowhere, or where there are none those of the way from one lag on."""
+    if models:
+        return [(m, None if m.free else {}, False) for m in (entry(m, data) for m in models)]
+    train, test, from_s = divide(data, held_out)
+    quick = {**options, "intervals": "quadratic", "check": False}
+
+    told: list[str] = []
+
+    def score(found: Fit) -> float:
+        told.append(found.problem.model.name)
+        progress(told[-1], len(told), len(told))
+        try:
+            model, start = found.problem.model, found.identified.theta
+            return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]
+        except InputError:  # too little is left of the record
+            return np.inf
+
+    return grown(data, like, score, options)

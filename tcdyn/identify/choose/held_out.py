@@ -1,0 +1,70 @@
+"""How well a fit simulates what it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from calibration.errors import InputError
+from tcdyn.fitting import correlation_length
+from tcdyn.identify.data import SHORTEST, IOData, cut
+from tcdyn.identify.search import Fit
+from tcdyn.identify.start import polished
+
+
+def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
+    """Training data, data to simulate, and the time from which their error counts [s]."""
+    if isinstance(held_out, IOData):
+        return None, held_out, -np.inf
+    if not 0 < held_out < 1:
+        raise InputError(f"held_out is {held_out}", expected="a share between 0 and 1, or IOData")
+    if len(data.runs) > 1:
+        return replace(data, runs=data.runs[:-1]), data.run(len(data.runs) - 1), -np.inf
+    run = data.runs[0]
+    edge = run.start_s + (run.n - 1) * data.dt_s * (1 - held_out)
+    train = data.between(None, edge)
+    return train, data, edge + 0.5 * data.dt_s
+
+
+def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
+    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on (:func:`judged`)."""
+    return judged(result, test, from_s)[:2]
+
+
+def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float, float]:
+    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
+    error no smaller from the noise of the fit alone.
+
+    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift stays as it was
+    at the end of the fit's data. A record that is scored from some time on is continued from the state that suits what
+    came before, any other gets the state that suits it.
+    The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
+    """
+    model = result.identified
+    segments, scored = [], []
+    for s in (s for k, run in enumerate(test.runs) for s in cut(run, k, test.dt_s)):
+        late = s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s)
+        before = s.seen & ~late
+        segments.append(replace(s, y=s.y - model.offset, seen=before if before.sum() >= SHORTEST else s.seen))
+        scored.append(late)
+    known = replace(model.model, fixed=model.theta, offset="none")
+    posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold, trend=False)
+    answers = posed.outputs(polished(posed, {})[1])
+    assert answers is not None
+    whole = replace(posed, segments=tuple(replace(s, seen=np.isfinite(s.y)) for s in segments))
+    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
+    late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
+    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
+    if result.noise.walks and not late.all():  # from the level at which the walk is by then
+        error = error - np.mean(all_of_it[~late][-SHORTEST:])
+    spread = np.concatenate(
+        [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
+    )
+    if len(error) == 0:
+        return np.nan, np.nan, np.nan
+    top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
+    ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
+    freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
+    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(stats.f.sf(ratio, *freedom))
