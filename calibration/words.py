@@ -97,6 +97,9 @@ READER: dict[str, Words] = {
     "column.constant": "column {subject} is {value:.6g} in every row",
     "column.frozen": "{place}: stays at {value:.6g} for {span_s:.3g} s",
     "column.not_there": "column {subject} is missing",
+    "columns.unused": lambda names, **_: f"{some(len(names), 'column')} of the file not used: {', '.join(names)}",
+    "contact.not_logged": "column contact is not in the log: load and friction tell when the disks touch, the parting "
+    "less sharply",
     "noise.high": "column {subject}: noise {noise_K:.2g} degC, the others' is {others_K:.2g}",
     "switch.filled": "{place}: {count} value(s) missing; state kept",
     "switch.levels": "column {subject}: levels {low:g} and {high:g} are read as 0 and 1",
@@ -668,6 +671,7 @@ def _headline(beta: float, u: float, count: int, low95: float, high95: float, z:
     return f"{said}."
 
 
+_PLACES = {"surface": "running surface", "faces": "side faces"}
 PARTITION: dict[str, Words] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} time(s)): taken as a "
     "switch that fails, not as an unloading",
@@ -679,6 +683,8 @@ PARTITION: dict[str, Words] = {
     "loading.disagree": "contact switch and forces disagree on the loading by {late_s:+.2f} s; the forces are believed",
     "parting.switch_alone": "neither friction nor load shows a clear fall at unloading: the contact switch alone gives "
     "the instant",
+    "parting.unclear": "neither friction nor load shows a clear fall at unloading: where they pass half their level "
+    "gives the instant",
     "parting.no_friction": "the friction shows no clear fall at unloading: load cell and contact switch give the "
     "instant",
     "parting.disagree": "contact switch and {subject} disagree on the parting by {late_s:+.3f} s; the {subject} is "
@@ -688,6 +694,13 @@ PARTITION: dict[str, Words] = {
     "speeds.missing": "the speed of the {subject} disk after the parting is not in the log: taken as unchanged",
     "speeds.ratio": "the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {stated:.3f}: the log is "
     "used",
+    "constant.used": "{subject} is not in the log: rig.toml [constants] states {value:g} +- {u:g}",
+    "constant.logged": "{subject} is in the log: what rig.toml [constants] states of it is not used",
+    "ambient.channels": lambda subject, place, mean_degC, drift_K, spread_K, count, **_: (
+        f"air at the {_PLACES[place]} of the {subject} disk by {some(count, 'channel')}: {mean_degC:.1f} degC over the "
+        f"last 150 s under load, drifting by {drift_K:+.2f} K"
+        + (f", the channels differ by {spread_K:.2f} K (1 sd)" if count > 1 else "")
+    ),
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
     "channel.left_out": _left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",

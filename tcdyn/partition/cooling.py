@@ -46,7 +46,7 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
-    known = still(test, disk.setup.surface)
+    known = still(test, disk)
     warmer = surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, AMBIENT] - window.blocks @ known[rows, 0]
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)

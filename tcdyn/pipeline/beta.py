@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -26,7 +27,6 @@ from tcdyn.contact import (
     NOTHING_ADDED,
     SETTLE_S,
     FrictionAdded,
-    contact_force,
     equal_radius_m,
     hertz_contact,
     speed_course,
@@ -35,8 +35,9 @@ from tcdyn.contact import (
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
+from tcdyn.pipeline.running import constants_of, disk_air, forces_N, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
-from tcdyn.traces import bridged, disk_traces, gathered, rig_of
+from tcdyn.traces import disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
@@ -96,17 +97,17 @@ def prepare(
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
-    load, friction = (
-        contact_force(t, frame[f"{force}_N"].to_numpy(dtype=float), events) for force in ("load", "friction")
-    )
+    stated, told = constants_of(frame, rig)
+    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
+    load, friction = forces_N(frame, events, steady, stated)
     left_out = left_out or {}
     out = left_out_of(left_out)
     _no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
-    found += events.findings
-    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    found += [*events.findings, *told]
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
-    rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
+    rpm, rpm_u = speeds_rpm(frame, under_load, stated)
     speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
     if not speeds[0] > speeds[1] > 0:
         raise InputError(
@@ -120,7 +121,6 @@ def prepare(
         found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
         found.append(look("forces.one_zero"))
-    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
     if not 0 < friction_N < load_N:
         raise InputError(
@@ -134,6 +134,8 @@ def prepare(
     found += added.findings
     slowing = {}
     for d, level in zip(DISKS, rpm):
+        if f"speed_{d}_rpm" in stated:
+            continue
         course = speed_course(t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level)
         if course is None:
             found.append(look("speeds.missing", subject=d))
@@ -146,14 +148,22 @@ def prepare(
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
-    ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
+    u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
+    about = {d: disk_air(frame, d, rig, steady, stated) for d in DISKS}
+    air = {d: a for d, (a, _) in about.items()}
     disks = {}
     for d in DISKS:
         found += others[d]
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
-        friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
-        uncertainty = traces.uncertainty.model_copy(update={"friction_rel": friction_rel})
+        found += about[d][1]
+        own = traces.uncertainty
+        wider = {
+            "friction_rel": math.hypot(own.friction_rel, added.u_N / friction_N, sliding_rel),
+            "half_width_rel": math.hypot(own.half_width_rel, load_rel / 3),  # b ~ W^(1/3)
+            "ambient_K": math.hypot(own.ambient_K, stated["ambient_degC"].u if "ambient_degC" in stated else 0.0),
+        }
+        uncertainty = own.model_copy(update=wider)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
         disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
     return EhlTest(
@@ -161,7 +171,8 @@ def prepare(
         dt_s=dt,
         events=events,
         power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
-        ambient_degC=bridged(ambient, np.isfinite(ambient)),
+        ambient_degC=air["fast"].faces,
+        air=air if rig.air_columns() else {},
         load_N=load_N,
         friction_N=friction_N,
         speed_ratio=ratio,
@@ -169,7 +180,10 @@ def prepare(
         entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
         half_width_m=contact.major_m,
         speed_exponent=rig.common.contact.speed_exponent,
-        exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+        exponent_half_range=math.hypot(
+            0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+            3**0.5 * rig.common.contact.speed_exponent * ratio_rel / math.log(ratio),  # chi = ratio^n
+        ),
         disks=disks,
         findings=tuple(found),
         added=added,

@@ -62,7 +62,7 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
         return None
     third, mean = len(y) // 3, y.mean(axis=0)
     drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
-    warm_K = float(np.median(mean[used])) - float(test.ambient_degC[rest].mean())
+    warm_K = float(np.median(mean[used])) - float(test.ambient_of(disk.name)[rest].mean())
     if drift > OFF_K or abs(warm_K) > AT_REST_K:
         return None
     alike = np.hypot(REST_U_K, WARM_REL * warm_K)
