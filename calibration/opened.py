@@ -5,15 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from calibration import Array
-from calibration.columns import KNOWN, LAYOUTS, TORQUES, UNITS, in_other_units, is_couple, match_columns, named
+from calibration.columns import (
+    KNOWN,
+    LAYOUTS,
+    TORQUES,
+    UNITS,
+    in_other_units,
+    is_couple,
+    match_columns,
+    named,
+    recognise,
+)
+from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.files import Table, open_table
+from calibration.files import Table, open_table, shown
 from calibration.finding import Finding, look, note
 from calibration.lines.couples import converted, to_degC
+from calibration.record import DiskRecord
 from calibration.rig import Rig, load_rig
 
 COMPENSATED = "compensated"
@@ -53,6 +66,13 @@ def open_log(
     return converted(table, how), names
 
 
+def columns_not_there(file: str | Path, rig: Rig, disk: str) -> list[str]:
+    """The junctions' columns of a disk, where the file of an EHL log holds none of them; else nothing."""
+    mapping, wanted = rig.columns(), [f"{disk}_{c}_degC" for c in CHANNELS]
+    names = open_table(Path(file), (*in_other_units(KNOWN), *mapping.values())).names
+    return [] if any(named(c, mapping, names) for c in wanted) else wanted
+
+
 def as_logged(
     names: Mapping[str, str], file: Collection[str], rig: Rig, disk: str, mapping: Mapping[str, str]
 ) -> dict[str, Callable[[Array], Array]]:
@@ -71,3 +91,31 @@ def as_logged(
             radius_m = 1e-3 * rig.tables(name.split("_")[1]).disk.outer_radius_mm
             how[own] = partial(np.multiply, 1 / radius_m)
     return how
+
+
+def log_kind(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """Whether the columns make an EHL log or an immersion log, and for the latter the disk that was plunged.
+
+    Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
+    """
+    mapped = rig.columns(next(iter(records))).values()
+    return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
+
+
+def kind_of_columns(
+    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """``log_kind`` for names that are read already."""
+    disk = next(iter(records))
+    mapped = {canonical for canonical, name in rig.columns(disk).items() if name in names}
+    if recognise({*names, *mapped}) != "immersion":
+        return "ehl", None
+    if len(records) > 1:
+        raise InputError(
+            f"is an immersion log of one disk, and records of {len(records)} disks were given",
+            where=where,
+            remedy="give the record of the disk that was plunged",
+        )
+    return "immersion", disk

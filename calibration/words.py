@@ -702,6 +702,20 @@ PARTITION: dict[str, Words] = {
         + (f", the channels differ by {spread_K:.2f} K (1 sd)" if count > 1 else "")
     ),
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
+    "one_disk.only": "a log of the {subject} disk alone: beta by its joint fit and by its cooling fit. The speed law "
+    "and the fit of both disks need the other disk: with it, friction's scale, steel and depths would be checked by "
+    "shares that add to one; here beta goes with them. Of the other disk nothing is seen: its share is the rest",
+    "one_disk.fit_unused": "the press fit that rig.toml states for the {subject} disk is not used where one disk alone "
+    "was logged: how uneven the disk is comes from its readings",
+    "one_disk.ways": lambda subject, z, joint, joint_u, cooling, cooling_u, **_: (
+        f"The {subject} disk's two ways to beta "
+        + ("do NOT agree" if z > 3 else "agree")
+        + f": {with_u(joint, joint_u)} by the joint fit, {with_u(cooling, cooling_u)} by the cooling fit, {z:.1f} "
+        "standard deviations of their difference."
+    ),
+    "one_disk.headline": lambda subject, beta, u, **_: (
+        f"beta = {with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
+    ),
     "channel.left_out": _left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",
     "record.other_disk": _other_disk,

@@ -63,7 +63,8 @@ def check_kind(
             expected="degrees Celsius",
         )
     for own in DISKS:
-        found += _group(course[[n for n in couples if n.startswith(f"{own}_")]], place, room)
+        if logged := [n for n in couples if n.startswith(f"{own}_")]:
+            found += _group(course[logged], place, room)
     contact = states["contact"][course.index] if "contact" in states else _touching(course)
     found += _loads(course, contact, place.where) if contact.any() else []
     late = contact & ~contact[0] & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())

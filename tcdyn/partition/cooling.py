@@ -40,7 +40,8 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
-        test = replace(test, film={**test.film, **{d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing}})
+        film = {d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks}
+        test = replace(test, film={**test.film, **film})
     return test
 
 

@@ -76,6 +76,19 @@ class EhlTest:
     friction_noise_N: float = 0.0
     air: Mapping[str, DiskAir] = field(default_factory=dict)
 
+    @property
+    def conditions(self) -> dict[str, float]:
+        """What ran, and when, as ``beta.json`` keeps it."""
+        return {
+            "load_N": self.load_N,
+            "friction_N": self.friction_N,
+            "sliding_speed_m_s": self.sliding_speed_m_s,
+            "entraining_speed_m_s": self.entraining_speed_m_s,
+            "half_width_m": self.half_width_m,
+            "load_on_s": self.events.load_on_s,
+            "unload_s": self.events.unload_s,
+        }
+
     def ambient_of(self, disk: str) -> Array:
         """Temperature of the air behind a disk's faces, and at its surface where nothing else is known, (N,) [degC]."""
         return self.air[disk].faces if disk in self.air else self.ambient_degC

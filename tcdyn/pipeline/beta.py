@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -35,12 +34,13 @@ from tcdyn.contact import (
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
-from tcdyn.pipeline.running import constants_of, disk_air, forces_N, speeds_rpm, stated_rel
+from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.traces import disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
+Run = TypeVar("Run")
 SLOWER_S = 3.0  # after the parting a changed speed is told
 
 
@@ -88,11 +88,11 @@ def prepare(
     if log.metadata.get("tcdyn") == COMPENSATED:
         remedy = "give the log as it was recorded: the fits compensate it"
         raise InputError("this log is already compensated", where=where, remedy=remedy)
-    missing = [d for d in DISKS if d not in records]
-    if missing:
+    here = [d for d in DISKS if any(f"{d}_{c}_degC" in log.frame for c in CHANNELS)]
+    if missing := [d for d in here or DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
-    others = {d: _other_disk(rig, d, records[d]) for d in DISKS}
+    others = {d: _other_disk(rig, d, records[d]) for d in here}
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
@@ -103,7 +103,7 @@ def prepare(
     load, friction = forces_N(frame, events, steady, stated)
     left_out = left_out or {}
     out = left_out_of(left_out)
-    _no_copies(frame, left_out, where)
+    no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
     found += [*events.findings, *told]
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
@@ -149,10 +149,10 @@ def prepare(
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
-    about = {d: disk_air(frame, d, rig, steady, stated) for d in DISKS}
+    about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
     air = {d: a for d, (a, _) in about.items()}
     disks = {}
-    for d in DISKS:
+    for d in here:
         found += others[d]
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
@@ -171,7 +171,7 @@ def prepare(
         dt_s=dt,
         events=events,
         power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
-        ambient_degC=air["fast"].faces,
+        ambient_degC=air[here[0]].faces,
         air=air if rig.air_columns() else {},
         load_N=load_N,
         friction_N=friction_N,
@@ -190,16 +190,6 @@ def prepare(
         slowing=slowing,
         friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
     )
-
-
-def _no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
-    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
-    names = [n for d in DISKS for c in CHANNELS if (n := f"{d}_{c}_degC") in frame and f"{d}_{c}" not in left_out]
-    for one, other in combinations(names, 2):
-        if frame[one].nunique() > 1 and frame[one].equals(frame[other]):
-            out = f"without={other.removesuffix('_degC')}"
-            said = f"columns {one} and {other} hold the same numbers in every row: one is a copy"
-            raise InputError(said, where=where, remedy=f"map it in rig.toml [columns], or {out}", parameters=(out,))
 
 
 def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
@@ -245,20 +235,31 @@ def estimate_beta(
     Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
+
+    def attempt(left_out: Mapping[str, str]) -> BetaRun:
+        progress("reading the log")
+        whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = stage_of(whole, stage)
+        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        try:
+            found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+        except InputError as problem:
+            raise problem.at(table.path.name) from None
+        return BetaRun(table, found, rig_fingerprint(rig, records), count)
+
+    return without_lost(attempt, without, progress)
+
+
+def without_lost(
+    attempt: Callable[[Mapping[str, str]], Run], without: Sequence[str], progress: Callable[[str], None]
+) -> Run:
+    """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
     left_out_of(without)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
     first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
     while True:
         try:
-            progress("reading the log")
-            whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-            table, count = stage_of(whole, stage)
-            test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
-            try:
-                found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
-            except InputError as problem:
-                raise problem.at(table.path.name) from None
-            return BetaRun(table, found, rig_fingerprint(rig, records), count)
+            return attempt(left_out)
         except InputError as problem:
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
@@ -269,11 +270,11 @@ def estimate_beta(
 
 
 def estimate_stages(
-    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
-) -> tuple[BetaRun, ...]:
-    """:func:`estimate_beta` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first = estimate_beta(log, rig, records, stage=1, **options)
-    more = (estimate_beta(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], estimate: Any = estimate_beta, **options: Any
+) -> tuple[Any, ...]:
+    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
+    first = estimate(log, rig, records, stage=1, **options)
+    more = (estimate(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
     return (first, *more)
 
 

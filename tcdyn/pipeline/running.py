@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration import Array
-from calibration.disk import DISKS
+from calibration.disk import CHANNELS, DISKS
+from calibration.errors import InputError
 from calibration.finding import Finding, note
 from calibration.rig import Rig
 from calibration.stated.running import Constant, air_name
@@ -99,3 +101,13 @@ def disk_air(
     assert faces is not None  # the reader asks for the one or the other
     assert surface is not None
     return DiskAir(faces, surface, own), found
+
+
+def no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
+    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
+    names = [n for d in DISKS for c in CHANNELS if (n := f"{d}_{c}_degC") in frame and f"{d}_{c}" not in left_out]
+    for one, other in combinations(names, 2):
+        if frame[one].nunique() > 1 and frame[one].equals(frame[other]):
+            out = f"without={other.removesuffix('_degC')}"
+            said = f"columns {one} and {other} hold the same numbers in every row: one is a copy"
+            raise InputError(said, where=where, remedy=f"map it in rig.toml [columns], or {out}", parameters=(out,))

@@ -14,10 +14,9 @@ from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
 from calibration.lines.static import StaticLine
-from calibration.opened import COMPENSATED, as_logged
+from calibration.opened import COMPENSATED, as_logged, kind_of_columns
 from calibration.record import DiskRecord
 from calibration.rig import Rig
-from tcdyn.pipeline.compensate import kind_of_columns
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import TIMES
 from tcdyn.sensor.units import matching, time_column, unit_in
