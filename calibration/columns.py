@@ -43,7 +43,7 @@ LAYOUTS: dict[str, Layout] = {
         ("time_s", "repeat", "setpoint_degC"),
     ),
     "immersion": Layout(
-        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)
+        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("switch", "probe_degC")
     ),
     "ehl": Layout(
         "an EHL log",
@@ -160,9 +160,10 @@ def match_columns(
     torques = [c for c in TORQUES if c in chosen]
     needless = {*without, *stated, *(["friction_N"] if torques else ())}
     missing = [c for c in layout.required if c not in chosen and c not in needless]
+    free = [n for n in names if n not in chosen.values()]
+    maybe = [c for c in SWITCHES if c in layout.columns and c not in (*layout.required, *chosen, *without)]
+    missing += [c for c in maybe if kind != "hole" and (c in mapping or suggestion(c, free))]
     if kind == "ehl":
-        free = [n for n in names if n not in chosen.values()]
-        missing += [c for c in ("contact",) if c not in (*chosen, *without) and (c in mapping or suggestion(c, free))]
         for name, column in (air or {}).items():
             if column not in names:
                 raise InputError(

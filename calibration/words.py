@@ -151,6 +151,9 @@ LINES: dict[str, Words] = {
 IMMERSION: dict[str, Words] = {
     "entry.bounced": "the entry switch bounced within a second; its first closing was taken",
     "entry.no_switch": "the entry switch never moved; the free thermocouple alone gives the entry time",
+    "entry.by_junctions": "neither switch nor free thermocouple tells the entry: the junctions' own rise puts it to "
+    "{u_s:.1f} s, and no better is the lag that they have in common known; an unloading tells it",
+    "static.stated": "no oven log: readings are taken as logged, each with a standard uncertainty of {u_K:g} K",
     "entry.no_probe": "the free thermocouple shows no jump; the switch alone gives the entry time",
     "entry.apart": "switch and free thermocouple differ by {difference_s:.2f} s at entry; the uncertainty was widened "
     "to {u_s:.2f} s",
