@@ -699,8 +699,8 @@ PARTITION: dict[str, Words] = {
     "used",
     "constant.used": "{subject} is not in the log: rig.toml [constants] states {value:g} +- {u:g}",
     "constant.logged": "{subject} is in the log: what rig.toml [constants] states of it is not used",
-    "ambient.channels": lambda subject, place, mean_degC, drift_K, spread_K, count, **_: (
-        f"air at the {_PLACES[place]} of the {subject} disk by {some(count, 'channel')}: {mean_degC:.1f} degC over the "
+    "ambient.channels": lambda subject, at, mean_degC, drift_K, spread_K, count, **_: (
+        f"air at the {_PLACES[at]} of the {subject} disk by {some(count, 'channel')}: {mean_degC:.1f} degC over the "
         f"last 150 s under load, drifting by {drift_K:+.2f} K"
         + (f", the channels differ by {spread_K:.2f} K (1 sd)" if count > 1 else "")
     ),

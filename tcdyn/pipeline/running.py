@@ -94,7 +94,7 @@ def disk_air(
         rows = np.flatnonzero(steady)
         drift = float(np.polyfit(rows, means[place][rows], 1)[0] * len(rows))
         told: dict[str, Any] = {"mean_degC": float(levels.mean()), "drift_K": drift, "spread_K": spread}
-        found.append(note("ambient.channels", subject=disk, place=place, count=len(levels), **told))
+        found.append(note("ambient.channels", subject=disk, at=place, count=len(levels), **told))
     faces, surface = means.get("faces", room), means.get("surface", room)
     faces = surface if faces is None else faces
     surface = faces if surface is None else surface

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,12 +12,14 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import doubts
 from calibration.log import read_log
-from calibration.rig import parse_rig
-from tcdyn.partition.analyse import Partition
+from calibration.rig import load_rig, parse_rig
+from calibration.stated.running import air_name
+from tcdyn.partition.analyse import Partition, refine_lags
 from tcdyn.partition.effects import AIR, effects
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.partition.window import lagged_window, stretch_of
 from tcdyn.pipeline.beta import prepare
+from tcdyn.simulate.truth import draw_truth
 from tests.partition import as_logged_study as forms
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.test_events import DT, log
@@ -44,6 +48,7 @@ def test_beta_is_within_1_5_u_of_the_full_log_s_and_asks_for_nothing(
     assert beta.u > 0.98 * full.u  # it knows less
     assert doubts(found.findings) == ()
     codes = {f.code for f in found.findings}
+    assert all(f.sentence for f in found.findings)
     assert ("ambient.channels" if form == "ambient_channels" else "constant.used") in codes
 
 
@@ -88,7 +93,7 @@ def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(made: StudyRi
     assert test.ambient_of("fast") == pytest.approx(rising.to_numpy(), abs=1e-6)  # without the one that stands still
     assert test.ambient_of("slow") == pytest.approx(frame["ambient_degC"].to_numpy(), abs=1e-6)
     assert test.air["fast"].own_u_K == pytest.approx(1.0)  # 2 K apart: 2 / sqrt(2) / sqrt(2)
-    told = {(f.subject, f.numbers["place"]): f.numbers for f in test.findings if f.code == "ambient.channels"}
+    told = {(f.subject, f.numbers["at"]): f.numbers for f in test.findings if f.code == "ambient.channels"}
     assert told["fast", "surface"]["count"] == 2
     assert told["fast", "surface"]["spread_K"] == pytest.approx(2**0.5)
     assert told["fast", "faces"]["count"] == 1
@@ -129,3 +134,17 @@ def test_a_friction_without_a_load_is_no_test() -> None:
     both: pd.DataFrame = log()[lambda f: f["time_s"] < 79.0].drop(columns="contact")
     with pytest.raises(InputError, match="no unloading: the disks still touch at the last row"):
         find_events(both)
+
+
+def test_channels_at_the_running_surface_take_out_that_its_air_is_colder() -> None:
+    """An air 8 K colder at the running surfaces is read as a higher h by one thermometer in the room."""
+    cold = study_rig(SEED + 100, truth=draw_truth(SEED + 100, load_rig()).with_film_air(-8.0))
+    room, rng, more = cold.log.frame["ambient_degC"], np.random.default_rng(0), dict[str, pd.Series]()
+    channels = {place: [f"{place} {k}" for k in range(4)] for place in ("surface", "faces")}
+    for place, names in channels.items():
+        more |= {air_name(n): room - 8.0 * (place == "surface") + rng.standard_normal() for n in names}
+    frame = cold.log.frame.assign(**more).drop(columns="ambient_degC")
+    test = prepare(replace(cold.log, frame=frame), parse_rig({"ambient": channels}, "rig.toml"), cold.records)
+    found, without = (refine_lags(t)["fast"].estimates["h"] for t in (test, cold.test))
+    assert abs(found.value - cold.told["h_fast"]) < 2.5 * found.u
+    assert without.value - found.value > 50.0  # W/m2K: 8 K of the 70 K between surface and air
