@@ -35,6 +35,8 @@ from calibration.stated.running import AmbientChannels, Constant, ConstantName, 
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
+SUPPORTED = "a disk has six, a to f: fewer are asked for by leaving out up to two (without=), more not; give [columns] their names"
+
 
 class RigTables(RigTable):
     """Everything that describes one disk and its test."""
@@ -67,7 +69,7 @@ class RigTables(RigTable):
     def _junctions_inside(self) -> RigTables:
         unknown = sorted(set(self.thermocouples) - set(CHANNELS))
         if unknown:
-            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; the channels are a to f")
+            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; {SUPPORTED}")
         self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
