@@ -35,7 +35,7 @@ from calibration.stated.running import AmbientChannels, Constant, ConstantName, 
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
-SUPPORTED = "a disk has six, a to f: fewer are asked for by leaving out up to two (without=), more not; give [columns] their names"
+SUPPORTED = "a disk has six, a to f, of which up to two may be left out (without=); their names in logs go to [columns]"
 
 
 class RigTables(RigTable):
