@@ -33,6 +33,8 @@ EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
 SWITCHES = ("switch", "contact")
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
+TORQUES = tuple(f"torque_{disk}_Nm" for disk in DISKS)  # of a shaft: friction times the disk's radius
+UNITS = ("K", "degF", "mV")  # that a temperature's name may end in, in place of degC
 
 LAYOUTS: dict[str, Layout] = {
     "oven": Layout(
@@ -41,9 +43,13 @@ LAYOUTS: dict[str, Layout] = {
         ("time_s", "repeat", "setpoint_degC"),
     ),
     "immersion": Layout(
-        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("probe_degC",)
+        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("switch", "probe_degC")
     ),
-    "ehl": Layout("an EHL log", ("time_s", *EHL_RUNNING, *EHL_CHANNELS, "ambient_degC", "oil_degC"), ("oil_degC",)),
+    "ehl": Layout(
+        "an EHL log",
+        ("time_s", *EHL_RUNNING, *TORQUES, *EHL_CHANNELS, "ambient_degC", "oil_degC"),
+        ("oil_degC", "contact", *TORQUES),
+    ),
     "hole": Layout(
         "a hole-comparison log",
         ("time_s", "switch", "probe_degC", "fluid_degC"),
@@ -60,7 +66,37 @@ def is_couple(name: str) -> bool:
     >>> is_couple("fast_a_degC"), is_couple("oil_degC")
     (True, False)
     """
-    return name.endswith("_degC") and name not in (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
+    return name.endswith("_degC") and not is_air(name) and name not in ("prt_degC", "setpoint_degC")
+
+
+def is_air(name: str) -> bool:
+    """Whether a column is the temperature of a room, a bath, a free probe, or one of the channels about a disk.
+
+    >>> is_air("oil_degC"), is_air("ambient_north_degC"), is_air("a_degC")
+    (True, True, False)
+    """
+    return name in ROOM_AND_BATH or (name.startswith("ambient_") and name.endswith("_degC"))
+
+
+def named(canonical: str, mapping: Mapping[str, str], names: Collection[str]) -> tuple[str, str] | None:
+    """The column of a file that is ``canonical``, and its unit: as mapped, by its own name, or by that in another unit.
+
+    >>> named("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"]), named("fast_a_degC", {}, ["fast_a_K"])
+    (('TC1', 'mV'), ('fast_a_K', 'K'))
+    """
+    stem, _, unit = canonical.rpartition("_")
+    for own in (unit, *(UNITS if unit == "degC" else ())):
+        for candidate in (mapping.get(f"{stem}_{own}" if stem else canonical), f"{stem}_{own}" if stem else canonical):
+            if candidate is not None and candidate in names:
+                return candidate, own
+    return None
+
+
+def in_other_units(names: Iterable[str]) -> tuple[str, ...]:
+    """The names with those of temperatures in every unit that one may be logged in."""
+    return tuple(
+        n.removesuffix("degC") + u for n in names for u in (("degC", *UNITS) if n.endswith("_degC") else ("",))
+    )
 
 
 def recognise(names: Iterable[str]) -> str | None:
@@ -86,18 +122,22 @@ def match_columns(
     where: str,
     mapping: Mapping[str, str] | None = None,
     without: Collection[str] = (),
+    stated: Collection[str] = (),
+    air: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """Canonical name -> name in the file, in canonical order.
 
     ``mapping`` is rig.toml's ``[columns]``. A mapped name that the file lacks is no error while the canonical name
-    itself is there. ``without``: columns that are left unread. For the hole kind every further column ending in
-    ``_degC`` is a channel.
+    itself is there; a temperature may be there in another unit. ``without``: columns that are left unread. ``stated``:
+    columns that need not be there; ``air``: name -> name in the file of channels that must be there, too. Where an EHL
+    log has no friction a shaft's torque stands for it, under its own name. For the hole kind every further column
+    ending in ``_degC`` is a channel.
 
     Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
     """
     layout, mapping = LAYOUTS[kind], mapping or {}
     for key in mapping:
-        if key not in KNOWN and not key.endswith("_degC"):
+        if key not in KNOWN and not key.endswith(tuple(f"_{unit}" for unit in ("degC", *UNITS))):
             close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
             raise InputError(
                 f"{key!r} is not a canonical column",
@@ -111,15 +151,28 @@ def match_columns(
         taken = set(mapping.values()) | set(wanted)
         wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in taken)
     for canonical in wanted:
-        for candidate in (mapping.get(canonical), canonical):
-            if candidate is not None and candidate in names:
-                _check_once(names, candidate, where)
-                chosen[canonical] = candidate
-                break
+        if (found := named(canonical, mapping, names)) is not None:
+            _check_once(names, found[0], where)
+            chosen[canonical] = found[0]
     if "time_s" not in chosen and "time" in names:
         _check_once(names, "time", where)
         chosen = {"time_s": "time", **chosen}
-    missing = [c for c in layout.required if c not in chosen and c not in without]
+    torques = [c for c in TORQUES if c in chosen]
+    needless = {*without, *stated, *(["friction_N"] if torques else ())}
+    missing = [c for c in layout.required if c not in chosen and c not in needless]
+    free = [n for n in names if n not in chosen.values()]
+    maybe = [c for c in SWITCHES if c in layout.columns and c not in (*layout.required, *chosen, *without)]
+    missing += [c for c in maybe if kind != "hole" and (c in mapping or suggestion(c, free))]
+    if kind == "ehl":
+        for name, column in (air or {}).items():
+            if column not in names:
+                raise InputError(
+                    f"has no column {column!r}, which rig.toml [ambient] names", where=where,
+                    expected=f"one of {', '.join(map(repr, names))}",
+                )  # fmt: skip
+            chosen[name] = column
+        for torque in torques["friction_N" not in chosen :]:
+            del chosen[torque]
     if missing:
         raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping)
     channels = [c for c in chosen if c.endswith("_degC") and c not in layout.columns]

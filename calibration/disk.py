@@ -269,9 +269,10 @@ class ContactTable(RigTable):
 
 
 class LoggerTable(RigTable):
-    """[logger]; ``millivolts``: the junctions' columns hold the emf of type J, not degrees Celsius."""
+    """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
 
     millivolts: bool = False
+    couple: Literal["E", "J", "K", "N", "T"] = "J"
     cold_junction_degC: float = Field(default=0.0, ge=-50, le=100)
 
 
@@ -294,7 +295,6 @@ class UncertaintyTable(RigTable):
 
     @model_validator(mode="after")
     def _exponents_in_order(self) -> UncertaintyTable:
-        low, high = self.speed_exponent_low, self.speed_exponent_high
-        if low > high:
+        if (low := self.speed_exponent_low) > (high := self.speed_exponent_high):
             raise ValueError(f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them")
         return self

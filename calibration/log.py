@@ -15,21 +15,20 @@ from calibration import Array, Flags
 from calibration.checks.clock import Sampling, check_time, moved, weighed
 from calibration.checks.kind import check_kind
 from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck
-from calibration.columns import KNOWN, LAYOUTS, SWITCHES, Kind, is_couple, match_columns
+from calibration.columns import LAYOUTS, SWITCHES, Kind, is_couple
 from calibration.errors import InputError
-from calibration.files import Table, open_table, read_whole, sha256
+from calibration.files import Table, read_whole, sha256
 from calibration.files.table import PIECE_ROWS
 from calibration.files.write import write_log
-from calibration.finding import Finding, Place, look, sentences
-from calibration.lines.couples import in_degC
+from calibration.finding import Finding, Place, sentences
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
+from calibration.opened import COMPENSATED, missing_and_unused, open_log
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
 __all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
 
-COMPENSATED = "compensated"
 RUN, MOST = 64, 1 << 17  # rows in a run, so that neighbours stay neighbours; rows kept at most (29 min at 75 Hz)
 
 
@@ -230,8 +229,7 @@ def iter_log(
     sampling = weighed(sampling, course)
     switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk, parted=parted)
     found += said
-    wanted = LAYOUTS[kind].optional if kind in ("ehl", "immersion") else ()
-    found += [look("column.not_there", subject=name) for name in wanted if name not in names]
+    found += missing_and_unused(kind, table, names, without)
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
     return LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
 
@@ -262,30 +260,6 @@ def read_log(
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
     frame, found = oven_frame({canonical: raw.data[name] for canonical, name in names.items()}, raw.place)
+    found += missing_and_unused(kind, table, names)
     told = tuple(f.at(table.where) for f in (*raw.findings, *found))
     return Log(frame, kind, file, sha256(file), None, dict(table.metadata), told)
-
-
-def open_log(
-    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False,
-    without: Collection[str] = (),
-) -> tuple[Table, dict[str, str]]:  # fmt: skip
-    """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
-    if kind not in LAYOUTS:
-        raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
-    used = rig or load_rig()
-    mapping = used.columns(disk)
-    table = open_table(file, (*KNOWN, *mapping.values()))
-    if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
-        raise InputError(
-            "is compensated already",
-            where=table.where,
-            expected="a log as the logger wrote it",
-            remedy="give the raw log; static lines and chain must not be applied twice",
-        )
-    names = match_columns(table.names, kind, table.where, mapping, without)
-    logger = used.tables(disk or "").logger
-    if logger.millivolts:
-        couples = {own for name, own in names.items() if is_couple(name)}
-        table = in_degC(table, couples, logger.cold_junction_degC)
-    return table, names

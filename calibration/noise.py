@@ -194,7 +194,7 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
             f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",
             where=place.where,
             expected="degrees Celsius",
-            remedy="subtract 273.15",
+            remedy=f"call it {name.removesuffix('degC')}K, in the file or in rig.toml [columns]",
         )
     wild = impossible(sample)
     if wild.mean() > MOST_MISSING:

@@ -30,31 +30,13 @@ from calibration.disk import (
 from calibration.errors import InputError
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
+from calibration.stated.layout import DEFAULT_LAYOUT, layout_junctions
+from calibration.stated.running import AmbientChannels, Constant, ConstantName, air_columns
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 from calibration.traceability import TraceabilityTable
 
-_PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
-LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
-    "table 6.2": {"a": 0.0, "e": 15.0, "f": 345.0, "b": 180.0, "c": 195.0, "d": 165.0},
-    "clarke": (opposite := {"a": 0.0, "c": 15.0, "d": 345.0, "b": 180.0, "e": 195.0, "f": 165.0}),
-    "voller": opposite,
-}
-DEFAULT_LAYOUT = "table 6.2"  # of this rig's disks; tables 6.3 and 6.4 are Clarke's and Voller's
-ELSEWHERE = {"clarke": {"e": {"depth_mm": 3.0, "z_mm": 7.53}}}
-
-
-def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
-    """Where the junctions a..f of a layout sit: depth_mm, z_mm, angle_deg of each.
-
-    >>> layout_junctions("voller")["c"]
-    {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
-    """
-    if not isinstance(layout, str) or layout not in LAYOUTS:
-        raise ValueError(f"thermocouples.layout is {layout!r}; expected one of {', '.join(LAYOUTS)}")
-    names, angles = JunctionTable.model_fields, LAYOUTS[layout]
-    places = {c: dict(zip(names, (*place, angles[c]))) for c, place in _PLACES.items()}
-    return _merge(places, ELSEWHERE.get(layout, {}))
+SUPPORTED = "a disk has six, a to f, of which up to two may be left out (without=); their names in logs go to [columns]"
 
 
 class RigTables(RigTable):
@@ -72,6 +54,8 @@ class RigTables(RigTable):
     logger: LoggerTable = LoggerTable()
     uncertainty: UncertaintyTable = UncertaintyTable()
     traceability: TraceabilityTable = TraceabilityTable()
+    constants: dict[ConstantName, Constant] = Field(default_factory=dict)
+    ambient: AmbientChannels = AmbientChannels()
     columns: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="before")
@@ -87,7 +71,7 @@ class RigTables(RigTable):
     def _junctions_inside(self) -> RigTables:
         unknown = sorted(set(self.thermocouples) - set(CHANNELS))
         if unknown:
-            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; the channels are a to f")
+            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; {SUPPORTED}")
         self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
@@ -188,6 +172,15 @@ class Rig(Result, BaseModel):
         start = f"{disk}_"
         return {k.removeprefix(start): v for k, v in mapped.items() if disk and k.startswith(start)} | mapped
 
+    def stated(self) -> tuple[str, ...]:
+        """Columns that an EHL log need not hold, their values being stated in ``[constants]`` or ``[ambient]``."""
+        told = all(self.tables(d).ambient.columns for d in ("fast", "slow"))
+        return (*self.common.constants, *(("ambient_degC",) if told else ()))
+
+    def air_columns(self) -> dict[str, str]:
+        """Name in a log that was read -> name in the file, of the columns that tell the air about either disk."""
+        return air_columns([self.fast.ambient, self.slow.ambient])
+
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
         return self.tables(disk).setup(disk)
@@ -224,6 +217,10 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
     for name, override in (("common", {}), ("fast", data.get("fast", {})), ("slow", data.get("slow", {}))):
         if not isinstance(override, dict):
             raise InputError(f"[{name}] must be a table", where=where)
+        if "constants" in override:
+            raise InputError(
+                f"[{name}.constants]: a test has one set of constants", where=where, remedy="write [constants]"
+            )
         try:
             built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
@@ -263,6 +260,9 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
 HINTS = [
     "# names in your logs, where they differ from tcdyn's, such as",
     '# fast_a_degC = "TC1 fast"',
+    "",
+    "# what your logs do not hold goes into [constants], such as",
+    "# load_N = { value = 2320.0, u = 20.0 }",
     "",
     "# what holds for one disk only goes below, such as",
     "# [slow.disk]",

@@ -97,6 +97,9 @@ READER: dict[str, Words] = {
     "column.constant": "column {subject} is {value:.6g} in every row",
     "column.frozen": "{place}: stays at {value:.6g} for {span_s:.3g} s",
     "column.not_there": "column {subject} is missing",
+    "columns.unused": lambda names, **_: f"{some(len(names), 'column')} of the file not used: {', '.join(names)}",
+    "contact.not_logged": "column contact is not in the log: load and friction tell when the disks touch, the parting "
+    "less sharply",
     "noise.high": "column {subject}: noise {noise_K:.2g} degC, the others' is {others_K:.2g}",
     "switch.filled": "{place}: {count} value(s) missing; state kept",
     "switch.levels": "column {subject}: levels {low:g} and {high:g} are read as 0 and 1",
@@ -148,6 +151,9 @@ LINES: dict[str, Words] = {
 IMMERSION: dict[str, Words] = {
     "entry.bounced": "the entry switch bounced within a second; its first closing was taken",
     "entry.no_switch": "the entry switch never moved; the free thermocouple alone gives the entry time",
+    "entry.by_junctions": "neither switch nor free thermocouple tells the entry: the junctions' own rise puts it to "
+    "{u_s:.1f} s, and no better is the lag that they have in common known; an unloading tells it",
+    "static.stated": "no oven log: readings are taken as logged, each with a standard uncertainty of {u_K:g} K",
     "entry.no_probe": "the free thermocouple shows no jump; the switch alone gives the entry time",
     "entry.apart": "switch and free thermocouple differ by {difference_s:.2f} s at entry; the uncertainty was widened "
     "to {u_s:.2f} s",
@@ -680,6 +686,7 @@ def _headline(beta: float, u: float, count: int, low95: float, high95: float, z:
     return f"{said}."
 
 
+_PLACES = {"surface": "running surface", "faces": "side faces"}
 PARTITION: dict[str, Words] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} time(s)): taken as a "
     "switch that fails, not as an unloading",
@@ -691,6 +698,8 @@ PARTITION: dict[str, Words] = {
     "loading.disagree": "contact switch and forces disagree on the loading by {late_s:+.2f} s; the forces are believed",
     "parting.switch_alone": "neither friction nor load shows a clear fall at unloading: the contact switch alone gives "
     "the instant",
+    "parting.unclear": "neither friction nor load shows a clear fall at unloading: where they pass half their level "
+    "gives the instant",
     "parting.no_friction": "the friction shows no clear fall at unloading: load cell and contact switch give the "
     "instant",
     "parting.disagree": "contact switch and {subject} disagree on the parting by {late_s:+.3f} s; the {subject} is "
@@ -700,7 +709,28 @@ PARTITION: dict[str, Words] = {
     "speeds.missing": "the speed of the {subject} disk after the parting is not in the log: taken as unchanged",
     "speeds.ratio": "the logged speeds have ratio {ratio:.3f}, rig.toml says gear_ratio = {stated:.3f}: the log is "
     "used",
+    "constant.used": "{subject} is not in the log: rig.toml [constants] states {value:g} +- {u:g}",
+    "constant.logged": "{subject} is in the log: what rig.toml [constants] states of it is not used",
+    "ambient.channels": lambda subject, at, mean_degC, drift_K, spread_K, count, **_: (
+        f"air at the {_PLACES[at]} of the {subject} disk by {some(count, 'channel')}: {mean_degC:.1f} degC over the "
+        f"last 150 s under load, drifting by {drift_K:+.2f} K"
+        + (f", the channels differ by {spread_K:.2f} K (1 sd)" if count > 1 else "")
+    ),
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",
+    "one_disk.only": "a log of the {subject} disk alone: beta by its joint fit and by its cooling fit. The speed law "
+    "and the fit of both disks need the other disk: with it, friction's scale, steel and depths would be checked by "
+    "shares that add to one; here beta goes with them. Of the other disk nothing is seen: its share is the rest",
+    "one_disk.fit_unused": "the press fit that rig.toml states for the {subject} disk is not used where one disk alone "
+    "was logged: how uneven the disk is comes from its readings",
+    "one_disk.ways": lambda subject, z, joint, joint_u, cooling, cooling_u, **_: (
+        f"The {subject} disk's two ways to beta "
+        + ("do NOT agree" if z > 3 else "agree")
+        + f": {with_u(joint, joint_u)} by the joint fit, {with_u(cooling, cooling_u)} by the cooling fit, {z:.1f} "
+        "standard deviations of their difference."
+    ),
+    "one_disk.headline": lambda subject, beta, u, **_: (
+        f"beta = {with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
+    ),
     "channel.left_out": _left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: check units",
     "record.other_disk": _other_disk,

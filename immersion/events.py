@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from calibration.errors import InputError
 from calibration.finding import Finding, look
 
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
+RISEN = 0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
+LATE_S, LATE_U_S = 0.7, 0.5  # how long after the entry that is, behind a lag of 0.3 to 1.5 s
 EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
 EARLY_U = 0.05  # the same for probes of another order: uncertainty
 
@@ -94,6 +96,22 @@ def probe_time(
     return float(np.clip(met, t[start] - max(1.0, rise), t[top])), u
 
 
+def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike) -> float | None:
+    """Instant at which the junctions (N, C) have come ``RISEN`` of their way to the bath [s]; None where they do not.
+
+    The median of all, as means over a fifth of a second, was below that for the last time before a tenth of the way.
+    """
+    t, y = np.asarray(time_s, dtype=float), np.asarray(readings_degC, dtype=float)
+    rise = np.nanmedian(y - np.nanmedian(y[: max(len(t) // 50, 20)], axis=0), axis=1)
+    good = np.isfinite(rise)
+    width = max(int(round(0.2 / float(np.median(np.diff(t))))), 1)
+    smooth = uniform_filter1d(np.interp(t, t[good], rise[good]), width)
+    way = smooth / (float(np.nanmedian(np.asarray(fluid_degC, dtype=float))) - float(np.nanmedian(y[:20])))
+    above = np.flatnonzero(way > 0.1)
+    below = np.flatnonzero(way[: above[0]] < RISEN) if above.size else above
+    return float(t[below[-1]]) if below.size else None
+
+
 def reconcile_entry(
     switch_s: float | None,
     probe_s: float | None,
@@ -149,13 +167,19 @@ def find_entry(
     probe_degC: ArrayLike | None,
     fluid_degC: ArrayLike | None = None,
     where: str = "",
+    readings_degC: ArrayLike | None = None,
 ) -> EntryEvent:
-    """The entry event of a log; either witness may be missing (None or all NaN)."""
+    """The entry event of a log; either witness may be missing (None or all NaN), or both where readings tell it."""
     t = np.asarray(time_s, dtype=float)
     moved, bounced = (None, False) if switch is None else switch_time(t, switch)
     jumped = None if probe_degC is None else probe_time(t, probe_degC, fluid_degC)
     probe_s, probe_u_s = jumped or (None, PROBE_U_S)
     sample_s = float(np.median(np.diff(t)))
+    if moved is None and jumped is None and readings_degC is not None and fluid_degC is not None:
+        begun = rise_time(t, readings_degC, fluid_degC)
+        if begun is not None:
+            said = look("entry.by_junctions", subject="switch", u_s=LATE_U_S)
+            return EntryEvent(begun - LATE_S, LATE_U_S, None, None, "junctions", (said,))
     return reconcile_entry(moved, probe_s, bounced=bounced, probe_u_s=probe_u_s, sample_s=sample_s, where=where)
 
 

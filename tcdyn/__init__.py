@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.compensate import smooth
     from tcdyn.identify import IOData, compare, fit
-    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, run_demo
+    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk, run_demo
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.version import __version__
 
@@ -39,6 +39,7 @@ _HOMES = {
     "write_record": "calibration.record",
     "compensate_log": "tcdyn.pipeline",
     "estimate_beta": "tcdyn.pipeline",
+    "estimate_one_disk": "tcdyn.pipeline",
     "run_demo": "tcdyn.pipeline",
     "Chain": "tcdyn.chain",
     "smooth": "tcdyn.compensate",
@@ -57,6 +58,7 @@ __all__ = [
     "compare",
     "compensate_log",
     "estimate_beta",
+    "estimate_one_disk",
     "fit",
     "iter_log",
     "load_rig",

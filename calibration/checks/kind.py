@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from calibration import Array, Flags
-from calibration.columns import ROOM_AND_BATH
+from calibration.columns import ROOM_AND_BATH, is_couple
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, by_share, look, note
@@ -42,7 +42,7 @@ def check_kind(
         found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
-    couples = [str(n) for n in course if str(n).endswith("_degC") and n not in ROOM_AND_BATH]
+    couples = [str(n) for n in course if is_couple(str(n))]
     if kind != "ehl":
         found += _group(course[couples], place, max(bath) if bath else None)
     if kind == "immersion":
@@ -53,21 +53,36 @@ def check_kind(
             found += _swapped(course, "", rig.tables(disk or ""), (rise > 0.05) & (rise < 0.35))
     if kind != "ehl":
         return states, found
-    room = float(course["ambient_degC"].median())
-    if room > 120.0:
+    known = rig.common.constants.get("ambient_degC")
+    rooms = [float(course[n].median()) for n in course if str(n).startswith("ambient_")]
+    room = max(rooms, default=known.value if known else 20.0)
+    if rooms and room > 120.0:
         raise InputError(
-            f"column ambient_degC is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
+            f"column {_hottest(course)} is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
             where=place.where,
             expected="degrees Celsius",
         )
     for own in DISKS:
-        found += _group(course[[n for n in couples if n.startswith(f"{own}_")]], place, room)
-    contact = states["contact"][course.index]
+        if logged := [n for n in couples if n.startswith(f"{own}_")]:
+            found += _group(course[logged], place, room)
+    contact = states["contact"][course.index] if "contact" in states else _touching(course)
     found += _loads(course, contact, place.where) if contact.any() else []
     late = contact & ~contact[0] & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
     for own in DISKS:
         found += _swapped(course, f"{own}_", rig.tables(own), late)
     return states, found
+
+
+def _hottest(course: pd.DataFrame) -> str:
+    """The column of the air that is warmest."""
+    return str(course[[n for n in course if str(n).startswith("ambient_")]].median().idxmax())
+
+
+def _touching(course: pd.DataFrame) -> Flags:
+    """Whether load, or friction where none was logged, stands at its upper level (N,), where no switch says so."""
+    name = "load_N" if "load_N" in course else "friction_N"
+    calm = course[name].rolling(51, center=True, min_periods=1).median()
+    return np.asarray(calm > 0.5 * (calm.min() + calm.max()))
 
 
 def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Finding]]:
@@ -110,6 +125,8 @@ def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
         return False
     against = []
     for name in ("load_N", "friction_N"):
+        if name not in course:
+            return False
         force = course[name].to_numpy(dtype=float)
         low, high = (float(np.nanmedian(force[contact == state])) for state in (True, False))
         upper = force > 0.5 * (low + high)
@@ -195,8 +212,8 @@ def _upper_median(values: pd.Series[float]) -> float:
 
 def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
     """Load, friction and speeds of an EHL log while ``contact`` is on. Raises InputError where they cannot be used."""
-    load, touching = course["load_N"], course[contact].median()
-    on, off = float(touching["load_N"]), float(load[~contact].median())
+    touching, apart = course[contact].median(), course[~contact].median()
+    on, off = (float(x.get("load_N", np.nan)) for x in (touching, apart))
     if abs(on - off) < 10.0:
         raise InputError(
             f"column load_N is {on:.4g} in contact and {off:.4g} without: a dead cell, kilonewtons or volts",
@@ -204,8 +221,9 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
             expected="newtons that rise by 10 or more in contact",
         )
     if on < off:
-        apart = load < 0.5 * (load.min() + load.max())
-        inverted = not apart.any() or contact[apart].mean() > 0.5
+        load = course["load_N"]
+        lower = load < 0.5 * (load.min() + load.max())
+        inverted = not lower.any() or contact[lower].mean() > 0.5
         raise InputError(
             f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
             where=where,
@@ -220,9 +238,9 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
         found.append(look("friction.negative", subject="friction_N", friction_N=friction))
     elif friction > 0.3 * on:
         found.append(look("friction.high", subject="friction_N", friction_N=friction, load_N=on))
-    fast, slow = (float(touching[f"speed_{disk}_rpm"]) for disk in DISKS)
+    fast, slow = (float(touching.get(f"speed_{disk}_rpm", np.nan)) for disk in DISKS)
     for disk, value in zip(DISKS, (fast, slow)):
-        if not value > 0:
+        if not value > 0 and f"speed_{disk}_rpm" in course:
             raise InputError(
                 f"column speed_{disk}_rpm is {value:.3g} in contact", where=where, expected="rotation in rpm"
             )

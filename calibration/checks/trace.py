@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration import Array, Flags
-from calibration.columns import ROOM_AND_BATH
+from calibration.columns import is_air
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import MOST_MISSING, impossible
@@ -139,6 +139,6 @@ class ColumnCheck:
             remedy = "check its wiring, or cut the log"
         else:
             return []
-        if name not in ROOM_AND_BATH:
+        if not is_air(name):
             raise InputError(f"{found.sentence}: a dead channel", where=place.where, remedy=remedy, column=name)
         return [found]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -139,19 +139,27 @@ def temperature_degC(
     return np.asarray(np.where(beyond, np.copysign(np.inf, e), t))
 
 
-def in_degC(table: Table, couples: Collection[str], cold_junction_degC: float, couple: str = "J") -> Table:
-    """A table whose ``couples`` (names in the file) hold millivolts of one type, giving degrees Celsius.
-
-    What no couple gives becomes infinite, and is marked by the checks as impossible.
-    """
+def converted(table: Table, how: Mapping[str, Callable[[Array], Array]]) -> Table:
+    """A table whose columns named in ``how`` (names in the file) are given through those functions."""
 
     def pieces(wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
         for part in table.pieces(wanted, rows):
-            mV = {n: v for n, v in part.data.items() if n in couples}
-            converted = {n: temperature_degC(v, cold_junction_degC, couple, outside="inf") for n, v in mV.items()}
-            yield replace(part, data=part.data | converted)
+            yield replace(part, data=part.data | {n: how[n](v) for n, v in part.data.items() if n in how})
 
-    return replace(table, pieces=pieces)
+    return replace(table, pieces=pieces) if how else table
+
+
+def to_degC(unit: str, couple: str = "J", cold_junction_degC: float = 0.0) -> Callable[[Array], Array]:
+    """What makes degrees Celsius of a column (N,) in K, degF, or mV of a ``couple``, infinite where it has no such emf.
+
+    >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))
+    (26.850000000000023, 100.0)
+    """
+    return {
+        "K": lambda x: x - 273.15,
+        "degF": lambda x: (x - 32) / 1.8,
+        "mV": lambda x: temperature_degC(x, cold_junction_degC, couple, outside="inf"),
+    }[unit]
 
 
 def _reference(couple: str) -> _Reference:

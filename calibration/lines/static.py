@@ -22,6 +22,7 @@ from calibration.traceability import PRT_U_DEGC
 
 SIGNIFICANT = 0.01
 FAR_K = 10.0  # beyond the oven's range
+WIRE_RANGE_DEGC = (-40.0, 333.0)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
 
 
 class StaticLine(BaseModel):
@@ -157,6 +158,15 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
         quadratic_p=quadratic_p(fit),
     )
     return line, [*line_doubts(channel, line), *found]
+
+
+def unit_lines(u_K: float) -> dict[str, StaticLine]:
+    """Lines T = logged of every channel, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
+
+    It is the same at every temperature of ``WIRE_RANGE_DEGC``, and of each channel by itself.
+    """
+    known = {"covariance": ((0.0, 0.0), (0.0, u_K**2)), "range_degC": WIRE_RANGE_DEGC}
+    return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in CHANNELS}  # type: ignore[arg-type]
 
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:

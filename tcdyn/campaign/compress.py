@@ -31,7 +31,7 @@ FRICTION_OWN_REL = 0.0005  # of the friction's scale from test to test, beside i
 MODEL_OWN = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
 ROUND_OWN = 0.3  # of a pattern round the bore, that does not grow with heat
 FILM_OWN = 0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
-OWN = ("parting", "uneven drift", "uneven bend")  # of the test alone, wholly
+OWN = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
 
 
 def compressed(

@@ -148,8 +148,11 @@ def _checksum(plain: Mapping[str, Any]) -> str:
 
 
 def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord]) -> str:
-    """Checksum of all that tests of one rig have in common: rig.toml but for names in it, lines and chains."""
-    tables = {d: rig.tables(d).model_dump(mode="json", exclude={"columns", "traceability"}) for d in ("", *DISKS)}
+    """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
+    tables = {
+        d: rig.tables(d).model_dump(mode="json", exclude={"columns", "constants", "ambient", "traceability"})
+        for d in ("", *DISKS)
+    }
     if missing := [d for d in DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))

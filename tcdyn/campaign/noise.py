@@ -30,7 +30,7 @@ INPUTS = ("power", *INNER_ROW, "ambient")
 def input_noise(test: EhlTest, side: Side) -> Array:
     """Standard deviation of a sample's white noise of power as logged [W], d, b, f [K] and ambient [K], (5,)."""
     loaded = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    ambient = float(white_noise_sd(test.ambient_degC[loaded], NOISE_ORDER))
+    ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], NOISE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
     return np.array([power, *test.disks[side.disk].noise_K[INNER], ambient])
 

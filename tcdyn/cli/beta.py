@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from calibration.disk import left_out_of
+from calibration.errors import InputError
 from calibration.files.write import write_text
 from calibration.finding import doubts
 from calibration.rig import load_rig
@@ -64,25 +65,31 @@ def beta(
     A log with several loadings and unloadings holds several tests, D4.1, D4.2: each is analysed, numbers go to
     beta.1.json, beta.2.json, and all into one report.
 
+    A log of one disk, with its record alone, gives beta by that disk's joint and cooling fit; both speeds are needed.
+
     Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
     --report beta.html
     """
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.beta import estimate_beta, estimate_stages
+    from tcdyn.pipeline.one_disk import estimate_one_disk
     from tcdyn.traces import records_by_disk
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
     own_rig = load_rig(rig) if rig else None
+    if len(records) == 1 and report is not None:
+        raise InputError("--report with one record: its page compares both disks", remedy="leave it out, or give both")
+    estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
     with stages(quiet or json_, verbose) as progress:
         options = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
             "without": without or (), "progress": progress,
         }  # fmt: skip
         if stage is None:
-            runs = estimate_stages(log, own_rig, records, **options)
+            runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:
-            runs = (estimate_beta(log, own_rig, records, stage=stage, **options),)  # type: ignore[arg-type]
+            runs = (estimate(log, own_rig, records, stage=stage, **options),)
         texts = [dump(run.to_dict()) for run in runs]
         files = [] if out is None else [out] if len(runs) == 1 else [numbered(out, k) for k in range(1, len(runs) + 1)]
         for file, text in zip(files, texts):

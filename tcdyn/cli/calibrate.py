@@ -14,13 +14,35 @@ from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from calibration.words import SPOKEN
-from tcdyn.cli.common import Json, Quiet, RigFile, Verbose, bounded, dump, in_options, say, spare_inputs, stages, warn
+from tcdyn.cli.common import (
+    Json,
+    Quiet,
+    RigFile,
+    Verbose,
+    bounded,
+    dump,
+    in_options,
+    say,
+    spare_inputs,
+    stages,
+    warn,
+    within,
+)
 
 
 def calibrate(
     disk: Annotated[str, typer.Option(help="fast or slow")],
-    oven: Annotated[Path, typer.Option(help="oven log: one row per steady minute")],
     immersion: Annotated[list[Path], typer.Option(help="plunge log; give it once for each plunge")],
+    oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
+    line_u_k: Annotated[
+        float | None,
+        typer.Option(
+            "--line-u-K",
+            help="without an oven log: standard uncertainty of a reading as it was logged, such as 0.9 for a tolerance "
+            "of 1.5 K",
+            callback=within(0, 50),
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="record to write (default DISK.disk.json)")] = None,
     rig: RigFile = None,
     fluid: Annotated[
@@ -60,7 +82,7 @@ def calibrate(
     with stages(quiet or json_, verbose) as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluids, structure=structure,
-            correlation=correlation, progress=progress,
+            correlation=correlation, line_u_K=line_u_k, progress=progress,
         )  # fmt: skip
     write_record(run.record, target)
     if report is not None:

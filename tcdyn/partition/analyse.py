@@ -38,7 +38,7 @@ from tcdyn.partition.cooling import (
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
+from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, disk_fit, joint_fits
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensors import SensorCheck, cables_exchanged, check_sensors
 from tcdyn.partition.statement.fit import stated_round
@@ -149,14 +149,8 @@ def analyse(
     first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
     swapped, or the data contradict the model.
     """
-    lag = max(d.common_lag_s for d in test.disks.values())
-    if window_s < lag:
-        raise InputError(
-            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
-            expected=f"at least {lag:.2f} s",
-            remedy="ask for a longer window",
-        )
-    logged = test = _followed(at_one_radius(at_own_temperature(with_surfaces(test))))
+    longer_than_lag(test, window_s)
+    logged = test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
@@ -164,17 +158,7 @@ def analyse(
     if sensor_check:
         progress("sensor map")
         sensors = _check_sensors(test, rows, joint_s, profile)
-        suspected = [suspect.finding for suspect in sensors.suspects]
-        for finding in suspected:
-            if finding.grade is Grade.REFUSE:
-                raise InputError(
-                    finding.sentence,
-                    expected="six living junctions where rig.toml says",
-                    remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
-                    parameters=("sensor_check=False",),
-                    column=finding.numbers["columns"][0] if finding.numbers["kind"] == "dead" else "",
-                )
-        findings += suspected
+        findings += heeded(sensors)
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
@@ -227,15 +211,37 @@ def analyse(
     )  # fmt: skip
 
 
+def longer_than_lag(test: EhlTest, window_s: float) -> None:
+    """Raise InputError for a cooling window that holds less than the lag of a disk."""
+    if window_s < (lag := max(d.common_lag_s for d in test.disks.values())):
+        raise InputError(
+            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
+            expected=f"at least {lag:.2f} s",
+            remedy="ask for a longer window",
+        )
+
+
+def heeded(found: SensorCheck) -> list[Finding]:
+    """What the sensor map suspects. Raises InputError where a channel is dead or swapped."""
+    suspected = [suspect.finding for suspect in found.suspects]
+    for finding in suspected:
+        if finding.grade is Grade.REFUSE:
+            raise InputError(
+                finding.sentence,
+                expected="six living junctions where rig.toml says",
+                remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
+                parameters=("sensor_check=False",),
+                column=finding.numbers["columns"][0] if finding.numbers["kind"] == "dead" else "",
+            )
+    return suspected
+
+
 def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
-    """Whether the disks' cables look exchanged: beta is then 1 - beta, and the exponent its opposite, or no power law
-    where the static lines differ, which shows at rest."""
+    """Whether the disks' cables look exchanged: the exponent its opposite, or readings at rest each other's."""
     n, assumed, law_u = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range / 3**0.5
     away, opposite = (abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1))
-    if away < EXCHANGED_Z:
-        return []
-    at_rest = cables_exchanged(test)
-    if opposite > SAME_Z and not at_rest:
+    at_rest = away >= EXCHANGED_Z and cables_exchanged(test)
+    if away < EXCHANGED_Z or (opposite > SAME_Z and not at_rest):
         return []
     beta = both.estimates["beta"].value
     return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=beta, at_rest=at_rest)]
@@ -258,7 +264,7 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
     return again if again.sound else found
 
 
-def _followed(test: EhlTest) -> EhlTest:
+def followed(test: EhlTest) -> EhlTest:
     """The test with the film of slowing disks, by the speed law."""
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
@@ -269,9 +275,9 @@ def evened(
 ) -> tuple[EhlTest, EhlTest | None]:
     """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt, or ``stated``,
     the test with them, to be fitted again with what is to be expected of such a disk."""
-    expected = {d: stated.get(d, found[d].expected) for d in DISKS}
+    expected = {d: stated.get(d, one.expected) for d, one in found.items()}
     known = {d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()}
-    uneven = bool(stated) or any(known[d].second_K > 0 for d in DISKS)
+    uneven = bool(stated) or any(one.second_K > 0 for one in known.values())
     return unwound(test, known), replace(test, uneven=expected) if uneven else None
 
 
@@ -285,8 +291,10 @@ def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
-    """Joint fits of both disks, for their chains."""
-    test = _followed(at_own_temperature(with_surfaces(test)))
+    """Joint fits of the disks that were logged, for their chains."""
+    test = followed(at_own_temperature(with_surfaces(test)))
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    _, speed = steady_lines(test, stretch_of(test, length))
-    return joint_fits(test, speed.starts, length)[0]
+    starts = steady_lines(test, stretch_of(test, length))[1].starts
+    if len(starts) < len(DISKS):
+        return {d: disk_fit(test, test.disks[d], *at, length, "modal") for d, at in starts.items()}
+    return joint_fits(test, starts, length)[0]

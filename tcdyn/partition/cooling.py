@@ -40,13 +40,14 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
-        test = replace(test, film={**test.film, **{d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing}})
+        film = {d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks}
+        test = replace(test, film={**test.film, **film})
     return test
 
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
-    known = still(test, disk.setup.surface)
+    known = still(test, disk)
     warmer = surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, AMBIENT] - window.blocks @ known[rows, 0]
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)

@@ -80,7 +80,7 @@ def monte_carlo(
     n, half = test.speed_exponent, test.exponent_half_range
     uniform = rng.uniform(n - half, n + half, DRAWS)
     noise = {d: rng.standard_normal((DRAWS, 7)) for d in DISKS}
-    shifts = {d: _together(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
+    shifts = {d: together(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
     drawn = {d: np.column_stack([normal[key] for key in whose[d]]) for d in DISKS}
 
     def run(active: str | None) -> dict[str, Array]:
@@ -112,7 +112,7 @@ def monte_carlo(
     return Budget(tuple(rows), run(None))
 
 
-def _together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Array, Array]:
+def together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Array, Array]:
     """Errors of line, cooling and joint fit of a disk, (Q, 7) by a standard uncertainty of what the joint fit knows,
     and a root (7, 7) of their noise; the compensated lag, which is the joint fit's, moves the cooling fit."""
     per_sd = np.zeros((len(joint.of), 7))

@@ -28,6 +28,7 @@ from tcdyn.partition.window import (
 )  # fmt: skip
 from tcdyn.traces import DiskTraces
 
+AMBIENT = -1  # of what ``stated_effects`` gives
 MATERIAL_STEP = 0.01
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
 DEPTH_STEP_M = 0.05e-3
@@ -41,11 +42,13 @@ STATED = (
     *(Unmeasured(f"lag {c}", "chain") for c in ROWS),
     *(Unmeasured(name, name, True) for name in ("conductivity", "heat capacity", "washer", "half-width", "ambient")),
 )
+AIR = Unmeasured("air", "ambient")  # of one disk, as far as its channels differ
 OWN = (
     Unmeasured("parting", "parting", True),
     Unmeasured("friction", "friction", True),
     *(Unmeasured(f"split {c}", "chain") for c in OUTER_ROW),
     Unmeasured("film exponent", "film exponent", True),
+    AIR,
 )
 
 
@@ -126,8 +129,9 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     static[OUTER] = np.hypot(static[OUTER], MODEL_K)
     film = rim.through(FILM_BY_N, h_W_m2K)
     own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    own += [test.air[disk.name].own_u_K if disk.name in test.air else 0.0]
     u = np.concatenate([stated_u(disk, static), own])
-    change = np.concatenate([known, [late, share * power], split, [film]])
+    change = np.concatenate([known, [late, share * power], split, [film, known[AMBIENT]]])
     asked = np.flatnonzero(u > 0)
     of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
     more_of, more = statement_effects(disk, window, share, h_W_m2K)

@@ -13,6 +13,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
+from tcdyn.partition.parting import NEAR_S, parting_of
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
@@ -25,12 +26,19 @@ HYSTERESIS = 0.1  # of the way between the levels, about its middle
 INVERTED = 0.8  # of the samples in which load and friction agree
 TOUCH_S = 0.04
 TOUCH_LEAST, TOUCH_CLEAR = 0.05, 0.15  # of the way between the levels: where a later touch begins, and what it reaches
-AGREE_S = 0.1
-MISSING = 3.5  # sampling intervals: a wider gap at the fall leaves its instant open
-NEAR_S = 1.0  # from the switch: nearer than this the force's fall is looked for about the switch
-STEP_REACH_S = 60.0  # as far from the switch as the force's step is looked for
-INDICATOR_U_S = 0.05 / 12**0.5  # section 5.3: the signals differ by 0.05 s
 TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
+
+
+@dataclass(frozen=True)
+class DiskAir:
+    """T_A of one disk: behind its ``faces`` and at its running ``surface``, (N,) [degC] each.
+
+    ``own_u_K``: standard uncertainty of their means by how their channels differ.
+    """
+
+    faces: Array
+    surface: Array
+    own_u_K: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,7 +50,8 @@ class EhlTest:
     ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
     not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
     see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore;
-    ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed.
+    ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed; ``air``: of each disk,
+    where channels of its own tell it, in place of ``ambient_degC``.
     """
 
     time_s: Array
@@ -65,25 +74,44 @@ class EhlTest:
     film: Mapping[str, Array] = field(default_factory=dict)
     uneven: Mapping[str, Unevenness] = field(default_factory=dict)
     friction_noise_N: float = 0.0
+    air: Mapping[str, DiskAir] = field(default_factory=dict)
+
+    @property
+    def conditions(self) -> dict[str, float]:
+        """What ran, and when, as ``beta.json`` keeps it."""
+        return {
+            "load_N": self.load_N,
+            "friction_N": self.friction_N,
+            "sliding_speed_m_s": self.sliding_speed_m_s,
+            "entraining_speed_m_s": self.entraining_speed_m_s,
+            "half_width_m": self.half_width_m,
+            "load_on_s": self.events.load_on_s,
+            "unload_s": self.events.unload_s,
+        }
+
+    def ambient_of(self, disk: str) -> Array:
+        """Temperature of the air behind a disk's faces, and at its surface where nothing else is known, (N,) [degC]."""
+        return self.air[disk].faces if disk in self.air else self.ambient_degC
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     """Find the loaded stretch of an EHL log and the instant of parting, to better than a sample where possible.
 
-    Contact switch, load and friction vote on when the disks touched; the friction's fall through half its level places
-    the end of the heat between the samples, averaged with switch and load cell where they agree. Raises InputError
-    without a contact or without an unloading.
+    Contact switch, load and friction, as far as they were logged, vote on when the disks touched; the friction's fall
+    through half its level places the end of the heat between the samples, averaged with switch and load cell where they
+    agree. Raises InputError without a contact or without an unloading.
     """
-    t, contact = frame["time_s"].to_numpy(dtype=float), _contact(frame)
+    t, switch = frame["time_s"].to_numpy(dtype=float), _switch(frame)
+    levels = {c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N") if c in frame}
+    force = sum((np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None), np.zeros(len(t)))
+    contact = force > 0 if switch is None else switch
     if not contact.any():
         raise InputError(
-            "contact never goes to 1",
+            "contact never goes to 1" if switch is not None else "neither load nor friction shows a loaded stretch",
             where=where,
             expected="a loaded stretch",
             remedy="is this a log of an unloaded run?",
         )
-    levels = {c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N")}
-    force = sum((np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None), np.zeros(len(t)))
     found: list[Finding] = []
     voting = np.abs(force) > 1.5
     if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED:
@@ -92,8 +120,9 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     touching = _runs(t, force + (contact - 0.5) > 0)
     first, last = max(touching, key=lambda run: t[run[1]] - t[run[0]], default=(0, 0))
     if last == len(t) - 1 or contact.all():
+        still = "contact is still 1" if switch is not None else "the disks still touch"
         raise InputError(
-            f"no unloading: contact is still 1 at the last row (time_s {t[-1]:.3f})",
+            f"no unloading: {still} at the last row (time_s {t[-1]:.3f})",
             where=where,
             expected="a log that goes on for some seconds after the disks part",
             remedy="only the steady lines could be had from it",
@@ -104,7 +133,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             where=where,
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
-    found += _failures(t, contact, first, last)
+    found += [] if switch is None else _failures(t, contact, first, last)
     own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [(first, last)]
     (on, _), (_, off) = own[0], own[-1]
     load_on, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, on))
@@ -115,7 +144,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     again = _again(t, contact, levels, last)
     switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
     about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
-    unload, u, parting, said = _parting(t, _alone(frame, [*levels], again), switch_s, about_s, float(load_on))
+    seen = _alone(frame, [*levels], again)
+    unload, u, parting, said = parting_of(t, seen, None if switch is None else switch_s, about_s, float(load_on))
     found += said
     half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
     kinks = [unload] if 2 * half_s < TWO_KINKS_S else [unload - half_s, unload + half_s]
@@ -127,8 +157,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     return Events(float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches)
 
 
-def _contact(frame: pd.DataFrame) -> NDArray[np.bool_]:
-    return np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+def _switch(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
+    return None if "contact" not in frame else np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
 
 
 def _levels(force: Array) -> Array | None:
@@ -201,93 +231,3 @@ def _alone(frame: pd.DataFrame, columns: list[str], again: list[tuple[int, int]]
     out = frame.reset_index(drop=True)
     out.loc[rows, columns] = out[columns].drop(rows).reindex(out.index).interpolate().loc[rows]
     return out
-
-
-def _parting(
-    t: Array, frame: pd.DataFrame, switch_s: float, about_s: float, contact_s: float
-) -> tuple[float, float, float, list[Finding]]:
-    """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and what was noticed.
-
-    Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3); those that agree are
-    averaged. A switch that differs from the friction by more is not believed: the friction is the heat. A friction too
-    noisy to show its fall leaves the word to the load cell. ``contact_s``: when the contact
-    began; ``about_s``: where the three together see it end.
-    """
-    dt = float(np.median(np.diff(t)))
-    falls = [_far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s) for c in ("friction_N", "load_N")]
-    named = [(name, fall) for name, fall in zip(("friction", "load cell"), falls) if fall is not None]
-    if not named:
-        return switch_s, INDICATOR_U_S, 0.0, [look("parting.switch_alone")]
-    said: list[Finding] = []
-    if falls[0] is None:
-        said.append(look("parting.no_friction"))
-    (witness, (at, parting)), *others = named
-    instants_of_others = (switch_s, *(fall[0] for _, fall in others))
-    near = [x for x in instants_of_others if abs(x - at) <= max(AGREE_S, 0.5 * parting)]
-    if switch_s not in near:
-        said.append(look("parting.disagree", subject=witness, late_s=at - switch_s))
-    if parting > AGREE_S:  # a slow fall: switch and load cell do not say when the heat was half gone
-        return at, float(np.hypot(INDICATOR_U_S, 0.05 * parting)), parting, said
-    instants = [at, *near]
-    spread = max(INDICATOR_U_S, float(np.std(instants)))
-    return float(np.mean(instants)), float(np.hypot(spread, dt / np.sqrt(12)) / np.sqrt(len(instants))), parting, said
-
-
-def _far_fall(t: Array, force: Array, switch_s: float, contact_s: float) -> tuple[float, float] | None:
-    """``_fall`` about the switch, or about the force's own step where that lies too far from the switch."""
-    step = _step(t, force, max(switch_s - STEP_REACH_S, contact_s), switch_s + STEP_REACH_S)
-    if step is not None and abs(step - switch_s) > NEAR_S and (far := _fall(t, force, step)) is not None:
-        return far
-    return _fall(t, force, switch_s)
-
-
-def _step(t: Array, force: Array, start_s: float, stop_s: float) -> float | None:
-    """Where the force steps down in (start, stop): the cut whose two levels explain most, or None if it never falls."""
-    rows = np.flatnonzero((t > start_s) & (t < stop_s) & np.isfinite(force))
-    if len(rows) < 20:
-        return None
-    x = force[rows]
-    before = np.arange(1, len(x))
-    sums = np.cumsum(x)[:-1]
-    fall = sums / before - (x.sum() - sums) / (len(x) - before)
-    explained = np.where(fall > 0, before * (len(x) - before) * fall**2, 0.0)
-    cut = int(np.argmax(explained))
-    return 0.5 * float(t[rows[cut]] + t[rows[cut + 1]]) if explained[cut] > 0 else None
-
-
-def _fall(t: Array, friction: Array, about_s: float) -> tuple[float, float] | None:
-    """Instant at which the friction passes half its level and its 90-10 % time, or None where it is not clear."""
-    before = friction[(t > about_s - 3.0) & (t < about_s - 1.6)]
-    after = friction[(t > about_s + 1.6) & (t < about_s + 3.0)]
-    if len(before) < 10 or len(after) < 10:
-        return None
-    high, low = np.nanmedian(before), np.nanmedian(after)
-    noise = 1.4826 * np.nanmedian(np.abs(np.concatenate([before - high, after - low])))
-    if high - low < 10 * noise or high <= low:
-        return None
-    near = np.flatnonzero((t > about_s - 1.6) & (t < about_s + 1.6) & np.isfinite(friction))
-    level = (friction[near] - low) / (high - low)
-    if len(level) < 10:
-        return None
-    instants = [_crossing(t[near], level, at) for at in (0.9, 0.5, 0.1)]
-    if any(x is None for x in instants):
-        return None
-    start, middle, end = (float(x) for x in instants if x is not None)
-    return middle, max(end - start, 0.0)
-
-
-def _crossing(t: Array, level: Array, at: float) -> float | None:
-    """Where ``level`` falls through ``at``: the cut that misplaces the fewest samples, then a straight line.
-
-    None where that is not clear, or where samples are missing at that place.
-    """
-    above = level > at
-    misplaced = np.cumsum(~above) + (above.sum() - np.cumsum(above))
-    cut = int(np.argmin(misplaced))
-    if cut + 1 >= len(t) or misplaced[cut] > 0.2 * len(t):
-        return None
-    if t[cut + 1] - t[cut] > MISSING * float(np.median(np.diff(t))):
-        return None
-    a, b = level[cut], level[cut + 1]
-    part = np.clip((a - at) / (a - b), 0.0, 1.0) if a != b else 0.5
-    return float(t[cut] + part * (t[cut + 1] - t[cut]))

@@ -35,8 +35,7 @@ LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 LEAST_PART = 1e-7  # of the sum of both lags
-LOG_H_STEP = 1e-3
-LARGEST_LOG_H = 14.0  # a search that goes beyond a million W/m2K has lost its way
+LOG_H_STEP, LARGEST_LOG_H = 1e-3, 14.0  # a search that goes beyond a million W/m2K has lost its way
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 JOINT_WINDOW_S = 10.0
@@ -253,7 +252,7 @@ def joint_fits(
     ``start``: share and h [W/m2K] of each disk to begin from, e.g. the speed law's. ``window_s``: length of cooling
     used. Raises InputError when the log ends before the window.
     """
-    fits = {d: _disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
+    fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
     sides = [fits[d].side for d in DISKS]
     problem = joint_problem(sides)
     theta = np.zeros(len(problem.names))
@@ -277,7 +276,8 @@ def joint_fits(
     return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best)
 
 
-def _disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
+def disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
+    """One disk alone, from ``share`` and ``h`` [W/m2K] on, over ``window_s`` of cooling."""
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1 = max(taus[0], 0.02)
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)

@@ -23,7 +23,7 @@ H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
 END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
-LEAST_H_W_M2K = 50.0
+LEAST_H_W_M2K, START_H_W_M2K = 50.0, 400.0
 LEVELLED_S = 20.0  # of cooling that any fit looks at
 LAST_S = 10.0
 SURFACE_DEPTH_M = 0.0
@@ -185,9 +185,8 @@ def disk_line(
     steady = window.at_s < test.events.unload_s - END_GAP_S
     rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
-    w = weights / weights.sum()
+    w, moved = weights / weights.sum(), []
     low, high = 2, len(H_GRID_W_M2K) - 3
-    moved = []
     for k in (low, high):
         h = float(H_GRID_W_M2K[k])
         known = effects(test, disk, window, found.line.at(h), h)
@@ -196,9 +195,7 @@ def disk_line(
     h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
     slope = (moved[1] - moved[0]) / (h_high - h_low)
     s = power[low] * w
-    spread = (
-        2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()
-    )  # twice: the boundary is noisy as well
+    spread = 2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()  # twice: so is the boundary
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
     return DiskLine(found, found.line, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))
@@ -207,8 +204,11 @@ def disk_line(
 def steady_lines(
     test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array = EQUAL_WEIGHTS
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
-    """Steady line of each disk from the lagged readings, and the speed law's point on both."""
-    lines = {d: disk_line(test, test.disks[d], rows, profile, weights) for d in DISKS}
+    """Steady line of each disk from the lagged readings, and the speed law's point on both; of one disk a start."""
+    lines = {d: disk_line(test, disk, rows, profile, weights) for d, disk in test.disks.items()}
+    if len(lines) < len(DISKS):
+        starts = {d: (one.line.at(START_H_W_M2K), START_H_W_M2K) for d, one in lines.items()}
+        return lines, SpeedLawPoint(np.nan, np.nan, np.nan, np.nan, starts)
     return lines, speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
 
 
@@ -219,13 +219,13 @@ def at_one_radius(test: EhlTest) -> EhlTest:
     states another depth, the gradient of the model itself, at the speed law's share and h, tells what they would read.
     First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay untouched.
     """
-    off = {d: test.disks[d].setup.deeper_than_b_m for d in DISKS}
+    off = {d: disk.setup.deeper_than_b_m for d, disk in test.disks.items()}
     if not any(np.any(o) for o in off.values()):
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
         _, speed = steady_lines(test, rows)
-        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in DISKS if np.any(off[d])}
+        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in off if np.any(off[d])}
         test = replace(test, disks={**test.disks, **moved})
     return test
 
@@ -235,7 +235,7 @@ def at_own_temperature(test: EhlTest) -> EhlTest:
 
     Both are means over the last seconds under load, the surface's by the model itself at the speed law's share and h.
     """
-    asked = [d for d in DISKS if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)]
+    asked = [d for d in test.disks if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)]
     if not asked:
         return test
     rows, stated = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s))), test.disks

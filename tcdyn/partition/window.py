@@ -218,7 +218,7 @@ def disk_window(
     (power, held), rates = power_seen(test, rows, chain), node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
     inner = straight[:, INNER] + disk.inner_K[rows]
-    feeds = [*inner.T, test.ambient_degC[rows], *film_seen(test, disk, rows, chain)]
+    feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -26,7 +26,6 @@ from tcdyn.contact import (
     NOTHING_ADDED,
     SETTLE_S,
     FrictionAdded,
-    contact_force,
     equal_radius_m,
     hertz_contact,
     speed_course,
@@ -35,11 +34,13 @@ from tcdyn.contact import (
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
+from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
-from tcdyn.traces import bridged, disk_traces, gathered, rig_of
+from tcdyn.traces import disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
+Run = TypeVar("Run")
 SLOWER_S = 3.0  # after the parting a changed speed is told
 
 
@@ -87,26 +88,26 @@ def prepare(
     if log.metadata.get("tcdyn") == COMPENSATED:
         remedy = "give the log as it was recorded: the fits compensate it"
         raise InputError("this log is already compensated", where=where, remedy=remedy)
-    missing = [d for d in DISKS if d not in records]
-    if missing:
+    here = [d for d in DISKS if any(f"{d}_{c}_degC" in log.frame for c in CHANNELS)]
+    if missing := [d for d in here or DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
-    others = {d: _other_disk(rig, d, records[d]) for d in DISKS}
+    others = {d: _other_disk(rig, d, records[d]) for d in here}
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
     dt = float(np.median(np.diff(t)))
     events = find_events(frame, where)
-    load, friction = (
-        contact_force(t, frame[f"{force}_N"].to_numpy(dtype=float), events) for force in ("load", "friction")
-    )
+    stated, told = constants_of(frame, rig)
+    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
+    load, friction = forces_N(frame, events, steady, stated)
     left_out = left_out or {}
     out = left_out_of(left_out)
-    _no_copies(frame, left_out, where)
+    no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
-    found += events.findings
-    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    found += [*events.findings, *told]
     radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
-    rpm = [float(np.nanmedian(frame[f"speed_{d}_rpm"].to_numpy(dtype=float)[under_load])) for d in DISKS]
+    rpm, rpm_u = speeds_rpm(frame, under_load, stated)
     speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
     if not speeds[0] > speeds[1] > 0:
         raise InputError(
@@ -120,7 +121,6 @@ def prepare(
         found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
         found.append(look("forces.one_zero"))
-    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
     if not 0 < friction_N < load_N:
         raise InputError(
@@ -134,6 +134,8 @@ def prepare(
     found += added.findings
     slowing = {}
     for d, level in zip(DISKS, rpm):
+        if f"speed_{d}_rpm" in stated:
+            continue
         course = speed_course(t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level)
         if course is None:
             found.append(look("speeds.missing", subject=d))
@@ -146,14 +148,22 @@ def prepare(
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
-    ambient, u = frame["ambient_degC"].to_numpy(dtype=float), rig.common.uncertainty
+    u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
+    about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
+    air = {d: a for d, (a, _) in about.items()}
     disks = {}
-    for d in DISKS:
+    for d in here:
         found += others[d]
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
-        friction_rel = float(np.hypot(traces.uncertainty.friction_rel, added.u_N / friction_N))
-        uncertainty = traces.uncertainty.model_copy(update={"friction_rel": friction_rel})
+        found += about[d][1]
+        own = traces.uncertainty
+        wider = {
+            "friction_rel": math.hypot(own.friction_rel, added.u_N / friction_N, sliding_rel),
+            "half_width_rel": math.hypot(own.half_width_rel, load_rel / 3),  # b ~ W^(1/3)
+            "ambient_K": math.hypot(own.ambient_K, stated["ambient_degC"].u if "ambient_degC" in stated else 0.0),
+        }
+        uncertainty = own.model_copy(update=wider)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
         disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
     return EhlTest(
@@ -161,7 +171,8 @@ def prepare(
         dt_s=dt,
         events=events,
         power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
-        ambient_degC=bridged(ambient, np.isfinite(ambient)),
+        ambient_degC=air[here[0]].faces,
+        air=air if rig.air_columns() else {},
         load_N=load_N,
         friction_N=friction_N,
         speed_ratio=ratio,
@@ -169,23 +180,16 @@ def prepare(
         entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
         half_width_m=contact.major_m,
         speed_exponent=rig.common.contact.speed_exponent,
-        exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+        exponent_half_range=math.hypot(
+            0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+            3**0.5 * rig.common.contact.speed_exponent * ratio_rel / math.log(ratio),  # chi = ratio^n
+        ),
         disks=disks,
         findings=tuple(found),
         added=added,
         slowing=slowing,
         friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
     )
-
-
-def _no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
-    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
-    names = [n for d in DISKS for c in CHANNELS if (n := f"{d}_{c}_degC") in frame and f"{d}_{c}" not in left_out]
-    for one, other in combinations(names, 2):
-        if frame[one].nunique() > 1 and frame[one].equals(frame[other]):
-            out = f"without={other.removesuffix('_degC')}"
-            said = f"columns {one} and {other} hold the same numbers in every row: one is a copy"
-            raise InputError(said, where=where, remedy=f"map it in rig.toml [columns], or {out}", parameters=(out,))
 
 
 def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
@@ -231,20 +235,31 @@ def estimate_beta(
     Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
+
+    def attempt(left_out: Mapping[str, str]) -> BetaRun:
+        progress("reading the log")
+        whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = stage_of(whole, stage)
+        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        try:
+            found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+        except InputError as problem:
+            raise problem.at(table.path.name) from None
+        return BetaRun(table, found, rig_fingerprint(rig, records), count)
+
+    return without_lost(attempt, without, progress)
+
+
+def without_lost(
+    attempt: Callable[[Mapping[str, str]], Run], without: Sequence[str], progress: Callable[[str], None]
+) -> Run:
+    """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
     left_out_of(without)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
     first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
     while True:
         try:
-            progress("reading the log")
-            whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-            table, count = stage_of(whole, stage)
-            test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
-            try:
-                found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
-            except InputError as problem:
-                raise problem.at(table.path.name) from None
-            return BetaRun(table, found, rig_fingerprint(rig, records), count)
+            return attempt(left_out)
         except InputError as problem:
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
@@ -255,11 +270,11 @@ def estimate_beta(
 
 
 def estimate_stages(
-    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], **options: Any
-) -> tuple[BetaRun, ...]:
-    """:func:`estimate_beta` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first = estimate_beta(log, rig, records, stage=1, **options)
-    more = (estimate_beta(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
+    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], estimate: Any = estimate_beta, **options: Any
+) -> tuple[Any, ...]:
+    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
+    first = estimate(log, rig, records, stage=1, **options)
+    more = (estimate(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
     return (first, *more)
 
 

@@ -13,8 +13,8 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.finding import Finding, look, once
-from calibration.lines.static import OvenFit, extrapolated, fit_static_lines
+from calibration.finding import Finding, look, note, once
+from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, unit_lines
 from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, moment, now_utc, user_name
 from calibration.result import Result
@@ -35,7 +35,7 @@ class CalibrationRun(Result):
     """Everything that a calibration found: the record to keep, and the fits behind it for the report."""
 
     record: DiskRecord
-    oven: OvenFit
+    oven: OvenFit | None
     plunges: tuple[PlungeRun, ...]
     fit: PlungeFit
 
@@ -68,20 +68,22 @@ class CalibrationRun(Result):
 def calibrate_disk(
     rig: Rig,
     disk: str,
-    oven: str | Path,
+    oven: str | Path | None,
     immersion: Sequence[str | Path],
     fluids: Sequence[str],
     *,
     structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
     prt_u_degC: float = PRT_U_DEGC,
+    line_u_K: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
     ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
     for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself (its certificate,
-    common to all, stands in the rig's [traceability]). Raises InputError with file and place for anything that cannot
+    common to all, stands in the rig's [traceability]); ``line_u_K``: without an oven log, standard uncertainty of a
+    reading as it was logged. Raises InputError with file and place for anything that cannot
     be used.
     """
     if len(fluids) not in (1, len(immersion)):
@@ -92,13 +94,7 @@ def calibrate_disk(
         )
     tables = rig.tables(disk)
     setup = rig.disk_setup(disk)
-    progress("static lines from the oven log")
-    oven_log = read_log(oven, "oven", rig, disk)
-    created = now_utc()
-    shared_u_K = tables.traceability.shared_u_K(moment(created).date())
-    static = fit_static_lines(oven_log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=shared_u_K)
-    findings = [*oven_log.findings, *static.findings]
-    inputs = [InputFile(file=oven_log.path.name, sha256=oven_log.sha256)]
+    static, lines, findings, inputs = _static(oven, line_u_K, rig, disk, prt_u_degC, progress)
     runs: list[PlungeRun] = []
     logs: list[Log] = []
     for k, path in enumerate(immersion):
@@ -107,10 +103,10 @@ def calibrate_disk(
         _once(log, logs)
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
-        run = run_from_log(bath_filled(log), substance, static.lines, name=log.path.name)
+        run = run_from_log(bath_filled(log), substance, lines, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), static.lines)
+        findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), lines)
         findings += untold(log, run.entry)
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
@@ -125,10 +121,10 @@ def calibrate_disk(
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
-        created=created,
+        created=now_utc(),
         created_by=user_name(),
         inputs=inputs,
-        static=static.lines,
+        static=lines,
         chain=chain_record(fit, structure),
         conditioning=tables.conditioning,
         setup=tables,
@@ -136,6 +132,33 @@ def calibrate_disk(
         findings=list(once(findings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def _static(
+    oven: str | Path | None,
+    line_u_K: float | None,
+    rig: Rig,
+    disk: str,
+    prt_u_degC: float,
+    progress: Callable[[str], None],
+) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
+    """Static lines by the oven log, or T = logged as stated; what was noticed, and the file."""
+    if (oven is None) == (line_u_K is None):
+        raise InputError(
+            "no oven log" if oven is None else "an oven log and a stated line",
+            where="calibrate",
+            expected="one of them: the oven log, or how far off a reading may be as logged (standard uncertainty, K)",
+            remedy="add oven=LOG or line_u_K=K" if oven is None else "leave one out",
+            parameters=("oven=LOG", "line_u_K=K") if oven is None else (),
+        )
+    if oven is None or line_u_K is not None:
+        return None, unit_lines(line_u_K or 0.0), [note("static.stated", u_K=line_u_K)], []
+    progress("static lines from the oven log")
+    log = read_log(oven, "oven", rig, disk)
+    stated = rig.tables(disk).traceability.shared_u_K(moment(now_utc()).date())
+    static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
+    made_from = [InputFile(file=log.path.name, sha256=log.sha256)]
+    return static, static.lines, [*log.findings, *static.findings], made_from
 
 
 def untold(log: Log, entry: EntryEvent) -> list[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -10,15 +10,14 @@ from typing import Any, Literal, get_args
 import numpy as np
 import pandas as pd
 
-from calibration.columns import KNOWN, recognise
 from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.files import open_table, shown
 from calibration.finding import Finding, look, note, sentences
 from calibration.lines.static import shared_u_K
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.noise import white_noise_sd
+from calibration.opened import columns_not_there, log_kind
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
@@ -147,8 +146,8 @@ def compensate_log(
     """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
 
     The log's own metadata is carried over.
-    ``refine``: where the log holds an unloading and both records are given, the lag common to a disk's channels, which
-    a plunge knows loosely, is taken from the unloading with the record as prior; otherwise the record's own is used.
+    ``refine``: where the log holds an unloading and the records of all its disks are given, the lag common to a disk's
+    channels, which a plunge knows loosely, is taken from the unloading with the record as prior; else the record's own.
     ``way``: the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made of, too.
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
@@ -159,7 +158,9 @@ def compensate_log(
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)
-    table = read_log(log, kind, rig, own, parted=False)
+    gone = [c for d in DISKS if kind == "ehl" and d not in records for c in columns_not_there(log, rig, d)]
+    table = read_log(log, kind, rig, own, parted=False, without=gone)
+    here = {d for d in DISKS if f"{d}_{CHANNELS[0]}_degC" in table.frame}
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings, known = [*gathered(table.findings)], dict[float, float]()
@@ -171,10 +172,12 @@ def compensate_log(
             refine = False
             findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag else []
         other = next(iter(records))
-        findings += [note("compensate.one_disk", subject=d, other=other) for d in DISKS if d not in records]
+        findings += [
+            note("compensate.one_disk", subject=d, other=other) for d in DISKS if d in here and d not in records
+        ]
     traces: dict[str, DiskTraces] = {}
     fits: Mapping[str, DiskFit] = {}
-    if refine and way.removes_lag and kind == "ehl" and {"fast", "slow"} <= set(records):
+    if refine and way.removes_lag and kind == "ehl" and here <= set(records):
         progress("common lags from the unloading")
         traces, fits, said = _refined(table, rig, records)
         findings += said
@@ -203,34 +206,6 @@ def compensate_log(
     begun = float(frame["time_s"].iloc[0])
     events_s = sorted(t - begun for t in known if t > begun) or [t for t, _ in next(iter(done.values())).events_s]
     return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way)
-
-
-def log_kind(
-    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
-) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """Whether the columns make an EHL log or an immersion log, and for the latter the disk that was plunged.
-
-    Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
-    """
-    mapped = rig.columns(next(iter(records))).values()
-    return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
-
-
-def kind_of_columns(
-    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
-) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """``log_kind`` for names that are read already."""
-    disk = next(iter(records))
-    mapped = {canonical for canonical, name in rig.columns(disk).items() if name in names}
-    if recognise({*names, *mapped}) != "immersion":
-        return "ehl", None
-    if len(records) > 1:
-        raise InputError(
-            f"is an immersion log of one disk, and records of {len(records)} disks were given",
-            where=where,
-            remedy="give the record of the disk that was plunged",
-        )
-    return "immersion", disk
 
 
 def _refined(

@@ -8,16 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.columns import KNOWN, match_columns
+from calibration.columns import KNOWN, is_couple, match_columns
 from calibration.errors import InputError
 from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
 from calibration.lines.static import StaticLine
-from calibration.log import COMPENSATED
+from calibration.opened import COMPENSATED, as_logged, kind_of_columns
 from calibration.record import DiskRecord
 from calibration.rig import Rig
-from tcdyn.pipeline.compensate import kind_of_columns
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import TIMES
 from tcdyn.sensor.units import matching, time_column, unit_in
@@ -57,10 +56,12 @@ def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None
         )
     if rig is None or not isinstance(records, Mapping):
         return _table_source(growing, records, where)  # type: ignore[arg-type]
-    if rig.tables(next(iter(records))).logger.millivolts:
-        raise InputError("is in millivolts by rig.toml [logger]", where=where, expected="degrees Celsius to follow")
     kind, own = kind_of_columns(table.names, rig, records, where)
-    chosen = match_columns(table.names, kind, where, rig.columns(own))
+    mapping = rig.columns(own)
+    chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated())
+    how = as_logged(chosen, table.names, rig, own or "", mapping)
+    if other := [column for name, column in chosen.items() if column in how and is_couple(name)]:
+        raise InputError(f"column {other[0]!r} is in another unit", where=where, expected="degrees Celsius to follow")
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
         raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")

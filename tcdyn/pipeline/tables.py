@@ -16,6 +16,7 @@ from calibration.words import as_known, percent, structure
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.profile import intervals, profiles_file
+from tcdyn.partition.sensors import SensorCheck
 from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.statement.surface import log_h_prior
 from tcdyn.partition.window import stretch_of
@@ -232,19 +233,10 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
     gone = p.withheld
     a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
     both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
-    depths = {} if p.sensors is None else p.sensors.depths
     return {
         "schema": SCHEMA,
         "source": source,
-        "test": {
-            "load_N": test.load_N,
-            "friction_N": test.friction_N,
-            "sliding_speed_m_s": test.sliding_speed_m_s,
-            "entraining_speed_m_s": test.entraining_speed_m_s,
-            "half_width_m": test.half_width_m,
-            "load_on_s": test.events.load_on_s,
-            "unload_s": test.events.unload_s,
-        },
+        "test": test.conditions,
         "steady": {
             "beta": a["speed law"],
             "h_fast": a["h_fast"],
@@ -285,13 +277,18 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
         "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
-        "junctions": {
-            d: {
-                c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
-                for (c, e), z in zip(t.deeper_m.items(), t.pull)
-            }
-            for d, t in depths.items()
-        },
+        "junctions": junctions(p.sensors),
         "findings": [found.to_dict() for found in p.findings],
         "warnings": list(p.warnings),
+    }
+
+
+def junctions(found: SensorCheck | None) -> dict[str, Any]:
+    """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
+    return {
+        d: {
+            c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
+            for (c, e), z in zip(t.deeper_m.items(), t.pull)
+        }
+        for d, t in ({} if found is None else found.depths).items()
     }

@@ -77,7 +77,7 @@ def run_from_log(
     """A run from an immersion log's canonical columns (time_s, switch, probe_degC, fluid_degC, a_degC .. f_degC).
 
     NaN is a missing sample, left out of the block means. Static ``lines`` are applied to the channels that have one.
-    The entry is found from switch and probe unless given.
+    The entry is found from switch and probe, or where both are missing from the readings, unless given.
     Raises InputError for missing columns, no entry, or a bath and disk of one temperature.
     """
     missing = [c for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels)) if c not in frame.columns]
@@ -92,7 +92,7 @@ def run_from_log(
     if entry is None:
         switch = frame["switch"].to_numpy(dtype=float) if "switch" in frame.columns else None
         probe = frame["probe_degC"].to_numpy(dtype=float) if "probe_degC" in frame.columns else None
-        entry = find_entry(t, switch, probe, bath, where=name)
+        entry = find_entry(t, switch, probe, bath, name, readings)
     substance = fluid(fluid_name) if isinstance(fluid_name, str) else fluid_name
     return PlungeRun(t, readings, channels, substance, bath, entry, name)
 

@@ -118,10 +118,10 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
     junctions read nearly alike (d and f) cannot be told apart: ``blind`` lists such pairs.
     """
-    features = {d: disk_features(test, test.disks[d]) for d in DISKS}
-    groups = {d: angle_groups(test.disks[d].setup) for d in DISKS}
+    features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
+    groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
     found: dict[str, tuple[Suspect, ...]] = {}
-    blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(DISKS, ())
+    blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
     likely, depths, before_load = {}, {}, at_rest(test)
     for d, f in features.items():
         found[d] = _dead(test, test.disks[d], f)
@@ -134,9 +134,9 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     crossed = _crossed(test, features, sum(likely.values())) if all(found.values()) and len(likely) == 2 else None
     if crossed is not None:
         found = dict.fromkeys(DISKS, (crossed,))
-    table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in DISKS], ignore_index=True)
+    table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in features], ignore_index=True)
     verdicts = {}
-    for d in DISKS:
+    for d in features:
         own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
         wrong, alike = int((own["steady"] == "illogical").sum()), ["-".join(pair) for pair in blind[d]]
         sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
@@ -144,7 +144,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     return SensorCheck(
         table=table,
         verdicts=verdicts,
-        suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in DISKS for s in found[d]),
+        suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in features for s in found[d]),
         bulk_degC={d: float(f.inputs[f.event == "steady"][0, LEVELS].mean()) for d, f in features.items()},
         blind=blind,
         depths=depths,

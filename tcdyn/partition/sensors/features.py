@@ -202,7 +202,7 @@ def _stretch(
     y = disk.setup.steel.straight(equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain))
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
     film = film_seen(test, disk, rows, chain)
-    feeds = np.stack([power, *y.T, test.ambient_degC[rows], slower, *film], axis=1)
+    feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
     weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
     rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
     base = between(t, *base_s)

@@ -62,7 +62,7 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
         return None
     third, mean = len(y) // 3, y.mean(axis=0)
     drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
-    warm_K = float(np.median(mean[used])) - float(test.ambient_degC[rest].mean())
+    warm_K = float(np.median(mean[used])) - float(test.ambient_of(disk.name)[rest].mean())
     if drift > OFF_K or abs(warm_K) > AT_REST_K:
         return None
     alike = np.hypot(REST_U_K, WARM_REL * warm_K)
@@ -71,7 +71,7 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
 
 def cables_exchanged(test: EhlTest) -> bool:
     """Whether the disks' readings at rest agree far better through each other's static lines."""
-    fast, slow = (resting(test, test.disks[d]) for d in DISKS)
+    fast, slow = (resting(test, test.disks[d]) if d in test.disks else None for d in DISKS)
     if fast is None or slow is None:
         return False
     as_wired = range(len(CHANNELS))
@@ -84,8 +84,8 @@ def at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, fl
     """Faults of each disk that show before the load, with size [K] and log-odds; none where the disks' cables look
     exchanged as a whole, which the fits tell."""
     if cables_exchanged(test):
-        return {d: [] for d in DISKS}
-    found = {d: resting(test, test.disks[d]) for d in DISKS}
+        return {d: [] for d in test.disks}
+    found = {d: resting(test, disk) for d, disk in test.disks.items()}
     return {d: [] if rest is None else of_one(rest) for d, rest in found.items()}
 
 

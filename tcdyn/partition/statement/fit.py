@@ -190,7 +190,7 @@ def stated_round(
         disk, found = test.disks[d], uneven[d]
         if not disk.setup.fit.stated:
             continue
-        inner = disk.readings_degC[near][:, INNER] - test.ambient_degC[near, None]
+        inner = disk.readings_degC[near][:, INNER] - test.ambient_of(d)[near, None]
         whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0

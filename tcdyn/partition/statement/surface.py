@@ -11,6 +11,7 @@ from calibration.stated.surface import SurfaceFlux
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import RimMeans
+from tcdyn.traces import DiskTraces
 
 SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
 SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
@@ -19,14 +20,18 @@ RUNNING = 5  # of a rim's inputs: air at the running surface alone, where it is 
 
 
 def with_surfaces(test: EhlTest) -> EhlTest:
-    """The test with ``film`` set for disks whose surface was measured: it loses heat to T_a, not to the ambient."""
-    film = {d: still(test, disk.setup.surface) for d, disk in test.disks.items() if disk.setup.surface.measured}
+    """The test with ``film`` set for disks whose surface loses heat to another air than that behind the faces: to T_a
+    where its loss was measured, else to what channels of its own tell."""
+    found = {d: still(test, disk) for d, disk in test.disks.items()}
+    film = {d: f for d, f in found.items() if test.disks[d].setup.surface.measured or f.any()}
     return replace(test, film={**test.film, **film}) if film else test
 
 
-def still(test: EhlTest, surface: SurfaceFlux) -> Array:
+def still(test: EhlTest, disk: DiskTraces) -> Array:
     """Columns (N, 2) of ``EhlTest.film`` while the speeds stay: how much warmer than the ambient T_a is, and zero."""
-    warmer = surface.air_degC - test.ambient_degC if surface.measured else np.zeros_like(test.ambient_degC)
+    surface, ambient = disk.setup.surface, test.ambient_of(disk.name)
+    own = test.air[disk.name].surface if disk.name in test.air else ambient
+    warmer = (surface.air_degC if surface.measured else own) - ambient
     return np.column_stack([warmer, np.zeros_like(warmer)])
 
 

@@ -1,0 +1,121 @@
+"""A log's file opened: which of its columns is which, in canonical units, and what is not there or not used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from calibration import Array
+from calibration.columns import (
+    KNOWN,
+    LAYOUTS,
+    TORQUES,
+    UNITS,
+    in_other_units,
+    is_couple,
+    match_columns,
+    named,
+    recognise,
+)
+from calibration.disk import CHANNELS
+from calibration.errors import InputError
+from calibration.files import Table, open_table, shown
+from calibration.finding import Finding, look, note
+from calibration.lines.couples import converted, to_degC
+from calibration.record import DiskRecord
+from calibration.rig import Rig, load_rig
+
+COMPENSATED = "compensated"
+
+
+def missing_and_unused(
+    kind: str, table: Table, names: Mapping[str, str], without: Collection[str] = ()
+) -> list[Finding]:
+    """Columns that might be there and are not, and those of the file that nobody asked for or left out."""
+    asked = [n for n in LAYOUTS[kind].optional if n not in (*names, *TORQUES) and kind in ("ehl", "immersion")]
+    found = [note("contact.not_logged") if n == "contact" else look("column.not_there", subject=n) for n in asked]
+    if unused := [n for n in table.names if n not in (*names.values(), *without)]:
+        found.append(note("columns.unused", names=unused))
+    return found
+
+
+def open_log(
+    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False,
+    without: Collection[str] = (),
+) -> tuple[Table, dict[str, str]]:  # fmt: skip
+    """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
+    if kind not in LAYOUTS:
+        raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
+    used = rig or load_rig()
+    mapping, air = used.columns(disk), used.air_columns() if kind == "ehl" else {}
+    table = open_table(file, (*in_other_units(KNOWN), *mapping.values(), *air.values()))
+    if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
+        raise InputError(
+            "is compensated already",
+            where=table.where,
+            expected="a log as the logger wrote it",
+            remedy="give the raw log; static lines and chain must not be applied twice",
+        )
+    names = match_columns(table.names, kind, table.where, mapping, without, used.stated(), air)
+    how = as_logged(names, table.names, used, disk or "", mapping)
+    names = {"friction_N" if name in TORQUES else name: own for name, own in names.items()}
+    return converted(table, how), names
+
+
+def columns_not_there(file: str | Path, rig: Rig, disk: str) -> list[str]:
+    """The junctions' columns of a disk, where the file of an EHL log holds none of them; else nothing."""
+    mapping, wanted = rig.columns(), [f"{disk}_{c}_degC" for c in CHANNELS]
+    names = open_table(Path(file), (*in_other_units(KNOWN), *mapping.values())).names
+    return [] if any(named(c, mapping, names) for c in wanted) else wanted
+
+
+def as_logged(
+    names: Mapping[str, str], file: Collection[str], rig: Rig, disk: str, mapping: Mapping[str, str]
+) -> dict[str, Callable[[Array], Array]]:
+    """What makes the canonical unit of the columns that are in another, by their names in the ``file``.
+
+    Temperatures in K, degF or mV; a torque, over the radius of its shaft's disk.
+    """
+    logger, how = rig.tables(disk).logger, dict[str, Callable[[Array], Array]]()
+    for name, own in names.items():
+        unit = (named(name, mapping, file) or (own, own.rpartition("_")[2]))[1]
+        if logger.millivolts and is_couple(name):
+            unit = "mV"
+        if name.endswith("_degC") and unit in UNITS:
+            how[own] = to_degC(unit, logger.couple, logger.cold_junction_degC)
+        if name in TORQUES:
+            radius_m = 1e-3 * rig.tables(name.split("_")[1]).disk.outer_radius_mm
+            how[own] = partial(np.multiply, 1 / radius_m)
+    return how
+
+
+def log_kind(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """Whether the columns make an EHL log or an immersion log, and for the latter the disk that was plunged.
+
+    Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
+    """
+    mapped = rig.columns(next(iter(records))).values()
+    return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
+
+
+def kind_of_columns(
+    names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
+) -> tuple[Literal["ehl", "immersion"], str | None]:
+    """``log_kind`` for names that are read already."""
+    disk = next(iter(records))
+    mapped = {canonical for canonical, name in rig.columns(disk).items() if name in names}
+    if recognise({*names, *mapped}) != "immersion":
+        return "ehl", None
+    if len(records) > 1:
+        raise InputError(
+            f"is an immersion log of one disk, and records of {len(records)} disks were given",
+            where=where,
+            remedy="give the record of the disk that was plunged",
+        )
+    return "immersion", disk

@@ -1,0 +1,134 @@
+"""An EHL log of one disk and its record to beta by the ways that one disk allows, and the file that keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from calibration.disk import DISKS
+from calibration.errors import InputError
+from calibration.log import Log, read_log
+from calibration.opened import columns_not_there
+from calibration.record import DiskRecord
+from calibration.result import Result
+from calibration.rig import Rig
+from tcdyn.campaign import sealed
+from tcdyn.campaign.stages import stage_of
+from tcdyn.partition.analyse import WINDOW_S
+from tcdyn.partition.one_disk import OneDisk, analyse_one
+from tcdyn.pipeline.bearing import BearingFile
+from tcdyn.pipeline.beta import prepare, without_lost
+from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions
+from tcdyn.traces import rig_of
+
+
+@dataclass(frozen=True)
+class OneDiskRun(Result):
+    """One analysed test of one disk: the numbers, the log they came from, and how many tests that log holds in all."""
+
+    log: Log
+    partition: OneDisk
+    stages: int = 1
+
+    def __repr__(self) -> str:
+        return f"<OneDiskRun of {self.log.path.name}; summary() says it in words>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``beta.json``, null where a number needs both disks, sealed with its checksum."""
+        p, d = self.partition, self.partition.disk
+        a = {key: NOTHING if p.status == "withheld" else e.model_dump() for key, e in p.answers.items()}
+        ways, check = {way: p.answers[way] for way in ("joint", "cooling")}, p.crosscheck
+        apart = ways["joint"].value - ways["cooling"].value
+        return sealed({
+            "schema": SCHEMA,
+            "source": {"file": self.log.path.name, "sha256": self.log.sha256},
+            "test": p.test.conditions,
+            "steady": {
+                **dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
+                f"{d}_line": {"intercept": a["intercept"], "slope": a["slope"]},
+            },
+            "transient": {d: {"beta": a["cooling"], "h": a["h cooling"], "window_s": p.cooling.window_s}},
+            "joint": {d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]}},
+            "headline": {"beta": a["joint"], "way": f"joint {d}", "sentence": p.headline.sentence, "range95": None},
+            "status": p.status,
+            "alternatives": [],
+            "crosscheck": {
+                "z": p.z,
+                "agree": check.grade == "note",
+                "sentence": check.sentence,
+                "pairs": [{"one": f"joint {d}", "other": f"cooling {d}", "difference": apart, "z": p.z}],
+            },
+            "budget": [
+                {"source": source, "u_beta_steady": None, "u_beta_transient": cooling, "u_beta_joint": joint}
+                for source, (joint, cooling) in p.budget.items()
+            ],
+            "noise": {d: p.test.disks[d].noise.to_dict()},
+            "unevenness": {d: p.uneven.to_dict()},
+            "sensors": {} if p.sensors is None else p.sensors.said,
+            "junctions": junctions(p.sensors),
+            "kept": None,
+            "findings": [found.to_dict() for found in p.findings],
+            "warnings": [f.sentence for f in p.noticed],
+        })  # fmt: skip
+
+    def summary(self) -> str:
+        """The answer in a few lines."""
+        p, a = self.partition, self.partition.answers
+        if p.status == "withheld":
+            return p.headline.sentence
+        return "\n".join([
+            p.headline.sentence,
+            f"joint {p.disk:8}beta {a['joint']}   h {a['h joint']} W/m2K   lag {a['lag_s']} s",
+            f"cooling {p.disk:6}beta {a['cooling']}   h {a['h cooling']} W/m2K",
+            p.crosscheck.sentence,
+        ])  # fmt: skip
+
+    def card(self) -> pd.DataFrame:
+        """The ways to beta."""
+        a, d = self.partition.answers, self.partition.disk
+        rows = [(f"{way} fit, {d} disk", str(a[way]), str(a[f"h {way}"])) for way in ("joint", "cooling")]
+        return pd.DataFrame(rows, columns=["way", "β [1]", "h [W/m²K]"])
+
+
+def estimate_one_disk(
+    log: str | Path,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
+    *,
+    without: Sequence[str] = (),
+    window_s: float = WINDOW_S,
+    seed: int = 0,
+    sensor_check: bool = True,
+    bearing: BearingFile | None = None,
+    stage: int | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> OneDiskRun:
+    """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of ``estimate_beta``.
+
+    Both speeds are needed all the same: the heat is friction times sliding speed. Nothing is drawn, so ``seed`` changes
+    nothing. Raises InputError as ``estimate_beta`` does, and where the log holds the other disk's columns, too.
+    """
+    rig, (name,) = rig or rig_of(records), records
+    other = next(d for d in DISKS if d != name)
+    unread = columns_not_there(log, rig, other)
+    if not unread:
+        wanted = f"records={other}.disk.json"
+        said = f"no record of the {other} disk, whose columns the log holds"
+        raise InputError(said, where=Path(log).name, remedy=f"add {wanted}", parameters=(wanted,))
+
+    def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
+        progress("reading the log")
+        whole = read_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
+        table, count = stage_of(whole, stage)
+        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        try:
+            found = analyse_one(test, window_s=window_s, sensor_check=sensor_check, progress=progress)
+        except InputError as problem:
+            raise problem.at(table.path.name) from None
+        return OneDiskRun(table, found, count)
+
+    return without_lost(attempt, without, progress)
