@@ -20,7 +20,7 @@ from scipy.signal import find_peaks, oaconvolve
 from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.noise import SpikeRule, bridged, find_spikes
-from tcdyn.chain.chain import Chain
+from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 
@@ -39,6 +39,7 @@ LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sa
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
 SAME_RATE = 0.01  # sampling intervals that differ by less are one
 DENSE, SHORT_S = 0.012, 1.0  # share of samples in bursts above which segments of this length tell the noise
+PASSED = 0.1  # part of a temperature's wave that a chain lets through: of less, what stands out is called hum
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
 
@@ -68,7 +69,9 @@ def noise_and_white(
         again = noise_of([*compress(left, alike)], dts_s[0], filter_, white_K, SHORT_S)
         noise = replace(again, lines=noise.lines)  # short segments cannot tell one
         done = white(noise)
-    return noise, done
+    plain = [replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s]
+    hum = [line for line in noise.lines if all(abs(c.frequency_response(line[0])) < PASSED for c in plain)]
+    return replace(noise, lines=tuple(hum)), done  # the others may be the temperature's own waves
 
 
 def made_white(
