@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from calibration import Array, Flags
 from tcdyn.chain import Chain, Sensor
 from tcdyn.compensate.record import Intensity, Stretch
-from tcdyn.compensate.sweep import swept
+from tcdyn.compensate.sweep import Cells, swept
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
 FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd
@@ -25,29 +25,6 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     w = np.geomspace(1e-4, 1e4, 400)
     needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30))
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
-
-
-@dataclass(frozen=True)
-class Cells:
-    """A linear Gaussian model on J cells of time for M channels times Q proposed intensities, with n states.
-
-    Cell j lies between ``knots_s[j]`` and the next; ``kind (J,)``: which of K kinds it is, by its length and by where
-    samples lie in it. ``mean0 (M, Q, n)``, ``cov0 (M, Q, n, n)``: prior at the first knot. ``transition (K, M, 1, n,
-    n)``: how the state crosses a cell. ``information (J, M, 1, n, n)``, ``score (J, M, 1, n)``: sum over the samples
-    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``jump_var (J, M, Q,
-    2)``: variance added to level [K2] and slope [K2/s2] at knot j. ``rows``: for each channel and kind that reads
-    samples, its cells (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
-    """
-
-    knots_s: Array
-    kind: NDArray[np.intp]
-    mean0: Array
-    cov0: Array
-    transition: Array
-    information: Array
-    score: Array
-    jump_var: Array
-    rows: tuple[tuple[tuple[NDArray[np.intp], Array, NDArray[np.intp]], ...], ...]
 
 
 def cells_for(

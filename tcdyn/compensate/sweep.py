@@ -7,19 +7,38 @@ back are linear recursions of one matrix, for all channels and cells at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Array
 
-if TYPE_CHECKING:
-    from tcdyn.compensate.states import Cells
-
 SETTLED = 1e-10  # change of a covariance from one cell to the next, of its own, below which it is taken as constant
 ALIKE = 1e-6  # relative difference of information or intensity that changes no temperature by a millionth of its sd
 LEAST = 16  # cells alike: fewer are not worth a recursion
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A linear Gaussian model on J cells of time for M channels times Q proposed intensities, with n states.
+
+    Cell j lies between ``knots_s[j]`` and the next; ``kind (J,)``: which of K kinds it is, by its length and by where
+    samples lie in it. ``mean0 (M, Q, n)``, ``cov0 (M, Q, n, n)``: prior at the first knot. ``transition (K, M, 1, n,
+    n)``: how the state crosses a cell. ``information (J, M, 1, n, n)``, ``score (J, M, 1, n)``: sum over the samples
+    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``jump_var (J, M, Q,
+    2)``: variance added to level [K2] and slope [K2/s2] at knot j. ``rows``: for each channel and kind that reads
+    samples, its cells (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
+    """
+
+    knots_s: Array
+    kind: NDArray[np.intp]
+    mean0: Array
+    cov0: Array
+    transition: Array
+    information: Array
+    score: Array
+    jump_var: Array
+    rows: tuple[tuple[tuple[NDArray[np.intp], Array, NDArray[np.intp]], ...], ...]
 
 
 @dataclass(frozen=True)
