@@ -71,7 +71,7 @@ def current_sensor(
     y = np.where(power > 0.5, np.nan, y_degC) if off_only else y_degC
     if (count := int(np.isfinite(y).sum())) < 40:
         raise InputError(f"only {count} readings", expected="at least 40")
-    told = _Record.of(float(time_s[1] - time_s[0]), y, power)
+    told = _Heated.of(float(time_s[1] - time_s[0]), y, power)
     span, noise = float(np.nanmax(told.y) - np.nanmin(told.y)), told.noise_K
     if span < 10 * noise:
         raise InputError(f"the answer of {span:.2g} K is within ten times the noise", remedy="heat more, or average")
@@ -143,7 +143,7 @@ def _chain(theta: Array) -> Chain:
 
 
 @dataclass(frozen=True)
-class _Record:
+class _Heated:
     """What is fitted: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, a first guess of noise [K]."""
 
     dt_s: float
@@ -153,7 +153,7 @@ class _Record:
     noise_K: float
 
     @classmethod
-    def of(cls, dt_s: float, y: Array, power: Array) -> _Record:
+    def of(cls, dt_s: float, y: Array, power: Array) -> _Heated:
         """Means of as many neighbours as leave ``ROWS``."""
         every = -(-len(y) // ROWS)
         n = len(y) // every * every
@@ -176,7 +176,7 @@ class _Record:
         return np.stack([np.ones_like(self.t), self.t, self.power, self.risen(shape)], axis=1)
 
 
-def _posterior(told: _Record) -> tuple[Fitted, Array, Array]:
+def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
     """The best fit, draws (K, 4) of logarithms of lag, Bi, wall and heated radius, and their weights (K,).
 
     Fits from several starts, since a thick film with a thin wall and the reverse may both be minima; then importance
