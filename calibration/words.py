@@ -861,10 +861,10 @@ SENSOR: dict[str, Words] = {
     "sensor.pair_misfit": "{subject}: the two do not see one fluid through one lag each: what is left is {ratio:.2g} "
     "times the noise",
     "sensor.pair_flow": "{subject}: the lags change with the flow; the file holds those of {what}",
-    "sensor.one_mode": "{subject}: the answer to the current tells one mode only; what further ones add to the lag is "
-    "a guess",
+    "sensor.conversion_wide": "{subject}: the answer to the current does not tell the plunge's lag well: {low_s:.3g} "
+    "to {high_s:.3g} s (95 %), for films, walls and heated wires that would answer alike; a plunge would tell",
     "sensor.conversion": "{subject}: the plunge's lag is converted from heating inside, to {percent:.2g} % (95 %): it "
-    "holds for heat that flows radially past the junction, which stores none farther in",
+    "holds for a round sensor that is heated about its axis and read there",
     "sensor.noise_driving": lambda subject, lags, **_: (
         f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower ones add their time"
         + ("; of the two lags found one may be the fluid's" if lags == 2 else "")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import compress
 
 import numpy as np
@@ -19,7 +20,7 @@ from scipy.signal import find_peaks, oaconvolve
 from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.noise import SpikeRule, bridged, find_spikes
-from tcdyn.chain.chain import Chain
+from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 
@@ -38,6 +39,7 @@ LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sa
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
 SAME_RATE = 0.01  # sampling intervals that differ by less are one
 DENSE, SHORT_S = 0.012, 1.0  # share of samples in bursts above which segments of this length tell the noise
+PASSED = 0.1  # part of a temperature's wave that a chain lets through: of less, what stands out is called hum
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
 
@@ -67,7 +69,9 @@ def noise_and_white(
         again = noise_of([*compress(left, alike)], dts_s[0], filter_, white_K, SHORT_S)
         noise = replace(again, lines=noise.lines)  # short segments cannot tell one
         done = white(noise)
-    return noise, done
+    plain = [replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s]
+    hum = [line for line in noise.lines if all(abs(c.frequency_response(line[0])) < PASSED for c in plain)]
+    return replace(noise, lines=tuple(hum)), done  # the others may be the temperature's own waves
 
 
 def made_white(
@@ -95,24 +99,25 @@ def made_white(
     behind = [noise.behind(Chain((), conditioning=f)).conditioning for f in filters]
     slow = [i for i, lag_s in enumerate(lags_s) if pulses and lag_s > SLOW * dt_s]
     missing = ~good | moved
-    shown = [_shown(white[:, i], missing[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow]
+    searches = [_Search.of(white[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow]
+    shown = [_shown(search, missing[:, i]) for search, i in zip(searches, slow)]
     for k, i in enumerate(slow):
         others = np.array([*shown[:k], *shown[k + 1 :]]).reshape(-1, len(y))
         alone = np.zeros(len(y), dtype=bool)
         if len(others) >= WITNESSES:
             seen = np.sum(np.isfinite(others), axis=0) >= WITNESSES
             alone = seen & (np.sort(np.nan_to_num(others), axis=0)[-WITNESSES] < SHOWN)
-        moved[:, i] |= find_bursts(white[:, i], dt_s, float(noise.level_K[i]), behind[i], lags_s[i], alone)
+        moved[:, i] |= _found(searches[k], dt_s, lags_s[i], alone)
         white[:, i] = bridged(white[:, i], ~moved[:, i])
     return white, moved & good
 
 
-def _shown(y: Array, missing: Flags, dt_s: float, noise_sd: float, filter_: Conditioning) -> Array:
-    """Largest height of any pulse near each sample of ``y`` (N,) [standard deviations]; NaN where it cannot tell."""
-    if (search := _Search.of(y, dt_s, noise_sd, filter_)) is None:
-        return np.full(len(y), np.nan)
+def _shown(search: _Search | None, missing: Flags) -> Array:
+    """Largest height of any pulse near each sample (N,) [standard deviations]; NaN where it cannot tell."""
+    if search is None:
+        return np.full(len(missing), np.nan)
     near = 2 * search.widest + 1
-    height = maximum_filter1d(search.score(search.padded), near)[search.widest : -search.widest]
+    height = maximum_filter1d(search.first, near)[search.widest : -search.widest]
     return np.where((height > 0) & (uniform_filter1d(missing.astype(float), near) < BRIDGED), height, np.nan)
 
 
@@ -135,8 +140,20 @@ class _Search:
         return cls(np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd, pulses, beside, widest)
 
     def score(self, padded: Array) -> Array:
-        """Largest height of any pulse over its standard deviation, by the middle of its window."""
-        return np.asarray(np.max([np.abs(_heights(padded, p, self.beside)) for p in self.pulses], axis=0))
+        """Largest height of any pulse over its standard deviation, by the middle of its window; zeros at the ends."""
+        odd = max(map(len, self.pulses)) // 2 * 2 + 2 * self.beside + 1
+        shapes = np.zeros((len(self.pulses), odd))
+        for shape, pulse in zip(shapes, self.pulses):
+            rest = _rest(pulse, self.beside)
+            first = odd // 2 - len(rest) // 2
+            shape[first : first + len(rest)] = rest / np.linalg.norm(rest)
+        z = oaconvolve(padded[None], shapes[:, ::-1], mode="valid", axes=1)
+        return np.pad(np.abs(z).max(axis=0), odd // 2)
+
+    @cached_property
+    def first(self) -> Array:
+        """The score of the trace as it is."""
+        return self.score(self.padded)
 
 
 def find_bursts(
@@ -147,14 +164,18 @@ def find_bursts(
     ``noise_sd`` [K] of its white noise; ``lag_s`` of the chain, which rounds what a temperature does; ``alone`` (N,):
     where other channels show nothing.
     """
-    if (search := _Search.of(y, dt_s, noise_sd, filter_)) is None:
-        return np.zeros(len(y), dtype=bool)
-    padded, widest = search.padded, search.widest
+    nobody = np.zeros(len(y), dtype=bool) if alone is None else alone
+    return _found(_Search.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, nobody)
+
+
+def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> Flags:
+    """The samples (N,) that bursts have moved."""
+    if search is None or not (search.first > SURE).any():
+        return np.zeros(len(alone), dtype=bool)
+    padded, widest, score = search.padded, search.widest, search.first
     parts = _parts(search.pulses, widest, search.beside, dt_s, lag_s)
-    moved = np.zeros(len(padded), dtype=bool)
-    other = np.pad(np.zeros(len(y), dtype=bool) if alone is None else alone, widest)
+    moved, other = np.zeros(len(padded), dtype=bool), np.pad(alone, widest)
     for _ in range(ROUNDS):
-        score = search.score(padded)
         before = np.count_nonzero(moved)
         for centre in find_peaks(score, height=SURE, distance=widest)[0]:
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
@@ -165,6 +186,7 @@ def find_bursts(
         if np.count_nonzero(moved) == before:
             break
         padded = bridged(padded, ~moved)
+        score = search.score(padded)
     return moved[widest:-widest]
 
 
@@ -186,14 +208,6 @@ def _rest(shape: Array, beside: int) -> Array:
     whole = np.pad(shape, beside)
     cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, len(whole)), 3))
     return np.asarray(whole - cubic @ (cubic.T @ whole))
-
-
-def _heights(y: Array, pulse: Array, beside: int) -> Array:
-    """Height of the pulse over its standard deviation, by the middle of its window; zeros at the ends (N,)."""
-    rest = _rest(pulse, beside)
-    z = oaconvolve(y, rest[::-1] / np.linalg.norm(rest), mode="valid")
-    before = len(rest) // 2
-    return np.pad(z, (before, len(y) - len(z) - before))
 
 
 @dataclass(frozen=True)
@@ -238,18 +252,22 @@ class _Parts:
 
 def _parts(pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: float) -> _Parts:
     """All that a window of ``size`` samples may be made of; a pulse leaves some samples beside it."""
-    shapes = []
-    for pulse in pulses:
-        for start in range(beside // 4, size - len(pulse) - beside // 4 + 1, max(size // 120, 1)):
-            shapes.append(np.pad(pulse, (start, size - len(pulse) - start)))
+    places = [
+        (pulse, start)
+        for pulse in pulses
+        for start in range(beside // 4, size - len(pulse) - beside // 4 + 1, max(size // 120, 1))
+    ]
+    shapes = np.zeros((size, len(places)))
+    for column, (pulse, start) in zip(shapes.T, places):
+        column[start : start + len(pulse)] = pulse
     age = np.maximum(np.arange(size)[:, None] - np.arange(0, size, max(size // 60, 2)), 0) * dt_s
     step = 1 - np.exp(-age / lag_s)
-    whole = np.column_stack([*shapes, step, age - lag_s * step])
+    whole = np.column_stack([shapes, step, age - lag_s * step])
     cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, size), 3))
     rest = whole - cubic @ (cubic.T @ whole)
     norms = np.linalg.norm(rest, axis=0)
     kept = norms > 1e-6 * norms.max()
     units = rest[:, kept] / norms[kept]
     alike = np.clip(units.T @ units, -1 + 1e-3, 1 - 1e-3)
-    named = np.column_stack([*shapes, np.zeros((size, whole.shape[1] - len(shapes)))])
-    return _Parts(named[:, kept], units, alike, norms[kept], cubic, int(np.count_nonzero(kept[: len(shapes)])))
+    named = np.column_stack([shapes, np.zeros((size, whole.shape[1] - len(places)))])
+    return _Parts(named[:, kept], units, alike, norms[kept], cubic, int(np.count_nonzero(kept[: len(places)])))

@@ -127,7 +127,7 @@ def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smo
     return fit, [h for h in (*sure, *doubts) if h.may_be]
 
 
-def _about(stretch: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
+def about(stretch: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
     """First sample that an event at ``at_s`` touches, and the one after the last; not far beyond the next event."""
     dt, lag = stretch.dt_s, smeared_s(stretch)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
@@ -150,7 +150,7 @@ def weigh(
     the likeliest burst; what time it was has the same chance anywhere in the record. ``known``: what was said of it
     before; all is sought near it.
     """
-    first, last = _about(stretch, at_s, chosen[0].starts_s)
+    first, last = about(stretch, at_s, chosen[0].starts_s)
     shift, lag = first * stretch.dt_s, smeared_s(stretch)
     window = cut_out(stretch, first, last, stretch.events_s)
     base, begins = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)], at_s - shift
@@ -246,7 +246,7 @@ def _levels_about(q: Intensity, at_s: float) -> tuple[float, ...]:
 
 def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
     """``fit`` with its temperature, slope and sd averaged over all that ``hidden`` may be, by total variance."""
-    first, last = _about(fit.stretch, hidden.at_s)
+    first, last = about(fit.stretch, hidden.at_s)
     window, shift = cut_out(fit.stretch, first, last, fit.stretch.events_s), first * fit.stretch.dt_s
 
     def run(chosen: Sequence[Intensity]) -> Array:

@@ -26,6 +26,7 @@ NEARBY = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
 PAST = 20.0  # nats: a likelihood that has fallen by so much does not rise again
+BANDS = 300  # of a spectrum, evenly in the logarithm of the frequency
 JUMPS_EACH = 3  # of so many bursts tried, one is tried with a jump, too
 MOST_BENT = 3.0  # ranges of a trace within one decay of a burst: no intensity bends it more
 FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
@@ -59,10 +60,13 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
 
 
 def _whittle(power: Array, shape: Array, noise_var: float) -> float:
-    """The q that maximises -sum(log e + power / e), e = noise_var + q shape."""
+    """The q that maximises -sum(log e + power / e), e = noise_var + q shape; first over bands of nearly one shape."""
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
-    for _ in range(3):
-        cost = [np.sum(np.log(e) + power / e) for e in (noise_var + np.exp(v) * shape for v in logs)]
+    edges = np.unique(np.geomspace(1, len(shape) + 1, BANDS).astype(int) - 1)[:-1]
+    count = np.diff(np.r_[edges, len(shape)])
+    mean, middle = np.add.reduceat(power, edges) / count, np.exp(np.add.reduceat(np.log(shape), edges) / count)
+    for some, of, n in ((mean, middle, count), (power, shape, 1), (power, shape, 1)):
+        cost = [np.sum(n * (np.log(e) + some / e)) for e in (noise_var + np.exp(v) * of for v in logs)]
         best = int(np.argmin(cost))
         logs = np.linspace(logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)], 9)
     return float(np.exp(logs[4]))

@@ -15,8 +15,8 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import SPIKES, bridged
 from tcdyn.chain import Chain, sensors
-from tcdyn.compensate.hidden import Hidden, averaged, with_hidden
-from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose
+from tcdyn.compensate.hidden import Hidden, about, averaged, with_hidden
+from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose, cut_out
 from tcdyn.compensate.record import SPIKE, Compensated, Intensity, Stretch, stretch_of
 from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
 
@@ -123,12 +123,22 @@ def smooth(
 
 def _event_sd(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
+    stretch, dt = fit.stretch, fit.stretch.dt_s
+    time = np.arange(len(stretch.y)) * dt
+    ratios = [np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)]
+    corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(stretch.chains, ratios))
+    first, last = about(stretch, event_s)
+    extra = int(MARGIN / corner / dt)
+    first, last = max(first - extra, 0), min(last + extra, len(time))
+    window, shift = cut_out(stretch, first, last, stretch.events_s), first * dt
     answers = []
     for to in (event_s - u_s, event_s + u_s):
-        events = tuple(sorted(to if e == event_s else e for e in fit.stretch.events_s))
-        moved = [q.moved(event_s, to) for q in fit.chosen]
-        answers.append(smoothed(replace(fit.stretch, events_s=events), fit.noise_var, moved).temperature)
-    return np.asarray(0.5 * np.abs(answers[1] - answers[0]))
+        events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
+        moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
+        answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved).temperature)
+    sd = np.zeros_like(fit.sd)
+    sd[first:last] = 0.5 * np.abs(answers[1] - answers[0])
+    return sd
 
 
 def deconvolve(

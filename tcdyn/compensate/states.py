@@ -13,6 +13,7 @@ from scipy.linalg import expm
 from calibration import Array, Flags
 from tcdyn.chain import Chain, Sensor
 from tcdyn.compensate.record import Intensity, Stretch
+from tcdyn.compensate.sweep import Cells, swept
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
 FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd
@@ -24,29 +25,6 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     w = np.geomspace(1e-4, 1e4, 400)
     needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30))
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
-
-
-@dataclass(frozen=True)
-class Cells:
-    """A linear Gaussian model on J cells of time for M channels times Q proposed intensities, with n states.
-
-    Cell j lies between ``knots_s[j]`` and the next; ``kind (J,)``: which of K kinds it is, by its length and by where
-    samples lie in it. ``mean0 (M, Q, n)``, ``cov0 (M, Q, n, n)``: prior at the first knot. ``transition (K, M, 1, n,
-    n)``: how the state crosses a cell. ``information (J, M, 1, n, n)``, ``score (J, M, 1, n)``: sum over the samples
-    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``jump_var (J, M, Q,
-    2)``: variance added to level [K2] and slope [K2/s2] at knot j. ``rows``: for each channel and kind that reads
-    samples, its cells (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
-    """
-
-    knots_s: Array
-    kind: NDArray[np.intp]
-    mean0: Array
-    cov0: Array
-    transition: Array
-    information: Array
-    score: Array
-    jump_var: Array
-    rows: tuple[tuple[tuple[NDArray[np.intp], Array, NDArray[np.intp]], ...], ...]
 
 
 def cells_for(
@@ -236,29 +214,12 @@ class Smoothed:
 def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> Smoothed:
     """States given the whole stretch, its noise variance (M,) and one intensity a channel.
 
-    Bryson-Frazier form: no inverse, and the test for slope jumps comes with it.
+    The score test for jumps comes with ``swept``'s way back.
     """
     cells = cells_for(stretch, noise_var, [[q] for q in chosen])
-    steps = [
-        ((mean + step)[:, 0, :, 0], cov[:, 0], shrink[:, 0], surprise[:, 0])
-        for mean, step, cov, _, shrink, surprise in filtered(cells)
-    ]
-    mean, past, shrinks, surprises = (np.stack(kept) for kept in zip(*steps))
-    count, batch, n = mean.shape
-    pull, weight = np.zeros((batch, n, 1)), np.zeros((batch, n, n))
-    cov, pulls, weights = np.empty_like(past), np.zeros((count, batch, 2)), np.zeros((count, batch, 2, 2))
-    for j in range(count - 1, -1, -1):
-        if j < count - 1:
-            across = cells.transition[cells.kind[j], :, 0]
-            back = across.transpose(0, 2, 1)
-            pull, weight = back @ pull, back @ weight @ across
-        p, shrink = past[j], shrinks[j]
-        mean[j] += (p @ pull)[..., 0]
-        cov[j] = p - p @ weight @ p
-        back = shrink.transpose(0, 2, 1)
-        pull = back @ (surprises[j] + pull)
-        weight = back @ weight @ shrink + cells.information[j, :, 0] @ shrink
-        pulls[j], weights[j] = pull[:, :2, 0], weight[:, :2, :2]
+    found = swept(cells)
+    mean, cov, past, pulls, weights = found.mean, found.cov, found.past, found.pull, found.weight
+    count, batch, _ = mean.shape
     own, (a, b) = weights[..., [0, 1], [0, 1]], np.moveaxis(pulls, -1, 0)
     det = np.maximum(np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300)
     chi2 = (a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]) / det

@@ -1,36 +1,40 @@
 """Loop current step response (LCSR): heat made in the sensor by a current, converted to the response to a plunge.
 
-Heating inside and a step outside share the poles of the sensor; inside, zeros stand beside them. For a sensor whose
-heat flows radially, and is read where no heat is stored farther in, the plunge has the poles alone (Kerlin, Hashemian):
-its lag is the sum of all modes' time constants, of which a record tells the first two.
+Heating inside and a step outside share the poles of the sensor; inside, zeros stand beside them (Kerlin, Hashemian), so
+how much each pole counts for the plunge is told by a model of where heat is made and stored: a round core, heated about
+its axis and read there, a wall of metal round it, a film outside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
-from itertools import combinations
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
 from scipy.signal import lfilter
-from scipy.special import j0, j1, jn_zeros
+from scipy.special import gammaln, j0, j1, jn_zeros, logsumexp
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.fitting import Noise
 from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
-from tcdyn.sensor.fits import Fitted, averaged, colour_of, fit_curve, weights_of
+from tcdyn.sensor.fits import Fitted, colour_of, fit_curve
 
-CONVERSION_REL = 0.05  # of the lag, 1 sd: of a sensor that is no homogeneous cylinder (plants report 10 % at 95 %)
-TAIL_REL = 0.4  # of the second mode and those that the record does not tell, 1 sd
-ALONE = (0.15, 0.12)  # the same over the first mode where no second is told: between a slender film and none
-RESOLVED = 0.35  # standard uncertainty of the logarithm of the first two time constants
-COARSE = 1500  # rows for the first guesses
+MODES = 14
+# what is known of sheathed sensors: Biot number of the film, heat stored in the wall over the core's, radius that is
+# heated over the core's; medians and standard deviations of the logarithm
+KNOWN = {"log_biot": (np.log(2.0), 1.5), "log_wall": (np.log(0.5), 0.8), "log_heated": (np.log(0.15), 0.7)}
+STARTS = [(biot, wall, heated) for biot in (0.6, 2.5, 9.0) for wall, heated in ((0.3, 0.1), (1.0, 0.25))]
+CONVERSION_REL = 0.05  # of the lag, 1 sd: of a sensor that is no such cylinder (plants report 10 % at 95 %)
+WIDE = 20.0  # percent, 95 %: beyond, the answer to the current does not tell the plunge, which is said
+ROWS = 4000  # that are fitted: means of neighbours, where there are more
+DRAWS, TIMES_OF, DEGREES = 400, 60, 5.0  # of the posterior; of them for t50 to t90; of the t they are proposed by
+LINEAR = ("level", "drift", "direct", "size")
+EDGES = np.r_[0.0, jn_zeros(0, MODES)]
 
 
 def current_sensor(
@@ -45,8 +49,9 @@ def current_sensor(
 ) -> SensorFile:
     """The chain of a plunge from the sensor's answer to a current through it, switched on, off, or both.
 
-    y = level + drift t + direct P + sum_i a_i (P behind a lag tau_i), P = current^2 over its largest, one to three
-    lags; then lag = sum tau_i + tail, the tail as of a homogeneous cylinder whose second mode is as far from the first.
+    y = level + drift t + direct P + size sum_n a_n (P behind a lag tau_n), P = current^2 over its largest, a_n and
+    tau_n those of ``cylinder``. Its lag, Biot number, wall and heated radius are sampled from their posterior, so that
+    an interval is as wide, and as skew, as what the answer to the current leaves open.
 
     Args:
         time_s: (N,) even times [s].
@@ -58,173 +63,205 @@ def current_sensor(
     Raises:
         InputError: a current that never changes, an answer within the noise, a record too short after the step.
     """
-    dt = float(time_s[1] - time_s[0])
     power = np.nan_to_num(current) ** 2
     top = float(power.max())
     if top <= 0 or np.ptp(power) < 0.3 * top:
         raise InputError("the current does not switch", expected="one that is switched on or off within the record")
     power = power / top
-    on = power > 0.5
-    y = np.where(on, np.nan, y_degC) if off_only else y_degC
-    seen = np.isfinite(y)
-    if seen.sum() < 40:
-        raise InputError(f"only {int(seen.sum())} readings", expected="at least 40")
-    noise = max(float(white_noise_sd(y[seen], 3)), 1e-9)
-    t = (time_s - time_s[0]) / (time_s[-1] - time_s[0])
-    switches = np.flatnonzero(np.diff(on.astype(int)))
-    told = (Noise(), noise)
-    for turn in range(3):  # noise is what the best of them leaves: white as long as it is
-        fits = [f for f in (_fitted(k, t, y, power, dt, told) for k in (1, 2, 3, 4)) if f is not None]
-        if not fits:
-            raise InputError("no time constant is told by the answer", remedy="log longer, or heat more")
-        weights = weights_of(fits)
-        best = fits[int(np.argmax(weights))]
-        left = colour_of(best.residual, len(best.optimum.theta))
-        if turn == 2 or (left[0].white and told[0].white and 0.8 < left[1] / told[1] < 1.25):
-            break
-        told = left
-    rows = [(f, *f.of(_quantities)) for f in fits]
-    model_u = [CONVERSION_REL * r[1][0] for r in rows]
-    tails = [_tail_u(f.optimum.theta) for f in fits]
-    every = []
-    for i in range(4):
-        # the model's own doubt moves the lag and the percent times alike
-        u = [
-            float(np.sqrt(max(r[2][i, i], 0.0) + m**2 * (r[1][i] / r[1][0]) ** 2 + tail**2))
-            for r, m, tail in zip(rows, model_u, tails)
-        ]
-        every.append(averaged([r[1][i] for r in rows], u, weights))
-    lag, *times = every
-    taus = modes(best.optimum.theta)[:2]
-    chain = Chain([*taus, lag.value - sum(taus)] if lag.value > sum(taus) else taus)
-    span = float(np.nanmax(y) - np.nanmin(y))
+    y = np.where(power > 0.5, np.nan, y_degC) if off_only else y_degC
+    if (count := int(np.isfinite(y).sum())) < 40:
+        raise InputError(f"only {count} readings", expected="at least 40")
+    told = _Heated.of(float(time_s[1] - time_s[0]), y, power)
+    span, noise = float(np.nanmax(told.y) - np.nanmin(told.y)), told.noise_K
     if span < 10 * noise:
         raise InputError(f"the answer of {span:.2g} K is within ten times the noise", remedy="heat more, or average")
-    after = (len(time_s) - 1 - switches[-1]) * dt if len(switches) else 0.0
+    best, theta, weights = _posterior(told)
+    model = np.exp(CONVERSION_REL * np.random.default_rng(1).standard_normal(len(theta)))  # moves all times alike
+    lag = _of(np.exp(theta[:, 0]) * model, weights)
+    some = np.random.default_rng(2).choice(len(theta), TIMES_OF, p=weights)
+    times = np.array([passes(_chain(theta[k])) * model[k] for k in some])
+    taus = _chain(weights @ theta).taus_s
+    chain = Chain([tau * lag.value / sum(taus) for tau in taus])
+    switches = np.flatnonzero(np.diff(power > 0.5))
+    longest = float(np.diff(np.r_[0, switches, len(power) - 1]).max() * (time_s[1] - time_s[0]))
     found: list[Finding] = []
-    if max(after, float(np.diff(np.r_[0, switches, len(time_s) - 1]).max() * dt)) < 4 * lag.value:
-        found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
-    if len(taus) == 1:
-        found.append(look("sensor.one_mode", subject=column))
+    if longest < 4 * lag.value:
+        found.append(look("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
     if not best.colour.white:
         found.append(note("sensor.coloured", subject=column))
     rest = float(np.sqrt(np.mean(best.residual**2)))
     if rest > 3 * noise and rest > 0.01 * span:
         found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=noise))
-    found.append(note("sensor.conversion", subject=column, percent=100 * 1.96 * lag.u / lag.value))
+    percent = 50 * (lag.high95 - lag.low95) / lag.value
+    if percent > WIDE:
+        found.append(look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95))
+    else:
+        found.append(note("sensor.conversion", subject=column, percent=percent))
+    shape = {k.removeprefix("log_"): _of(np.exp(v), weights).model_dump() for k, v in zip(KNOWN, theta.T[1:])}
     fit = {
-        "modes_s": modes(best.optimum.theta), "noise_K": best.noise_K, "lag_s": lag.model_dump(), "heating_K": span,
-        "switches": len(switches),
-        "model_u_s": float(np.hypot(CONVERSION_REL * lag.value, tails[int(np.argmax(weights))])),
+        "modes_s": cylinder(weights @ theta)[0][:3].tolist(), "noise_K": best.noise_K, "lag_s": lag.model_dump(),
+        "heating_K": span, "switches": len(switches), "model_u_s": CONVERSION_REL * lag.value, **shape,
     }  # fmt: skip
     return sensor_file(
-        sensor, {column: chain}, "current", np.array([[lag.u**2]]), [min(0.5 * (lag.value - taus[0]), lag.value)],
-        times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
+        sensor, {column: chain}, "current", np.array([[lag.u**2]]), [lag.value - chain.taus_s[0]],
+        times={column: dict(zip(SHARES, (_of(t, np.full(TIMES_OF, 1 / TIMES_OF)) for t in times.T)))}, fit=fit,
+        findings=found, **more,
     )  # fmt: skip
 
 
-def modes(theta: Array) -> list[float]:
-    """Time constants of a theta, largest first: level, drift, direct, then sizes, then logarithms of them."""
-    count = (len(theta) - 3) // 2
-    return sorted(np.exp(theta[3 + count :]).tolist(), reverse=True)
+def cylinder(theta: Array) -> tuple[Array, Array]:
+    """Time constants (MODES,) [s] and shares (MODES,) of the answer on the axis to heat made about it.
 
+    theta = logarithms of lag [s], Bi = h R/k, wall g and heated radius e (of R). z J1(z) = (Bi - g z^2/2) J0(z),
+    tau = R^2/(a z^2), share ~ tau J1(z e)/(z e)/(J0(z)^2 + J1(z)^2 + g J0(z)^2). A plunge has the poles alone,
+    T/T_fluid = 1/(I0(q) + (q/Bi) I1(q) + (g q^2/(2 Bi)) I0(q)), q^2 = s R^2/a, so lag = R^2/a (1/4 + (1 + g)/(2 Bi)).
 
-def tail_s(taus: Sequence[float]) -> float:
-    """Sum of the time constants of a homogeneous cylinder's further modes, whose first ones are ``taus`` [s].
-
-    1/(I0(q) + (q/Bi) I1(q)), q^2 = s R^2/a, has the modes tau_n = R^2/(a z_n^2), z J1(z) = Bi J0(z); they add to
-    R^2/a (1/4 + 1/(2 Bi)). Bi is that for which tau_2/tau_1 is as found.
-
-    >>> z = jn_zeros(0, 3)
-    >>> round(float(tail_s((1 / z[:2] ** 2).tolist()) / (0.25 - sum(1 / z[:2] ** 2))), 3)
-    1.0
+    >>> tau, _ = cylinder(np.log([0.25, 1e6, 1e-6, 0.1]))  # a bare one whose surface is held: z are the zeros of J0
+    >>> (tau * jn_zeros(0, MODES) ** 2).round(3).tolist() == [1.0] * MODES
+    True
     """
-    if len(taus) < 2:
-        return ALONE[0] * taus[0]
-    taus = taus[:2]  # what looks like a third mode stands for all that follow
-    roots = _roots(round(float(np.log(np.clip(taus[1] / taus[0], 1e-4, 0.5))), 2))
-    bi = float(roots[0] * j1(roots[0]) / max(j0(roots[0]), 1e-6))
-    whole = 0.25 + 0.5 / bi
-    share = (whole - float(np.sum(roots[: len(taus)] ** -2.0))) / float(roots[len(taus) - 1] ** -2.0)
-    return max(share, 0.0) * taus[-1]
+    lag, biot, wall, heated = np.exp(theta)
+    low, high = EDGES[:-1] + 1e-12, EDGES[1:]
+
+    def miss(z: Array) -> Array:
+        return np.asarray(z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z))
+
+    begun = np.sign(miss(low))  # one root between neighbouring zeros of J0
+    for _ in range(48):
+        middle = 0.5 * (low + high)
+        before = np.sign(miss(middle)) == begun
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    z = 0.5 * (low + high)
+    share = j1(z * heated) / (z * heated) / ((1 + wall) * j0(z) ** 2 + j1(z) ** 2) / z**2
+    return lag / (0.25 + 0.5 * (1 + wall) / biot) / z**2, share / share.sum()
 
 
-@lru_cache(maxsize=256)
-def _roots(log_ratio: float) -> Array:
-    """The first four z_n of the cylinder whose (z_1/z_2)^2 has this logarithm; of a bare one where none has."""
-
-    def at(log_bi: float) -> Array:
-        bi, edges = np.exp(log_bi), np.r_[0.0, jn_zeros(1, 4)]
-        tops = jn_zeros(0, 4)
-        return np.array([brentq(lambda z: z * j1(z) - bi * j0(z), a + 1e-12, b) for a, b in zip(edges, tops)])
-
-    def miss(log_bi: float) -> float:
-        z = at(log_bi)
-        return float(2 * np.log(z[0] / z[1]) - log_ratio)
-
-    low, high = np.log(1e-4), np.log(1e4)
-    if miss(high) < 0:
-        return at(high)
-    return at(float(brentq(miss, low, high)))
+def _chain(theta: Array) -> Chain:
+    """The plunge: the two largest lags, and what all others add as one."""
+    first, second = cylinder(theta)[0][:2]
+    return Chain(sorted([first, second, max(float(np.exp(theta[0])) - first - second, 0.0)], reverse=True))
 
 
-def _tail_u(theta: Array) -> float:
-    taus = modes(theta)
-    return ALONE[1] * taus[0] if len(taus) == 1 else TAIL_REL * (taus[1] + tail_s(taus))
+@dataclass(frozen=True)
+class _Heated:
+    """What is fitted: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, a first guess of noise [K]."""
+
+    dt_s: float
+    y: Array
+    power: Array
+    t: Array
+    noise_K: float
+
+    @classmethod
+    def of(cls, dt_s: float, y: Array, power: Array) -> _Heated:
+        """Means of as many neighbours as leave ``ROWS``."""
+        every = -(-len(y) // ROWS)
+        n = len(y) // every * every
+        blocks, heat = y[:n].reshape(-1, every), power[:n].reshape(-1, every).mean(axis=1)
+        seen = np.asarray(np.isfinite(blocks).all(axis=1))
+        mean = np.where(seen, np.nan_to_num(blocks).mean(axis=1), np.nan)
+        noise = max(float(white_noise_sd(mean[seen], 3)), 1e-9)
+        return cls(dt_s * every, mean, heat, np.linspace(0, 1, len(mean)), noise)
+
+    def risen(self, shape: Array) -> Array:
+        """The answer (N,) to the heating, one where it stays on; before the first row heating was as then."""
+        total = np.zeros_like(self.power)
+        for tau, share in zip(*cylinder(shape)):
+            keep, first = float(np.exp(-self.dt_s / tau)), self.power[0]
+            total += share * lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
+        return total
+
+    def table(self, shape: Array) -> Array:
+        """What level, drift, direct and size multiply (N, 4)."""
+        return np.stack([np.ones_like(self.t), self.t, self.power, self.risen(shape)], axis=1)
 
 
-def _quantities(theta: Array) -> Array:
-    """Lag of the plunge and its t50, t63.2, t90 (4,) [s]."""
-    taus = modes(theta)
-    chain = Chain([*taus[:2], tail_s(taus)])
-    return np.array([chain.lag_s, *passes(chain)])
+def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
+    """The best fit, draws (K, 4) of logarithms of lag, Bi, wall and heated radius, and their weights (K,).
 
-
-def _behind(power: Array, tau_s: float, dt_s: float) -> Array:
-    """The heating (N,) behind one lag; held between rows, and before the first as it was then."""
-    keep = float(np.exp(-dt_s / tau_s))
-    return np.asarray(lfilter([0.0, 1 - keep], [1.0, -keep], power, zi=[keep * power[0] + (1 - keep) * power[0]])[0])
-
-
-def _fitted(
-    count: int, t: Array, y: Array, power: Array, dt: float, noise: tuple[Noise, float]
-) -> Fitted | None:  # fmt: skip
-    """``count`` modes fitted; None where one of them is not told from none."""
-    ok = np.isfinite(y)
-    span = len(y) * dt
-    every = max(len(y) // COARSE, 1)
-    grid = np.geomspace(max(3 * dt, span / 3000), span / 2, 14)
-    columns = [_behind(power, tau, dt) for tau in grid]
-    rows = np.flatnonzero(ok)[::every]
-    base = np.stack([np.ones_like(t), t, power], axis=1)[rows]
-    best, start = np.inf, np.zeros(3 + 2 * count)
-    for chosen in combinations(range(len(grid)), count):
-        table = np.column_stack([base, *(columns[k][rows] for k in chosen)])
-        linear, *_ = np.linalg.lstsq(table, y[rows], rcond=None)
-        cost = float(np.sum((table @ linear - y[rows]) ** 2))
-        if cost < best:
-            best, start = cost, np.r_[linear, np.log(grid[list(chosen)])]
-    big = max(float(np.nanmax(y) - np.nanmin(y)), 1e-9)
+    Fits from several starts, since a thick film with a thin wall and the reverse may both be minima; then importance
+    sampling about all of them, level, drift, direct and size integrated out.
+    """
+    ok = np.isfinite(told.y)
+    y, big = told.y[ok], max(float(np.ptp(told.y[ok])), 1e-9)
+    names = [*LINEAR, "log_lag", *KNOWN]
+    scale = np.array([big] * 4 + [0.5] * 4)
+    span = len(told.y) * told.dt_s
 
     def model(theta: Array) -> Array | None:
-        logs = theta[3 + count :]
-        if np.any(np.abs(logs) > 20):
-            return None
-        sizes = theta[3 : 3 + count]
-        lagged = sum(a * _behind(power, float(np.exp(g)), dt) for a, g in zip(sizes, logs))
-        return np.asarray(theta[0] + theta[1] * t + theta[2] * power + lagged)
+        return None if np.any(np.abs(theta[4:]) > 25) else np.asarray(told.table(theta[4:]) @ theta[:4])
 
-    names = [
-        "level",
-        "drift",
-        "direct",
-        *(f"a{k + 1}" for k in range(count)),
-        *(f"log_tau{k + 1}" for k in range(count)),
-    ]
-    scale = np.array([big, big, big, *[big] * count, *[0.5] * count])
-    try:
-        found = fit_curve(f"{count} modes", model, y, names, start, scale, noise=noise)
-    except InputError:
-        return None
-    slowest = 3 + count + np.argsort(found.optimum.theta[3 + count :])[::-1][:2]
-    return found if np.all(np.diag(found.covariance)[slowest] < RESOLVED**2) else None
+    def begun(biot: float, wall: float, heated: float) -> Array:
+        tried = []
+        for lag in np.geomspace(3 * told.dt_s, span / 3, 10):
+            shape = np.log([lag, biot, wall, heated])
+            table = told.table(shape)[ok]
+            linear = np.linalg.lstsq(table, y, rcond=None)[0]
+            tried.append((float(np.sum((table @ linear - y) ** 2)), np.r_[linear, shape]))
+        return min(tried, key=lambda pair: pair[0])[1]
+
+    starts, noise = [begun(*start) for start in STARTS], (Noise(), told.noise_K)
+    for turn in range(2):  # noise is what the best of them leaves
+        fits = [fit_curve("LCSR", model, told.y, names, s, scale, prior=KNOWN, noise=noise) for s in starts]
+        best = min(fits, key=lambda f: f.optimum.cost)
+        if turn == 0:
+            noise, starts = colour_of(best.residual, len(names)), [f.optimum.theta for f in fits]
+    whole, (colour, noise_K) = [slice(0, len(y))], noise
+    white_y = colour.whiten(y, whole) / noise_K
+
+    def log_posterior(shape: Array) -> float:
+        if np.any(np.abs(shape) > 25):
+            return -np.inf
+        table = colour.whiten(told.table(shape)[ok], whole) / noise_K
+        linear = np.linalg.lstsq(table, white_y, rcond=None)[0]
+        pulls = [(v - mean) / sd for v, (mean, sd) in zip(shape[1:], KNOWN.values())]
+        return -0.5 * float(np.sum((white_y - table @ linear) ** 2) + np.sum(np.square(pulls)))
+
+    kept = [f for f in fits if f.optimum.cost < best.optimum.cost + 20]
+    centres = np.array([f.optimum.theta[4:] for f in kept])
+    spreads = np.array([f.covariance[4:, 4:] for f in kept])
+    height = np.array([-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)])
+    chances = np.exp(height - logsumexp(height))
+    draws, log_p = np.empty((0, 4)), np.empty(0)
+    for turn in range(3):
+        more = _proposed(centres, spreads, chances, np.random.default_rng(turn))
+        draws, log_p = np.concatenate([draws, more]), np.r_[log_p, [log_posterior(shape) for shape in more]]
+        if turn == 0:
+            used = [(centres, spreads, chances)]
+        log_q = logsumexp([_log_density(draws, *by) for by in used], axis=0)
+        weights = np.exp(log_p - log_q - logsumexp(log_p - log_q))
+        if 1 / np.sum(weights**2) > DRAWS / 4:
+            break
+        middle = weights @ draws  # too few of them count: propose anew by what they say
+        spread = (weights[:, None] * (draws - middle)).T @ (draws - middle) + 1e-6 * np.eye(4)
+        centres, spreads, chances = middle[None], spread[None], np.ones(1)
+        used.append((centres, spreads, chances))
+    return best, draws, weights
+
+
+def _proposed(centres: Array, spreads: Array, chances: Array, rng: np.random.Generator) -> Array:
+    """Draws (DRAWS, 4) of a mixture of Student's t."""
+    which = rng.choice(len(centres), DRAWS, p=chances)
+    roots = np.linalg.cholesky(spreads)
+    tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, DRAWS))
+    return np.asarray(
+        centres[which] + np.einsum("kij,kj->ki", roots[which], rng.standard_normal((DRAWS, 4))) * tails[:, None]
+    )
+
+
+def _log_density(x: Array, centres: Array, spreads: Array, chances: Array) -> Array:
+    """Log density (K,) of that mixture at ``x`` (K, 4)."""
+    away = x[:, None] - centres
+    far = np.einsum("kci,cij,kcj->kc", away, np.linalg.inv(spreads), away)
+    top = gammaln(0.5 * (DEGREES + 4)) - gammaln(0.5 * DEGREES) - 2 * np.log(DEGREES * np.pi)
+    each = top - 0.5 * np.linalg.slogdet(spreads)[1] - 0.5 * (DEGREES + 4) * np.log1p(far / DEGREES)
+    return np.asarray(logsumexp(each, axis=1, b=chances))
+
+
+def _of(values: Array, weights: Array) -> Estimate:
+    """Mean, standard deviation and 95 % range of weighted draws (K,)."""
+    mean = float(weights @ values)
+    order = np.argsort(values)
+    low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], values[order])
+    sd = max(float(np.sqrt(weights @ (values - mean) ** 2)), 1e-12)
+    return Estimate(value=mean, u=sd, low95=float(low), high95=float(high))

@@ -12,6 +12,7 @@ from calibration.noise import SPIKES, white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.chain.bursts import find_bursts, noise_and_white
 from tcdyn.chain.noise import noise_of, passed_share
+from tcdyn.compensate.record import stretch_of
 from tcdyn.compensate.smoother import deconvolve, smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
 
@@ -293,3 +294,17 @@ def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None
     own, other = (noise.whitened(traces[1], dt) for dt in reversed(dts))
     assert np.allclose(slow[~moved], own[~moved])
     assert np.abs(other - own).max() > 1.0
+
+
+@pytest.mark.parametrize("rate_Hz", [10.0, 50.0, 100.0])
+def test_a_temperature_that_swings_is_not_called_hum(rate_Hz: float) -> None:
+    """A wave that the chain lets through, in a record of few segments, is the temperature's own."""
+    dt = 1 / rate_Hz
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        tau = dt * rng.uniform(5, 60)
+        t = np.arange(int(rng.choice([300, 600, 1500]))) * dt
+        x = 20 * np.sin(2 * np.pi * t / (tau * rng.uniform(10, 40)))
+        keep = np.exp(-dt / tau)
+        y = lfilter([1 - keep], [1, -keep], x) + rng.uniform(0.05, 0.3) * rng.standard_normal(len(t))
+        assert not [f for f in stretch_of(y, dt, Chain([tau])).findings if f.code == "noise.hum"], seed

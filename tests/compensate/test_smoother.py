@@ -6,8 +6,9 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate import Intensity, invert, smooth, window_covariance
-from tcdyn.compensate.record import SATURATED, SPIKE, STUCK
+from tcdyn.compensate import Burst, Intensity, invert, smooth, sweep, window_covariance
+from tcdyn.compensate.record import SATURATED, SPIKE, STUCK, stretch_of
+from tcdyn.compensate.states import smoothed
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -329,3 +330,26 @@ def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
     least = 0.95 - 0.4 / np.sqrt(n)
     assert covered[:, transient].mean() > least
     assert covered[:, edges].mean() > least
+
+
+def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two channels, an event, a gap and spikes: the same to a ten-millionth of a kelvin."""
+    rng, dt = np.random.default_rng(5), 0.02
+    t = np.arange(6000) * dt
+    x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
+    chains = [Chain([0.5, 0.1]), Chain([0.9])]
+    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal((len(t), 2))
+    y[2000:2040, 0] = np.nan
+    y[4000, 1] += 5
+    stretch = stretch_of(y, dt, chains, (70.003,))
+    chosen = [Intensity((0.0, 70.003), (0.01, 0.02), (Burst(70.003, 50.0, 0.5),)), Intensity.constant(0.5)]
+    quick = smoothed(stretch, stretch.noise_sd**2, chosen)
+    steps, real = [], sweep.recursion
+    monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
+    smoothed(stretch, stretch.noise_sd**2, chosen)
+    assert sum(steps) > 0.3 * 2 * len(quick.mean)
+    monkeypatch.setattr(sweep, "LEAST", len(t))
+    exact = smoothed(stretch, stretch.noise_sd**2, chosen)
+    for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
+        assert np.abs(getattr(quick, name) - getattr(exact, name)).max() < 1e-7, name
+    assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)

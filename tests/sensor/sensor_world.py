@@ -108,13 +108,18 @@ class Sheath:
     read: int
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Sheath:
-        """Wall 10 to 25 % of the radius, 5 to 20 times the conductivity; Bi 0.5 to 10; heater within 5 to 30 %."""
+    def drawn(cls, rng: np.random.Generator, gap: float = 0.0) -> Sheath:
+        """Wall 10 to 25 % of the radius, 5 to 20 times the conductivity; Bi 0.5 to 10; heater within 5 to 30 %.
+
+        ``gap``: a thermal resistance between powder and wall, in radii over the powder's conductivity.
+        """
         edge = np.linspace(0, 1, SHELLS + 1)
         middle, wall = 0.5 * (edge[1:] + edge[:-1]), 1 - rng.uniform(0.1, 0.25)
         k = np.where(middle > wall, rng.uniform(5, 20), 1.0)
         heat = np.where(middle > wall, rng.uniform(1.0, 1.6), 1.0) * (edge[1:] ** 2 - edge[:-1] ** 2)
         between = 2 * edge[1:-1] / (np.diff(edge)[1:] / k[1:] / 2 + np.diff(edge)[:-1] / k[:-1] / 2)
+        at = int(np.argmax(middle > wall)) - 1
+        between[at] = 1 / (1 / between[at] + gap / (2 * edge[at + 1]))
         out = 2.0 / (1 / np.exp(rng.uniform(np.log(0.5), np.log(10.0))) + np.diff(edge)[-1] / k[-1] / 2)
         a = np.zeros((SHELLS, SHELLS))
         for i, g in enumerate(between):
