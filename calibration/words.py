@@ -324,7 +324,15 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
     return f"{said}." + (freed if more.get("freed") else "") + _disturbance(**more)
 
 
-def _disturbance(order: Sequence[int] = (0, 0), baseline: str = "none", **_: Any) -> str:
+def _disturbance(
+    order: Sequence[int] = (0, 0), baseline: str = "none", memory_s: float = 0.0, gain: float = 0.0, **_: Any
+) -> str:
+    if memory_s:
+        likeliest = f"one of {memory_s:.2g} s" if gain > 0.02 else "hardly any"
+        return (
+            " The answer is averaged over what may disturb the output beside white noise: a first-order disturbance "
+            f"of any time constant up to a random walk (likeliest {likeliest}), with a straight drift or without."
+        )
     drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
     noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""
     if baseline == "walk":

@@ -28,6 +28,7 @@ from tcdyn.identify.validate import Validation, validate
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
 WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
+LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
 Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
@@ -152,7 +153,10 @@ def with_disturbance(
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
-    told = {"order": list(anew.best.noise.order), "baseline": given["baseline"]}
+    noise = anew.best.noise
+    told = {"order": list(noise.order), "baseline": given["baseline"]}
+    if noise.averaged:
+        told |= {"memory_s": noise.memory * data.dt_s, "gain": 1 - noise.ma[0] / noise.ar[0]}
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 
@@ -271,7 +275,7 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
     late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
     error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
-    if result.noise.walks and not late.all():  # from the level at which the walk is by then
+    if result.noise.memory > LASTING * len(error) and not late.all():  # from the level at which a walk is by then
         error = error - np.mean(all_of_it[~late][-SHORTEST:])
     spread = np.concatenate(
         [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]

@@ -16,9 +16,9 @@ from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import rms, search
 
-NoiseName = Literal["white", "ar", "arma", "auto"]
+NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
-NOISES, BASELINES = ("auto", "white", "ar", "arma"), ("auto", "none", "trend", "walk")
+NOISES, BASELINES = ("auto", "white", "slow", "ar", "arma"), ("auto", "none", "trend", "walk")
 ORDERS = ((1, 1), (2, 1), (2, 2))  # of ARMA noise, that are tried
 MOST_AR = 8
 NEAREST = 0.999  # a partial correlation, beyond which noise is a random walk and no offset can be told
@@ -56,6 +56,15 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     if len(below) == 1 or np.any(np.abs(inside) >= 1) or share < 1e-6 * left:
         return Noise()
     return Noise(tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0)
+
+
+def through(posed: Posed, optimum: Optimum) -> list[Noise]:
+    """What the noise of a measured input makes of the residuals, where it makes anything of them."""
+    answer = posed.evaluate(optimum.theta)
+    assert answer is not None
+    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
+    behind = through_model(posed, optimum.theta, answer[0] * root) if posed.input_sd else Noise()
+    return [] if behind.white else [behind]
 
 
 def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed, Optimum, Noise]:
@@ -108,7 +117,8 @@ def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
     def criterion(z: Array) -> float:
         table = at(z).whiten(np.column_stack([told, e]), parts)
         factor = np.abs(np.diag(np.linalg.qr(table, mode="r")))
-        return float(2 * size * np.log(factor[-1] + 1e-300) + 2 * np.sum(np.log(factor[:-1] + 1e-12)))
+        spread = at(z).log_spread(parts)
+        return float(2 * size * np.log(factor[-1] + 1e-300) + 2 * np.sum(np.log(factor[:-1] + 1e-12)) + spread)
 
     start = np.arctanh(np.clip(np.concatenate([partials(own[:p]), partials(own[p:])]), -0.998, 0.998))
     found = minimize(
@@ -144,7 +154,8 @@ def score(e: Array, parts: list[slice], noise: Noise) -> float:
     """BIC of ``noise`` for residuals ``e`` (N,)."""
     w = noise.whiten(e, parts)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
-    return float(len(e) * np.log(max(variance, 1e-300)) + noise.parameters * np.log(len(e)))
+    spread = noise.log_spread(parts)
+    return float(len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e)))
 
 
 def best_ar(e: Array, parts: list[slice]) -> Noise:

@@ -15,8 +15,9 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
+from tcdyn.identify.average import averaged, mixed
 from tcdyn.identify.data import IOData
-from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
+from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through, through_model
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Initial, Posed, pose
@@ -24,6 +25,7 @@ from tcdyn.identify.search import Fit, ordered, rms, search
 from tcdyn.identify.start import check_causality, polished
 from tcdyn.identify.validate import ALARM, validate, whiteness
 
+DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
 Covariance = Literal["auto", "classical", "robust"]
 Intervals = Literal["auto", "quadratic", "profile"]
 
@@ -81,21 +83,48 @@ def fit(
     elif problem.input_sd:
         problem, optimum, model_noise = alternate(problem, optimum, through_model)
     found = assemble(data, problem, optimum, model_noise, loss, covariance)
-    auto = "auto" in (noise, baseline)
-    if (noise, baseline) != ("white", "none") and (not auto or coloured(found)):
-        tried = []
-        for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
-            begun, near = problem, optimum
-            if kind == "trend":
-                begun = replace(problem, trend=True)
-                longer = np.append(optimum.theta, np.zeros(begun.size - problem.size))
-                near = replace(search(begun, start=longer), weights=optimum.weights)
-            answer = alternate(begun, near, estimate(noise, kind))
-            tried.append(assemble(data, *answer, loss, covariance))
-        if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
-            tried = [f for f in tried if f.problem.trend and f.noise.parameters == 0 and unreproached(f)]
-        found = chosen([*tried, found] if auto else tried)
-    return found if intervals == "quadratic" or loss != "linear" else profiled(found, intervals == "profile")
+    found = with_noise(data, found, optimum, noise, baseline, covariance)
+    plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
+    return found if plain else profiled(found, intervals == "profile")
+
+
+def with_noise(
+    data: IOData,
+    found: Fit,
+    optimum: Optimum,
+    noise: tuple[int, int] | NoiseName,
+    baseline: Baseline,
+    covariance: Covariance,
+) -> Fit:
+    """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
+
+    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.identify.average`); only what leaves
+    coloured innovations is sought among those of higher order, by BIC.
+    """
+    auto = "auto" in (noise, baseline) and noise != "slow"
+    if (noise, baseline) == ("white", "none") or (auto and not coloured(found)):
+        return found
+    begun, trended = [(found.problem, optimum)], replace(found.problem, trend=True)
+    if baseline in ("auto", "trend"):
+        longer = np.append(optimum.theta, np.zeros(trended.size - found.problem.size))
+        begun.append((trended, replace(search(trended, start=longer), weights=optimum.weights)))
+    if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
+        plain = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
+        if not any(map(undriven, plain)):
+            return found
+    tried = [found] if auto else []
+    if noise in ("auto", "slow") and baseline != "walk":
+        kinds = begun[1:] if baseline == "trend" else begun
+        mean = mixed([averaged(*each, through(*each)) for each in kinds])
+        *answer, cov_x = mean.found(optimum.weights)
+        slow = assemble(data, *answer, found.loss, covariance, cov_x)
+        if noise == "slow" or not coloured(slow):
+            return slow
+        tried.append(slow)
+    for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
+        answer = alternate(*begun[kind == "trend"], estimate("auto" if noise == "slow" else noise, kind))
+        tried.append(assemble(data, *answer, found.loss, covariance))
+    return chosen(tried)
 
 
 def coloured(found: Fit) -> bool:
@@ -103,14 +132,14 @@ def coloured(found: Fit) -> bool:
     return found.identified.statistics["p_white"] < ALARM
 
 
-def unreproached(found: Fit) -> bool:
-    """Whether the residuals are neither coloured nor follow the input."""
-    return not coloured(found) and found.identified.statistics["p_input"] >= ALARM
+def undriven(found: Fit) -> bool:
+    """Whether the residuals do not clearly follow the input: slow disturbances do a little, by chance."""
+    return found.identified.statistics["p_input"] >= DRIVEN
 
 
 def disturbed(found: Fit) -> bool:
     """Whether the residuals are coloured, and not by dynamics that the model misses."""
-    return coloured(found) and found.identified.statistics["p_input"] >= ALARM
+    return coloured(found) and undriven(found)
 
 
 def chosen(fits: Sequence[Fit]) -> Fit:
@@ -136,14 +165,18 @@ def assemble(
     noise: Noise,
     loss: Loss,
     covariance: Covariance,
+    cov_x: Array | None = None,
 ) -> Fit:
-    """Covariance, estimates, findings, validation and statistics around an optimum."""
+    """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum."""
     n, model, x = problem.n_seen, problem.model, optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
     root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
     e, j = -optimum.residual * root, optimum.jacobian * root[:, None]
-    cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss if noise.white else "linear")
+    robust = cov_x is not None
+    if cov_x is None:
+        loss_of = loss if noise.white else "linear"
+        cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss_of)
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))

@@ -64,16 +64,21 @@ class Validation:
 
 
 def validate(fit: Fit, lags: int = 20) -> Validation:
-    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags."""
+    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags.
+
+    Of a robust loss the scores psi = w r are tested, which at its optimum are free of the slopes themselves (a test by
+    them holds its level whatever the spikes).
+    """
     problem, parts = fit.problem, fit.problem.parts
     e, j, r = fit.innovation, fit.slopes, fit.residual
+    if fit.optimum.weights is not None:
+        e, j = -fit.optimum.weights * fit.optimum.residual, fit.optimum.jacobian
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
     behind = shifts(problem, fit.identified.lag_s.value if not problem.model.integrators else 0.0, lags)
-    root = 1.0 if fit.optimum.weights is None else np.sqrt(fit.optimum.weights)[:, None]  # of the robust loss, as in e
     u, ahead = (
-        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
+        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k), parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
