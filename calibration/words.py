@@ -325,13 +325,18 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
 
 
 def _disturbance(
-    order: Sequence[int] = (0, 0), baseline: str = "none", memory_s: float = 0.0, gain: float = 0.0, **_: Any
+    order: Sequence[int] = (0, 0),
+    baseline: str = "none",
+    memory_s: float | None = None,
+    p_walk: float | None = None,
+    **_: Any,
 ) -> str:
-    if memory_s:
-        likeliest = f"one of {memory_s:.2g} s" if gain > 0.02 else "hardly any"
+    if p_walk is not None:
+        likeliest = "a random walk" if memory_s is None else f"one of {memory_s:.2g} s" if memory_s else "none"
         return (
             " The answer is averaged over what may disturb the output beside white noise: a first-order disturbance "
-            f"of any time constant up to a random walk (likeliest {likeliest}), with a straight drift or without."
+            f"of any time constant up to a random walk, with a straight drift or without (likeliest {likeliest}; that "
+            f"it outlasts the record has the probability {p_walk:.2g}, and makes the intervals as wide)."
         )
     drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
     noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""

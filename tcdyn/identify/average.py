@@ -15,10 +15,10 @@ from tcdyn.fitting import Noise, Optimum, inverse
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import rms, search
 
-GRID, ZOOMS = 8, 4  # nodes an axis, times the box may be drawn closer
+GRID, ZOOMS = (12, 8), 4  # nodes of time constant and gain, times the box may be drawn closer
 DEEP, CLOSER = 6.0, 0.7  # drop of ln likelihood that the box holds; its least gain, of its area, for another time
 ROUNDS, AGREED = 3, 0.05  # of the dynamics given the noise; standard uncertainties by which they may still move
-SHORTEST, LONGEST = 0.7, 10.0  # time constants: in samples, in records; beyond, it is a random walk
+SHORTEST, LONGEST = 0.7, 1e3  # time constants: in samples, in records; half are beyond the record, as a random walk's
 GAIN = (-9.0, 5.0)  # logit of the Kalman gain: from hardly any disturbance to nothing but it
 LINEAR, FAR = 0.3, 5.0  # move of a logarithm, and in standard uncertainties, that may still be linear
 NEGLIGIBLE = 0.01  # probability, below which a drift is left out
@@ -28,7 +28,7 @@ NEGLIGIBLE = 0.01  # probability, below which a drift is left out
 class Averaged:
     """``mean`` and ``covariance`` over the noises, of x with its logarithms taken back: there small lags and dead time
     add up. ``noise`` is the likeliest, ``optimum`` given it, and ``evidence`` the logarithm of the likelihood averaged
-    over all noises."""
+    over all noises; ``walks`` is the probability that the disturbance outlasts the record."""
 
     posed: Posed
     optimum: Optimum
@@ -36,6 +36,7 @@ class Averaged:
     mean: Array
     covariance: Array
     evidence: float
+    walks: float
 
     def found(self, weights: Array | None) -> tuple[Posed, Optimum, Noise, Array]:
         """Problem, optimum and noise as any other fit has them, residuals and slopes at the mean, and covariance of x.
@@ -119,7 +120,7 @@ class Slopes:
         prior that one sample would give, so that it costs ln N as in BIC.
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.parts)
-        factor = np.linalg.qr(np.vstack([table, self.prior]), mode="r")
+        factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
         p, n = len(self.size), len(self.residual)
         upper, free = factor[:p, :p], p - self.drifts
         rest = float(factor[-1, -1] ** 2) + 1e-300
@@ -133,10 +134,11 @@ class Slopes:
 
 @dataclass(frozen=True)
 class Grid:
-    """Noises by logarithm of their time constant and logit of their gain, within a ``box`` (2, 2) that holds what is
-    likely, and what :meth:`Slopes.given` says of each."""
+    """Noises by logarithm of their time constant and logit of their gain, ``places`` (K, 2) within a ``box`` (2, 2)
+    that holds what is likely, and what :meth:`Slopes.given` says of each."""
 
     box: Array
+    places: Array
     noises: tuple[Noise, ...]
     nodes: tuple[tuple[float, Array, Array], ...]
 
@@ -146,7 +148,7 @@ class Grid:
         whole = widest(len(slopes.residual))
         for _ in range(ZOOMS):
             step = np.ptp(box, axis=1) / GRID
-            places = box[:, 0] + (np.indices((GRID, GRID)).reshape(2, -1).T + 0.5) * step
+            places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(noise_of(*place) for place in places.tolist())
             nodes = tuple(slopes.given(noise) for noise in noises)
             height = np.array([node[0] for node in nodes])
@@ -156,25 +158,30 @@ class Grid:
             if np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(np.ptp(box, axis=1)):
                 break
             box = closer
-        return cls(box, noises, nodes)
+        return cls(box, places, noises, nodes)
 
-    def integrated(self, slopes: Slopes, others: Sequence[Noise]) -> tuple[float, Noise, Array, Array]:
-        """Evidence, likeliest noise, mean step of x (P,) and covariance (P, P) over ``others`` and the grid.
+    def integrated(self, slopes: Slopes, others: Sequence[Noise]) -> tuple[float, float, Noise, Array, Array]:
+        """Evidence, share of random walks, likeliest noise, mean step of x (P,) and covariance (P, P) over ``others``
+        and the grid.
 
-        The others are each as probable as all first-order noises together.
+        All gains from 0 to 1 are alike probable, and so are logarithms of the time constant; the others are each as
+        probable as all first-order noises together.
         """
-        whole = np.prod(np.ptp(widest(len(slopes.residual)), axis=1))
-        share = np.log(np.prod(np.ptp(self.box, axis=1)) / whole / len(self.nodes))
+        whole = np.ptp(widest(len(slopes.residual))[0])
+        cell = np.prod(np.ptp(self.box, axis=1)) / whole / len(self.nodes)
+        prior = [cell * gain * (1 - gain) for gain in expit(self.places[:, 1])]
         nodes = [*self.nodes, *(slopes.given(noise) for noise in others)]
         log_likelihood = np.array([node[0] for node in nodes])
-        height = log_likelihood + np.append(np.full(len(self.nodes), share), np.zeros(len(others)))
+        height = log_likelihood + np.log([*prior, *np.ones(len(others))])
         mean, covariance = moments(height, *(np.array([node[k] for node in nodes]) for k in (1, 2)))
         likeliest = [*self.noises, *others][int(np.argmax(log_likelihood))]
-        return float(logsumexp(height)), likeliest, mean, covariance
+        evidence = float(logsumexp(height))
+        walks = self.places[:, 0] > np.log(len(slopes.residual))
+        return evidence, float(np.sum(np.exp(height[: len(walks)] - evidence)[walks])), likeliest, mean, covariance
 
 
 def widest(n: int) -> Array:
-    """The box (2, 2) of all first-order noises in a record of n samples; within it all places are alike probable."""
+    """The box (2, 2) of all first-order noises in a record of n samples."""
     return np.array([[np.log(SHORTEST), np.log(LONGEST * n)], GAIN])
 
 
@@ -195,13 +202,13 @@ def averaged(posed: Posed, optimum: Optimum, others: Sequence[Noise] = ()) -> Av
     for _ in range(ROUNDS):
         slopes = Slopes.at(posed, optimum.theta, root)
         grid = Grid.of(slopes, box)
-        evidence, noise, step, covariance = grid.integrated(slopes, others)
+        evidence, walks, noise, step, covariance = grid.integrated(slopes, others)
         mean = plain(posed, optimum.theta) + step
         if box is grid.box or np.all(np.abs(step) <= AGREED * np.sqrt(np.diag(covariance))):
             break
         optimum = search(posed, posed.core(noise, root), optimum.theta)
         posed, box = replace(posed, noise_sd=rms(optimum, posed)), grid.box
-    return Averaged(posed, optimum, noise, mean, covariance, evidence)
+    return Averaged(posed, optimum, noise, mean, covariance, evidence, walks)
 
 
 def mixed(found: Sequence[Averaged]) -> Averaged:
@@ -215,4 +222,6 @@ def mixed(found: Sequence[Averaged]) -> Averaged:
     covariances = np.array([np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept])
     mean, covariance = moments(height[kept], means, covariances)
     likeliest = found[int(np.argmax(height))].noise
-    return replace(last, mean=mean, covariance=covariance, noise=likeliest, evidence=float(logsumexp(height)))
+    walks = float(weight[kept] / weight[kept].sum() @ [found[k].walks for k in kept])
+    evidence = float(logsumexp(height))
+    return Averaged(last.posed, last.optimum, likeliest, mean, covariance, evidence, walks)

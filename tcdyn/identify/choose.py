@@ -154,9 +154,10 @@ def with_disturbance(
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
     noise = anew.best.noise
-    told = {"order": list(noise.order), "baseline": given["baseline"]}
+    told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
     if noise.averaged:
-        told |= {"memory_s": noise.memory * data.dt_s, "gain": 1 - noise.ma[0] / noise.ar[0]}
+        told["memory_s"] = noise.memory * data.dt_s if noise.memory < len(anew.best.residual) else None
+        told["p_walk"] = anew.best.identified.statistics["p_walk"]
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 

@@ -115,9 +115,11 @@ def with_noise(
     tried = [found] if auto else []
     if noise in ("auto", "slow") and baseline != "walk":
         kinds = begun[1:] if baseline == "trend" else begun
-        mean = mixed([averaged(*each, through(*each)) for each in kinds])
-        *answer, cov_x = mean.found(optimum.weights)
-        slow = assemble(data, *answer, found.loss, covariance, cov_x)
+        mean = mixed([averaged(*each, [Noise(averaged=True), *through(*each)]) for each in kinds])
+        problem, best, model_noise, cov_x = mean.found(optimum.weights)
+        slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x)
+        told = replace(slow.identified, statistics={**slow.identified.statistics, "p_walk": mean.walks})
+        slow = replace(slow, identified=told)
         if noise == "slow" or not coloured(slow):
             return slow
         tried.append(slow)

@@ -1,7 +1,7 @@
 """Coverage of gain and lag, and false alarms, where the noise is not white or the input is measured with noise.
 
-Run by hand: ``python -m disturbance_study [RUNS] [KINDS] [WORLDS]`` in this folder (comma between names). The noisy records are simulated on a grid ten times
-finer by first-order recursions, with nothing that the fit uses.
+Run by hand: ``python -m disturbance_study [RUNS] [KINDS] [WORLDS]`` in this folder (comma between names). The noisy
+records are simulated on a grid ten times finer by first-order recursions, with nothing that the fit uses.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ AUTO = {"noise": "auto", "baseline": "auto"}
 FILTER = Conditioning(4.0, 2)  # that is stated; the true one has a pole more
 WORLDS: dict[str, dict[str, object]] = {  # what is asked for in each
     "noisy input": {"input_sd": 0.5},
-    **{name: AUTO for name in ("white", "ar0.9", "ar0.99", "walk", "drift")},
+    **dict.fromkeys(("white", "ar0.9", "ar0.99", "walk", "drift"), AUTO),
     "outliers": {"loss": "huber"},
     "filter": {**AUTO, "model": process("P2D", known=FILTER)},
 }
@@ -75,8 +75,9 @@ def study(
     """Share of runs whose 95 % interval holds gain and lag, share of alarms (1 % level), and the noise models found."""
     rows, kinds = [], Counter()
     truth = 2.87 + (3 / (2 * np.pi * FILTER.cutoff_Hz) if name == "filter" else 0.0)
+    asked = {"start": CASE_A, "check": False, "intervals": "quadratic", **options}
     for seed in seeds:
-        found = fit(record(kind, seed, name, input_sd), model, start=CASE_A, check=False, intervals="quadratic", **options)
+        found = fit(record(kind, seed, name, input_sd), model, **asked)
         s, lag = found.identified.statistics, found.identified.lag_s
         held = found.estimates["Kp"].covers(1.0), lag.covers(truth)
         rows.append((*held, s["p_white"] < 0.01, s["p_input"] < 0.01, lag.value, lag.u))
