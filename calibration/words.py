@@ -433,6 +433,8 @@ IDENTIFY: dict[str, Words] = {
         f"({chance(p_input)}): this record holds nothing against the model."
     ),
     "residuals.spikes": _spikes,
+    "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
+    "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
     "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
     "rms: fit with initial=estimated.",

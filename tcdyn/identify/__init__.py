@@ -17,7 +17,7 @@ from tcdyn.identify.identified import Identified, bode_band, percent_times, read
 from tcdyn.identify.models import Known, Model, chain_model, process, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import from_csv, from_frame
-from tcdyn.identify.validate import Validation, validate
+from tcdyn.identify.validate import Validation, confirm, validate
 
 __all__ = [
     "CANDIDATES",
@@ -32,6 +32,7 @@ __all__ = [
     "bode_band",
     "chain_model",
     "compare",
+    "confirm",
     "fit",
     "from_csv",
     "from_frame",

@@ -18,7 +18,8 @@ from tcdyn.identify.search import rms, search
 GRID, ZOOMS = (12, 8), 4  # nodes of time constant and gain, times the box may be drawn closer
 DEEP, CLOSER = 6.0, 0.7  # drop of ln likelihood that the box holds; its least gain, of its area, for another time
 ROUNDS, AGREED = 3, 0.05  # of the dynamics given the noise; standard uncertainties by which they may still move
-SHORTEST, LONGEST = 0.7, 1e3  # time constants: in samples, in records; half are beyond the record, as a random walk's
+SHORTEST, LONGEST = 0.7, 10.0  # time constants: in samples, in records
+OUTLASTS = 0.8  # probability of those beyond the record, random walks to it: that noise comes back must be in the data
 GAIN = (-9.0, 5.0)  # logit of the Kalman gain: from hardly any disturbance to nothing but it
 LINEAR, FAR = 0.3, 5.0  # move of a logarithm, and in standard uncertainties, that may still be linear
 NEGLIGIBLE = 0.01  # probability, below which a drift is left out
@@ -164,19 +165,19 @@ class Grid:
         """Evidence, share of random walks, likeliest noise, mean step of x (P,) and covariance (P, P) over ``others``
         and the grid.
 
-        All gains from 0 to 1 are alike probable, and so are logarithms of the time constant; the others are each as
-        probable as all first-order noises together.
+        All gains from 0 to 1 are alike probable, and so are logarithms of the time constant within the record, and
+        beyond it; the others are each as probable as all first-order noises together.
         """
-        whole = np.ptp(widest(len(slopes.residual))[0])
-        cell = np.prod(np.ptp(self.box, axis=1)) / whole / len(self.nodes)
-        prior = [cell * gain * (1 - gain) for gain in expit(self.places[:, 1])]
+        n, gain = len(slopes.residual), expit(self.places[:, 1])
+        walks = self.places[:, 0] > np.log(n)
+        density = np.where(walks, OUTLASTS / np.log(LONGEST), (1 - OUTLASTS) / np.log(n / SHORTEST))
+        prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
         nodes = [*self.nodes, *(slopes.given(noise) for noise in others)]
         log_likelihood = np.array([node[0] for node in nodes])
         height = log_likelihood + np.log([*prior, *np.ones(len(others))])
         mean, covariance = moments(height, *(np.array([node[k] for node in nodes]) for k in (1, 2)))
         likeliest = [*self.noises, *others][int(np.argmax(log_likelihood))]
         evidence = float(logsumexp(height))
-        walks = self.places[:, 0] > np.log(len(slopes.residual))
         return evidence, float(np.sum(np.exp(height[: len(walks)] - evidence)[walks])), likeliest, mean, covariance
 
 

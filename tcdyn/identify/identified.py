@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 SCHEMA = "tcdyn.identified/1"
 MODEL = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")  # of the model, as they stand in the file
 PLAIN = ("theta", "estimates", "covariance", "offset", "noise_sd", "hold", "dt_s", "statistics", "sentence")
+SHOWN = 6  # correlations of parameters in the summary, the strongest
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
 
@@ -36,8 +38,7 @@ PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 class Identified(Result):
     """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
 
-    ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation
-    said.
+    ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation said.
     """
 
     model: Model
@@ -89,6 +90,12 @@ class Identified(Result):
         """Standard uncertainties (N,) of quantities with these ``slopes`` (P, N) by the free parameters."""
         return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", slopes, self.covariance, slopes), 0.0)))
 
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlations (P, P) of the free parameters' errors."""
+        sd, names = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300)), self.model.free
+        return pd.DataFrame(self.covariance / np.outer(sd, sd), index=names, columns=names)
+
     def simulate(
         self, u: Array, dt_s: float | None = None, hold: Hold | None = None, start: Start = "equilibrium"
     ) -> Array:
@@ -101,8 +108,7 @@ class Identified(Result):
         return self.rational.transfer_function(pade_order, inputs=self.input_name, outputs=self.output_name)
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
-        """The identified dynamics as a measurement chain of unit gain; ``conditioning`` is the filter that was the
-        known part."""
+        """The identified dynamics as a measurement chain of unit gain; ``conditioning`` was the known part."""
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
@@ -127,6 +133,10 @@ class Identified(Result):
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
             lines.append(f"  {name:5s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
         lines += [f"  {name:5s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
+        table = self.correlation.to_numpy()
+        pairs = sorted(combinations(range(len(table)), 2), key=lambda ij: -abs(table[ij]))[:SHOWN]
+        said = ", ".join(f"{m.free[i]}-{m.free[j]} {table[i, j]:.2f}" for i, j in pairs)
+        lines += [f"  correlations {said}"] if said else []
         if s:
             lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
         lines += [f"  {self.sentence}"] if self.sentence else []
@@ -150,11 +160,10 @@ class Identified(Result):
     def to_dict(self) -> dict[str, Any]:
         """The model as its file holds it."""
         m = self.model
-        model = {k: getattr(m, k) for k in MODEL}
         known = {"num": m.known.num, "den": m.known.den}
         kept: dict[str, Any] = {
             "schema": SCHEMA,
-            "model": {**model, "parameters": m.names, "known": known},
+            "model": {**{k: getattr(m, k) for k in MODEL}, "parameters": m.names, "known": known},
             **{k: getattr(self, k) for k in PLAIN},
             "units": {n: m.unit(n) for n in m.names},
             "lag_s": self.lag_s if not m.integrators else None,
@@ -173,9 +182,8 @@ class Identified(Result):
         except json.JSONDecodeError as error:
             raise InputError(f"is not JSON ({error})", where="identified model") from error
         if not isinstance(d, dict) or d.get("schema") != SCHEMA:
-            raise InputError(
-                "is not an identified model", expected=f"schema {SCHEMA}", remedy="tcdyn identify writes it"
-            )
+            expected, remedy = f"schema {SCHEMA}", "tcdyn identify writes it"
+            raise InputError("is not an identified model", expected=expected, remedy=remedy)
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
         model = Model(**{k: m[k] for k in MODEL}, names=tuple(m["parameters"]), known=known)
@@ -185,9 +193,8 @@ class Identified(Result):
             "estimates": {n: Estimate(**e) for n, e in d["estimates"].items()},
             "statistics": {k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
         }
-        if "findings" in d:
-            findings = [Finding.from_dict(f) for f in d["findings"]]
-        else:  # of version 0.1
+        findings = [Finding.from_dict(f) for f in d.get("findings", [])]
+        if "findings" not in d:  # of version 0.1
             findings = [look("said", text=text) for text in d["warnings"]]
         return cls(
             model=model,
@@ -233,10 +240,8 @@ class BodeBand:
 
 
 def step_rows(model: Identified, time_s: Array) -> tuple[Array, Array]:
-    """Unit step response (N,) at the even times ``time_s`` from 0 and its derivatives by the free parameters (P,
-    N)."""
-    g = model.rational
-    dt = float(time_s[1] - time_s[0])
+    """Unit step response (N,) at even times ``time_s`` from 0, its derivatives by the free parameters (P, N)."""
+    g, dt = model.rational, float(time_s[1] - time_s[0])
     rows = simulate_rows(realise(g), np.ones(len(time_s)), dt, g.delay_s, "zoh", "zero")
     return rows[0], model.model.chain_rule(model.theta).T @ rows[1:]
 
@@ -256,11 +261,9 @@ def step_band(model: Identified, time_s: Array | None = None) -> Band:
 
 
 def percent_times(model: Identified) -> dict[str, Estimate]:
-    """t50, t63.2 and t90 [s]: when the unit step response first passes that share of its final value (VDI/VDE
-    3522).
+    """t50, t63.2 and t90 [s]: when the unit step response first passes that share of its end value (VDI/VDE 3522).
 
-    dt_q = -d(y/K)/dtheta / slope at the crossing. Raises InputError for an integrating model, which has no final
-    value.
+    dt_q = -d(y/K)/dtheta / slope at the crossing. Raises InputError for an integrating model, which has no end value.
     """
     if model.model.integrators:
         raise InputError(f"{model.model.name} integrates: its step response has no final value")
@@ -291,8 +294,7 @@ def bode_band(model: Identified, frequency_Hz: Array | None = None) -> BodeBand:
     f = np.asarray(frequency_Hz, dtype=float)
     value = g.frequency_response(f)
     relative = model.model.chain_rule(model.theta).T @ (g.frequency_sensitivity(f) / value)
-    magnitude = model.u_of(20 / np.log(10) * relative.real)
-    phase = model.u_of(np.degrees(relative.imag))
     return BodeBand(
-        Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
+        Band(f, 20 * np.log10(np.abs(value)), model.u_of(20 / np.log(10) * relative.real)),
+        Band(f, np.degrees(np.unwrap(np.angle(value))), model.u_of(np.degrees(relative.imag))),
     )

@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibration import Array
+from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from tcdyn.fitting import Noise, autocovariance, fit_ar, orthonormal
-from tcdyn.identify.problem import Posed
+from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal
+from tcdyn.identify.data import IOData
+from tcdyn.identify.problem import Posed, pose
 from tcdyn.identify.search import Fit
 
 DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
@@ -108,6 +110,39 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         rms=rms,
         findings=tuple(found),
     )
+
+
+def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
+    """The residual tests of ``fit`` on ``data`` that it has not seen, and whether those ask for other parameters.
+
+    Offsets and initial states are the record's own; the parameters stay. Beside the tests, whose input correlation is
+    beyond what errors of the parameters explain, the step d that the new data would take them, of covariance C, is
+    held against that of the fit, C_0: d'(C + C_0)^-1 d, chi-squared with as many degrees as there are parameters.
+    Raises InputError for data that cannot be used, or whose sampling is not that of a noise model.
+    """
+    old, model_noise = fit.problem, fit.noise
+    if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+        raise InputError(
+            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s", where=data.name or "confirm"
+        )
+    problem = pose(data, old.model, old.initial, old.input_sd)
+    problem = replace(problem, time_scale_s=old.time_scale_s, noise_sd=old.noise_sd, trend=old.trend)
+    k, x = problem.n_model, np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
+    core = problem.core(model_noise)
+    answer = core.evaluate(x)
+    assert answer is not None  # the model is stable, it was fitted
+    x[k:] -= np.linalg.lstsq(answer[1][:, k:], answer[0], rcond=None)[0]
+    (e, j), raw = core.evaluate(x) or answer, problem.evaluate(x)
+    assert raw is not None
+    unit = inverse(j.T @ j)
+    covariance = float(e @ e) / (len(e) - problem.size) * unit[:k, :k] + fit.covariance_x[:k, :k]
+    step = (unit @ (j.T @ e))[:k]
+    seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
+    there = replace(fit, problem=problem, optimum=seen, residual=-raw[0], innovation=-e, slopes=j)
+    p = float(stats.chi2.sf(step @ inverse(covariance) @ step, k))
+    tested = validate(there, lags)
+    moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
+    return replace(tested, findings=tested.findings + moved)
 
 
 def _verdict(
