@@ -176,6 +176,24 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     return Noise()
 
 
+def coefficients(partial: Array) -> Array:
+    """Of the polynomial 1 + d_1 q^-1 + .. whose partial correlations are ``partial``: Levinson's recursion."""
+    d = np.zeros(0)
+    for k in partial:
+        d = np.append(d - k * d[::-1], -k)
+    return d
+
+
+def partials(d: Array) -> Array:
+    """Partial correlations of 1 + d_1 q^-1 + .., the recursion backwards."""
+    found = []
+    while len(d):
+        k = -d[-1]
+        found.append(k)
+        d = (d[:-1] + k * d[-2::-1]) / max(1 - k**2, 1e-9) if len(d) > 1 else d[:0]
+    return np.array(found[::-1])
+
+
 def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None) -> Array:
     """Covariance (P, P) of a least-squares estimate whose residuals are coloured.
 

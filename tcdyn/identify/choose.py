@@ -19,11 +19,11 @@ from tcdyn.chain import NO_CONDITIONING
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
 from tcdyn.identify.data import SHORTEST, IOData, cut
-from tcdyn.identify.fit import coloured, fit
+from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
-from tcdyn.identify.validate import Validation, validate
+from tcdyn.identify.validate import Validation, coloured, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough

@@ -15,17 +15,24 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
-from tcdyn.identify.average import averaged, mixed
 from tcdyn.identify.data import IOData
-from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through, through_model
+from tcdyn.identify.disturbance import (
+    DECISIVE,
+    Baseline,
+    NoiseName,
+    alternate,
+    averaged,
+    estimate,
+    mixed,
+    through_model,
+)
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.problem import Initial, Posed, pose
 from tcdyn.identify.search import Fit, ordered, rms, search
 from tcdyn.identify.start import check_causality, polished
-from tcdyn.identify.validate import ALARM, validate, whiteness
+from tcdyn.identify.validate import ALARM, coloured, disturbed, undriven, validate, whiteness
 
-DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
 Covariance = Literal["auto", "classical", "robust"]
 Intervals = Literal["auto", "quadratic", "profile"]
 
@@ -98,7 +105,7 @@ def with_noise(
 ) -> Fit:
     """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
 
-    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.identify.average`); only what leaves
+    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.fitting.average`); only what leaves
     coloured innovations is sought among those of higher order, by BIC.
     """
     auto = "auto" in (noise, baseline) and noise != "slow"
@@ -115,7 +122,7 @@ def with_noise(
     tried = [found] if auto else []
     if noise in ("auto", "slow") and baseline != "walk":
         kinds = begun[1:] if baseline == "trend" else begun
-        mean = mixed([averaged(*each, [Noise(averaged=True), *through(*each)]) for each in kinds])
+        mean = mixed([averaged(*each) for each in kinds])
         problem, best, model_noise, cov_x = mean.found(optimum.weights)
         slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x)
         told = replace(slow.identified, statistics={**slow.identified.statistics, "p_walk": mean.walks})
@@ -129,29 +136,11 @@ def with_noise(
     return chosen(tried)
 
 
-def coloured(found: Fit) -> bool:
-    """Whether the residuals are."""
-    return found.identified.statistics["p_white"] < ALARM
-
-
-def undriven(found: Fit) -> bool:
-    """Whether the residuals do not clearly follow the input: slow disturbances do a little, by chance."""
-    return found.identified.statistics["p_input"] >= DRIVEN
-
-
-def disturbed(found: Fit) -> bool:
-    """Whether the residuals are coloured, and not by dynamics that the model misses."""
-    return coloured(found) and undriven(found)
-
-
 def chosen(fits: Sequence[Fit]) -> Fit:
     """The least BIC; a random walk unless another is decisively better, for it claims less."""
     best = min(fits, key=lambda f: f.identified.statistics["bic"])
-    for other in fits:
-        near = other.identified.statistics["bic"] < best.identified.statistics["bic"] + DECISIVE
-        if other.noise.walks and near:
-            return other
-    return best
+    limit = best.identified.statistics["bic"] + DECISIVE
+    return next((f for f in fits if f.noise.walks and f.identified.statistics["bic"] < limit), best)
 
 
 def first_moment(problem: Posed, x: Array) -> float:

@@ -24,6 +24,7 @@ from tcdyn.identify.problem import Posed, pose
 from tcdyn.identify.search import Fit
 
 DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
+DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
 ALARM = 0.01  # p below which the findings speak up; the bounds themselves are at 5 %
 
 
@@ -263,3 +264,18 @@ def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Fi
     """Whether the residuals tell of the input still to come and not of the past one (1 % level)."""
     future, past = (input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind))
     return (look("record.feedback", p=future),) if past >= ALARM > future else ()
+
+
+def coloured(found: Fit) -> bool:
+    """Whether the residuals are."""
+    return found.identified.statistics["p_white"] < ALARM
+
+
+def undriven(found: Fit) -> bool:
+    """Whether the residuals do not clearly follow the input: slow disturbances do a little, by chance."""
+    return found.identified.statistics["p_input"] >= DRIVEN
+
+
+def disturbed(found: Fit) -> bool:
+    """Whether the residuals are coloured, and not by dynamics that the model misses."""
+    return coloured(found) and undriven(found)

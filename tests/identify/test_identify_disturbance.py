@@ -17,10 +17,11 @@ from typer.testing import CliRunner
 from calibration.errors import InputError
 from tcdyn.cli.app import app
 from tcdyn.fitting import Noise
+from tcdyn.fitting.average import moments, noise_of
+from tcdyn.fitting.noise import coefficients, partials
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.average import Slopes, moments, noise_of
 from tcdyn.identify.data import input_noise_sd
-from tcdyn.identify.disturbance import coefficients, partials
+from tcdyn.identify.disturbance import slopes
 from tcdyn.identify.models import process
 from tcdyn.identify.problem import pose
 
@@ -91,7 +92,7 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
     j = j / np.array([1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0])  # by the lags, not by their logarithms
     told = []
     for noise in (noise_of(np.log(9.0), 2.0), noise_of(np.log(300.0), -1.0)):
-        likelihood, step, covariance = Slopes.at(posed, x, 1.0).given(noise)
+        likelihood, step, covariance = slopes(posed, x, 1.0).given(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         best = -np.linalg.solve(information, j.T @ white @ r)
