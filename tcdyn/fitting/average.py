@@ -61,7 +61,7 @@ class Slopes:
 
 
 @dataclass(frozen=True)
-class Grid:
+class NoiseGrid:
     """Noises by logarithm of their time constant and logit of their gain, ``places`` (K, 2) within a ``box`` (2, 2)
     that holds what is likely, and what :meth:`Slopes.given` says of each."""
 
@@ -71,7 +71,7 @@ class Grid:
     nodes: tuple[tuple[float, Array, Array], ...]
 
     @classmethod
-    def of(cls, slopes: Slopes, box: Array) -> Grid:
+    def of(cls, slopes: Slopes, box: Array) -> NoiseGrid:
         """The grid within ``box``, drawn closer about what is likely; where the likelihood is flat it stays wide."""
         whole = widest(len(slopes.residual))
         for _ in range(ZOOMS):

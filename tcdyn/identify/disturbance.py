@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 from calibration import Array
 from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
-from tcdyn.fitting.average import Grid, Slopes, moments, widest
+from tcdyn.fitting.average import NoiseGrid, Slopes, moments, widest
 from tcdyn.fitting.noise import coefficients, partials
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import rms, search
@@ -255,7 +255,7 @@ def averaged(posed: Posed, optimum: Optimum) -> Averaged:
     box = widest(posed.n_seen)
     for _ in range(MOST_ROUNDS):
         line = slopes(posed, optimum.theta, root)
-        grid = Grid.of(line, box)
+        grid = NoiseGrid.of(line, box)
         evidence, walks, noise, step, covariance = grid.integrated(line, others)
         mean = plain(posed, optimum.theta) + step
         if box is grid.box or np.all(np.abs(step) <= AGREED * np.sqrt(np.diag(covariance))):
