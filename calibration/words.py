@@ -331,7 +331,20 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
     return f"{said}." + (freed if more.get("freed") else "") + _disturbance(**more)
 
 
-def _disturbance(order: Sequence[int] = (0, 0), baseline: str = "none", **_: Any) -> str:
+def _disturbance(
+    order: Sequence[int] = (0, 0),
+    baseline: str = "none",
+    memory_s: float | None = None,
+    p_walk: float | None = None,
+    **_: Any,
+) -> str:
+    if p_walk is not None:
+        likeliest = "a random walk" if memory_s is None else f"one of {memory_s:.2g} s" if memory_s else "none"
+        return (
+            " The answer is averaged over what may disturb the output beside white noise: a first-order disturbance "
+            f"of any time constant up to a random walk, with a straight drift or without (likeliest {likeliest}; that "
+            f"it outlasts the record has the probability {p_walk:.2g}, and makes the intervals as wide)."
+        )
     drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
     noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""
     if baseline == "walk":
@@ -427,6 +440,8 @@ IDENTIFY: dict[str, Words] = {
         f"({chance(p_input)}): this record holds nothing against the model."
     ),
     "residuals.spikes": _spikes,
+    "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
+    "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
     "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
     "rms: fit with initial=estimated.",

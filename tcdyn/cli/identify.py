@@ -73,7 +73,9 @@ def identify(
     ] = None,
     noise: Annotated[
         str,
-        typer.Option(help="Noise of the output: white, ar or arma; auto takes what coloured residuals ask for."),
+        typer.Option(
+            help="Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: as the data ask."
+        ),
     ] = "auto",
     baseline: Annotated[
         str, typer.Option(help="What lies beneath the output: none, trend (a straight drift), walk (random) or auto.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -20,12 +21,14 @@ class Noise:
 
     ``rest``: it begins from nothing with the record, as a random walk (D(1) = 0) does whose first level is the offset;
     else it has gone on for ever. ``fitted`` of its coefficients were found from the residuals (all where None).
+    ``averaged``: these are the likeliest of those over which an estimate was averaged.
     """
 
     ar: tuple[float, ...] = ()
     ma: tuple[float, ...] = ()
     rest: bool = False
     fitted: int | None = None
+    averaged: bool = False
 
     @property
     def parameters(self) -> int:
@@ -47,27 +50,62 @@ class Noise:
         """Whether it has no level to come back to."""
         return abs(1.0 + sum(self.ar)) < 1e-9
 
+    @property
+    def memory(self) -> float:
+        """Time constant of its slowest part [samples]; infinite for a random walk."""
+        slowest = max(np.abs(np.roots([1.0, *self.ar])), default=0.0)
+        return 0.0 if slowest == 0 else float("inf") if slowest >= 1 - 1e-9 else float(-1 / np.log(slowest))
+
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
         """D/C applied down the rows of ``table`` (N,) or (N, P), afresh in every part (a stretch without a gap).
 
-        The first rows of a part, for which no past is known, are set to zero. Not where the noise begins from rest;
-        after a gap it has a level that nobody knows, whose whitened form, C's own response, is taken out of the rows.
+        What the noise was before a part is as uncertain as noise that has gone on for ever makes it (exact likelihood).
+        Not where it begins from rest; after a gap it has a level that nobody knows, whose whitened form, C's own
+        response, is taken out of the rows.
         """
         if self.white:
             return table
         out = np.zeros_like(table)
-        skip = 0 if self.rest else max(len(self.ar), len(self.ma))
         for k, s in enumerate(parts):
             filtered = lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
-            filtered[:skip] = 0.0
             if self.rest and k:
                 level = lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
-                level = level / (np.linalg.norm(level) or 1.0)
-                filtered = filtered - (
-                    level * (level @ filtered) if table.ndim == 1 else np.outer(level, level @ filtered)
-                )
-            out[s] = filtered
+                shape, shrink = level[:, None] / (np.linalg.norm(level) or 1.0), np.ones(1)
+            else:
+                shape, spread = self._begun(len(filtered))
+                shrink = 1 - 1 / np.sqrt(1 + spread)
+            out[s] = filtered - (shape * shrink) @ (shape.T @ filtered)
         return out
+
+    def log_spread(self, parts: Sequence[slice]) -> float:
+        """ln of the determinant of the noise's covariance over that of its innovations: what ``whiten`` leaves out."""
+        return float(sum(np.sum(np.log1p(self._begun(s.stop - s.start)[1])) for s in parts))
+
+    def _begun(self, n: int) -> tuple[Array, Array]:
+        """What the state before a part of n samples does to their innovations (:func:`begun`); nothing from rest."""
+        return (np.zeros((n, 0)), np.zeros(0)) if self.rest or self.white else begun(self.ar, self.ma, n)
+
+
+@lru_cache(maxsize=4)
+def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, Array]:
+    """What the unknown state before n samples of an ARMA noise does to their innovations: its shapes (n, F),
+    orthonormal, and their variances (F,) over that of the innovation.
+
+    The state z of the filter C/D, z' = A z + B e, has the covariance P = A P A' + B B', summed by doubling for 10^9
+    samples (a random walk's would never end); that of D/C is its negative.
+    """
+    m = max(len(ar), len(ma))
+    d, c = np.zeros(m), np.zeros(m)
+    d[: len(ar)], c[: len(ma)] = ar, ma
+    a = np.eye(m, k=1)
+    a[:, 0] = -d
+    p = np.outer(c - d, c - d)
+    for _ in range(30):
+        p, a = p + a @ p @ a.T, a @ a
+    shape = lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
+    value, vector = np.linalg.eigh(p)
+    left, size, _ = np.linalg.svd(shape @ (vector * np.sqrt(np.maximum(value, 0.0))), full_matrices=False)
+    return left, size**2
 
 
 def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
@@ -136,6 +174,24 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
         if found.status is not Status.NOWHERE:
             return Noise(tuple(found.theta[:p].tolist()), tuple(found.theta[p:].tolist()))
     return Noise()
+
+
+def coefficients(partial: Array) -> Array:
+    """Of the polynomial 1 + d_1 q^-1 + .. whose partial correlations are ``partial``: Levinson's recursion."""
+    d = np.zeros(0)
+    for k in partial:
+        d = np.append(d - k * d[::-1], -k)
+    return d
+
+
+def partials(d: Array) -> Array:
+    """Partial correlations of 1 + d_1 q^-1 + .., the recursion backwards."""
+    found = []
+    while len(d):
+        k = -d[-1]
+        found.append(k)
+        d = (d[:-1] + k * d[-2::-1]) / max(1 - k**2, 1e-9) if len(d) > 1 else d[:0]
+    return np.array(found[::-1])
 
 
 def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None) -> Array:

@@ -18,7 +18,7 @@ from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import Validation, validate
+from tcdyn.identify.validate import Validation, confirm, validate
 
 __all__ = [
     "CANDIDATES",
@@ -33,6 +33,7 @@ __all__ = [
     "bode_band",
     "chain_model",
     "compare",
+    "confirm",
     "fit",
     "from_control",
     "from_csv",

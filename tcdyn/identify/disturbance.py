@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.polynomial.polynomial import polyfromroots
+from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.special import logsumexp
 
 from calibration import Array
 from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
+from tcdyn.fitting.average import NoiseGrid, Slopes, moments, widest
+from tcdyn.fitting.noise import coefficients, partials
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import rms, search
 
-NoiseName = Literal["white", "ar", "arma", "auto"]
+NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
-NOISES, BASELINES = ("auto", "white", "ar", "arma"), ("auto", "none", "trend", "walk")
+NOISES, BASELINES = ("auto", "white", "slow", "ar", "arma"), ("auto", "none", "trend", "walk")
 ORDERS = ((1, 1), (2, 1), (2, 2))  # of ARMA noise, that are tried
 MOST_AR = 8
 NEAREST = 0.999  # a partial correlation, beyond which noise is a random walk and no offset can be told
 MOST_REFINED = 4  # coefficients that are searched by the restricted likelihood
 DECISIVE = 4.0  # BIC by which a stationary noise must win over a random walk, which claims less
 ROUNDS = 6  # of dynamics given the noise and noise given the dynamics
+MOST_ROUNDS, AGREED = 3, 0.05  # of an averaged fit; standard uncertainties by which they may still move
+LINEAR, FAR = 0.3, 5.0  # move of a logarithm, and in standard uncertainties, that may still be linear
+NEGLIGIBLE = 0.01  # probability, below which a drift is left out
 Estimate = Callable[[Posed, Array, Array], Noise]
 
 
@@ -56,6 +63,15 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     if len(below) == 1 or np.any(np.abs(inside) >= 1) or share < 1e-6 * left:
         return Noise()
     return Noise(tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0)
+
+
+def through(posed: Posed, optimum: Optimum) -> list[Noise]:
+    """What the noise of a measured input makes of the residuals, where it makes anything of them."""
+    answer = posed.evaluate(optimum.theta)
+    assert answer is not None
+    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
+    behind = through_model(posed, optimum.theta, answer[0] * root) if posed.input_sd else Noise()
+    return [] if behind.white else [behind]
 
 
 def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed, Optimum, Noise]:
@@ -108,7 +124,8 @@ def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
     def criterion(z: Array) -> float:
         table = at(z).whiten(np.column_stack([told, e]), parts)
         factor = np.abs(np.diag(np.linalg.qr(table, mode="r")))
-        return float(2 * size * np.log(factor[-1] + 1e-300) + 2 * np.sum(np.log(factor[:-1] + 1e-12)))
+        spread = at(z).log_spread(parts)
+        return float(2 * size * np.log(factor[-1] + 1e-300) + 2 * np.sum(np.log(factor[:-1] + 1e-12)) + spread)
 
     start = np.arctanh(np.clip(np.concatenate([partials(own[:p]), partials(own[p:])]), -0.998, 0.998))
     found = minimize(
@@ -122,29 +139,12 @@ def _divided(noise: Noise) -> Array:
     return np.cumsum([1.0, *noise.ar])[1:-1] if noise.walks else np.array(noise.ar)
 
 
-def coefficients(partial: Array) -> Array:
-    """Of the polynomial 1 + d_1 q^-1 + .. whose partial correlations are ``partial``: Levinson's recursion."""
-    d = np.zeros(0)
-    for k in partial:
-        d = np.append(d - k * d[::-1], -k)
-    return d
-
-
-def partials(d: Array) -> Array:
-    """Partial correlations of 1 + d_1 q^-1 + .., the recursion backwards."""
-    found = []
-    while len(d):
-        k = -d[-1]
-        found.append(k)
-        d = (d[:-1] + k * d[-2::-1]) / max(1 - k**2, 1e-9) if len(d) > 1 else d[:0]
-    return np.array(found[::-1])
-
-
 def score(e: Array, parts: list[slice], noise: Noise) -> float:
     """BIC of ``noise`` for residuals ``e`` (N,)."""
     w = noise.whiten(e, parts)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
-    return float(len(e) * np.log(max(variance, 1e-300)) + noise.parameters * np.log(len(e)))
+    spread = noise.log_spread(parts)
+    return float(len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e)))
 
 
 def best_ar(e: Array, parts: list[slice]) -> Noise:
@@ -177,3 +177,105 @@ def estimate(noise: NoiseName | tuple[int, int], baseline: Baseline) -> Estimate
         return min(options, key=lambda m: score(e, parts, m))
 
     return found
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """``mean`` and ``covariance`` over the noises, of x with its logarithms taken back: there small lags and dead time
+    add up. ``noise`` is the likeliest, ``optimum`` given it, and ``evidence`` the logarithm of the likelihood averaged
+    over all noises; ``walks`` is the probability that the disturbance outlasts the record."""
+
+    posed: Posed
+    optimum: Optimum
+    noise: Noise
+    mean: Array
+    covariance: Array
+    evidence: float
+    walks: float
+
+    def found(self, weights: Array | None) -> tuple[Posed, Optimum, Noise, Array]:
+        """Problem, optimum and noise as any other fit has them, residuals and slopes at the mean, and covariance of x.
+
+        Where the mean lies further off than the problem is linear, as in a direction of which the data tell nothing,
+        x stays that given the likeliest noise, and what it is off the mean is uncertainty.
+        """
+        posed, lower, upper = self.posed, *self.posed.bounds()
+        core = posed.core(self.noise, 1.0 if weights is None else np.sqrt(weights))
+        x, scale, logs = self.optimum.theta, natural(posed, self.optimum.theta), logarithms(posed)
+        answer, covariance = core.evaluate(x), self.covariance
+        assert answer is not None
+        apart = self.mean - plain(posed, x)
+        moved = x + np.where(logs, np.log1p(np.clip(apart / scale, -LINEAR, LINEAR)), apart)
+        there = core.evaluate(np.clip(moved, lower, upper)) if np.all(np.abs(apart / scale)[logs] < LINEAR) else None
+        limit = (1 + FAR**2 / posed.n_seen) * float(answer[0] @ answer[0])
+        if there is not None and there[0] @ there[0] < limit:
+            x, answer = np.clip(moved, lower, upper), there
+            scale = natural(posed, x)
+        else:
+            covariance = covariance + np.outer(apart, apart)
+        here = replace(self.optimum, problem=core, theta=x, residual=answer[0], jacobian=answer[1])
+        return posed, here, self.noise, covariance / np.outer(scale, scale)
+
+
+def logarithms(posed: Posed) -> NDArray[np.bool_]:
+    """Which of x (P,) are logarithms."""
+    free = posed.model.free
+    return np.array([k < len(free) and posed.model.positive(free[k]) for k in range(posed.size)])
+
+
+def plain(posed: Posed, x: Array) -> Array:
+    """x (P,) with its logarithms taken back."""
+    return np.where(logarithms(posed), np.exp(x), x)
+
+
+def natural(posed: Posed, x: Array) -> Array:
+    """Derivative (P,) of :func:`plain` by x."""
+    return np.where(logarithms(posed), np.exp(x), 1.0)
+
+
+def slopes(posed: Posed, x: Array, root: Array | float) -> Slopes:
+    """``posed`` made linear at x, all rows times ``root``, by x with logarithms taken back; what stands on a bound
+    stays there."""
+    answer = posed.evaluate(x)
+    assert answer is not None
+    lower, upper = posed.bounds()
+    j = (answer[1].T * root).T * ((lower < x) & (x < upper)) / natural(posed, x)
+    size = np.linalg.norm(j, axis=0)
+    size[size == 0] = np.inf
+    told = np.sqrt(posed.precision)
+    prior = np.column_stack([np.diag(told / size), told * x])[told > 0]
+    return Slopes(answer[0] * root, j / size, size, prior, posed.parts, posed.trend * len(posed.begun_s))
+
+
+def averaged(posed: Posed, optimum: Optimum) -> Averaged:
+    """``posed`` averaged over first-order disturbances, white noise and what a measured input's leaves, begun at
+    ``optimum``, whose robust weights stay."""
+    others = [Noise(averaged=True), *through(posed, optimum)]
+    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
+    box = widest(posed.n_seen)
+    for _ in range(MOST_ROUNDS):
+        line = slopes(posed, optimum.theta, root)
+        grid = NoiseGrid.of(line, box)
+        evidence, walks, noise, step, covariance = grid.integrated(line, others)
+        mean = plain(posed, optimum.theta) + step
+        if box is grid.box or np.all(np.abs(step) <= AGREED * np.sqrt(np.diag(covariance))):
+            break
+        optimum = search(posed, posed.core(noise, root), optimum.theta)
+        posed, box = replace(posed, noise_sd=rms(optimum, posed)), grid.box
+    return Averaged(posed, optimum, noise, mean, covariance, evidence, walks)
+
+
+def mixed(found: Sequence[Averaged]) -> Averaged:
+    """One of all, each by its evidence: the problem of the last that is not negligible, of which those before are the
+    special case that its last unknowns are nought."""
+    height = np.array([f.evidence for f in found])
+    weight = np.exp(height - logsumexp(height))
+    kept = [k for k in range(len(found)) if weight[k] > NEGLIGIBLE]
+    last, size = found[kept[-1]], len(found[kept[-1]].mean)
+    means = np.array([np.pad(found[k].mean, (0, size - len(found[k].mean))) for k in kept])
+    covariances = np.array([np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept])
+    mean, covariance = moments(height[kept], means, covariances)
+    likeliest = found[int(np.argmax(height))].noise
+    walks = float(weight[kept] / weight[kept].sum() @ [found[k].walks for k in kept])
+    evidence = float(logsumexp(height))
+    return Averaged(last.posed, last.optimum, likeliest, mean, covariance, evidence, walks)

@@ -17,13 +17,22 @@ from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, min
 from tcdyn.fitting import profile as walk
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import SHORTEST, IOData
-from tcdyn.identify.disturbance import DECISIVE, Baseline, NoiseName, alternate, estimate, through_model
+from tcdyn.identify.disturbance import (
+    DECISIVE,
+    Baseline,
+    NoiseName,
+    alternate,
+    averaged,
+    estimate,
+    mixed,
+    through_model,
+)
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.search import Fit, ordered, pose, rms, search
 from tcdyn.identify.start import alone, polished
-from tcdyn.identify.validate import ALARM, validate, whiteness
+from tcdyn.identify.validate import ALARM, coloured, disturbed, undriven, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
 Intervals = Literal["auto", "quadratic", "profile"]
@@ -84,46 +93,57 @@ def fit(
     elif problem.input_sd:
         problem, optimum, model_noise = alternate(problem, optimum, through_model)
     found = assemble(data, problem, optimum, model_noise, loss, covariance)
-    auto = "auto" in (noise, baseline)
-    if (noise, baseline) != ("white", "none") and (not auto or coloured(found)):
-        tried = []
-        for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
-            begun, near = problem, optimum
-            if kind == "trend":
-                begun = replace(problem, trend=True)
-                longer = np.append(optimum.theta, np.zeros(begun.size - problem.size))
-                near = replace(search(begun, start=longer), weights=optimum.weights)
-            answer = alternate(begun, near, estimate(noise, kind))
-            tried.append(assemble(data, *answer, loss, covariance))
-        if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
-            tried = [f for f in tried if f.problem.trend and f.noise.parameters == 0 and unreproached(f)]
-        found = chosen([*tried, found] if auto else tried)
-    return found if intervals == "quadratic" or loss != "linear" else profiled(found, intervals == "profile")
+    found = with_noise(data, found, optimum, noise, baseline, covariance)
+    plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
+    return found if plain else profiled(found, intervals == "profile")
 
 
-def coloured(found: Fit) -> bool:
-    """Whether the residuals are."""
-    return found.identified.statistics["p_white"] < ALARM
+def with_noise(
+    data: IOData,
+    found: Fit,
+    optimum: Optimum,
+    noise: tuple[int, int] | NoiseName,
+    baseline: Baseline,
+    covariance: Covariance,
+) -> Fit:
+    """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
 
-
-def unreproached(found: Fit) -> bool:
-    """Whether the residuals are neither coloured nor follow the input."""
-    return not coloured(found) and found.identified.statistics["p_input"] >= ALARM
-
-
-def disturbed(found: Fit) -> bool:
-    """Whether the residuals are coloured, and not by dynamics that the model misses."""
-    return coloured(found) and found.identified.statistics["p_input"] >= ALARM
+    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.fitting.average`); only what leaves
+    coloured innovations is sought among those of higher order, by BIC.
+    """
+    auto = "auto" in (noise, baseline) and noise != "slow"
+    if (noise, baseline) == ("white", "none") or (auto and not coloured(found)):
+        return found
+    begun, trended = [(found.problem, optimum)], replace(found.problem, trend=True)
+    if baseline in ("auto", "trend"):
+        longer = np.append(optimum.theta, np.zeros(trended.size - found.problem.size))
+        begun.append((trended, replace(search(trended, start=longer), weights=optimum.weights)))
+    if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
+        plain = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
+        if not any(map(undriven, plain)):
+            return found
+    tried = [found] if auto else []
+    if noise in ("auto", "slow") and baseline != "walk":
+        kinds = begun[1:] if baseline == "trend" else begun
+        mean = mixed([averaged(*each) for each in kinds])
+        problem, best, model_noise, cov_x = mean.found(optimum.weights)
+        slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x)
+        told = replace(slow.identified, statistics={**slow.identified.statistics, "p_walk": mean.walks})
+        slow = replace(slow, identified=told)
+        if noise == "slow" or not coloured(slow):
+            return slow
+        tried.append(slow)
+    for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
+        answer = alternate(*begun[kind == "trend"], estimate("auto" if noise == "slow" else noise, kind))
+        tried.append(assemble(data, *answer, found.loss, covariance))
+    return chosen(tried)
 
 
 def chosen(fits: Sequence[Fit]) -> Fit:
     """The least BIC; a random walk unless another is decisively better, for it claims less."""
     best = min(fits, key=lambda f: f.identified.statistics["bic"])
-    for other in fits:
-        near = other.identified.statistics["bic"] < best.identified.statistics["bic"] + DECISIVE
-        if other.noise.walks and near:
-            return other
-    return best
+    limit = best.identified.statistics["bic"] + DECISIVE
+    return next((f for f in fits if f.noise.walks and f.identified.statistics["bic"] < limit), best)
 
 
 def first_moment(problem: Posed, x: Array) -> float:
@@ -138,14 +158,18 @@ def assemble(
     noise: Noise,
     loss: Loss,
     covariance: Covariance,
+    cov_x: Array | None = None,
 ) -> Fit:
-    """Covariance, estimates, findings, validation and statistics around an optimum."""
+    """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum."""
     n, model, x = problem.n_seen, problem.model, optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
     root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
     e, j = -optimum.residual * root, optimum.jacobian * root[:, None]
-    cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss if noise.white else "linear")
+    robust = cov_x is not None
+    if cov_x is None:
+        loss_of = loss if noise.white else "linear"
+        cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss_of)
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
     theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,14 +31,14 @@ if TYPE_CHECKING:
 SCHEMA = "tcdyn.identified/1"
 MODEL = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")  # of the model, as they stand in the file
 PLAIN = ("theta", "estimates", "covariance", "offset", "noise_sd", "hold", "dt_s", "statistics", "sentence")
+SHOWN = 6  # correlations of parameters in the summary, the strongest
 
 
 @dataclass(frozen=True)
 class Identified(Dynamics, Result):
     """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
 
-    ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation
-    said.
+    ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation said.
     """
 
     model: Model
@@ -87,6 +88,12 @@ class Identified(Dynamics, Result):
         """The largest lag behind any input [s]; 0 of an integrator, which has none."""
         return 0.0 if self.model.integrators else max(part.lag_s.value for part in self.parts.values())
 
+    @property
+    def correlation(self) -> pd.DataFrame:
+        """Correlations (P, P) of the free parameters' errors."""
+        sd, names = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300)), self.model.free
+        return pd.DataFrame(self.covariance / np.outer(sd, sd), index=names, columns=names)
+
     def simulate(
         self, u: Array, dt_s: float | None = None, hold: Hold | None = None, start: Start = "equilibrium"
     ) -> Array:
@@ -124,8 +131,7 @@ class Identified(Dynamics, Result):
         )
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
-        """The identified dynamics as a measurement chain of unit gain; ``conditioning`` is the filter that was the
-        known part."""
+        """The identified dynamics as a measurement chain of unit gain; ``conditioning`` was the known part."""
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
@@ -151,6 +157,10 @@ class Identified(Dynamics, Result):
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
             lines.append(f"  {name:{wide}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
         lines += [f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
+        table = self.correlation.to_numpy()
+        pairs = sorted(combinations(range(len(table)), 2), key=lambda ij: -abs(table[ij]))[:SHOWN]
+        said = ", ".join(f"{m.free[i]}-{m.free[j]} {table[i, j]:.2f}" for i, j in pairs)
+        lines += [f"  correlations {said}"] if said else []
         if s:
             lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
         lines += [f"  {self.sentence}"] if self.sentence else []
@@ -206,9 +216,8 @@ class Identified(Dynamics, Result):
         except json.JSONDecodeError as error:
             raise InputError(f"is not JSON ({error})", where="identified model") from error
         if not isinstance(d, dict) or d.get("schema") != SCHEMA:
-            raise InputError(
-                "is not an identified model", expected=f"schema {SCHEMA}", remedy="tcdyn identify writes it"
-            )
+            expected, remedy = f"schema {SCHEMA}", "tcdyn identify writes it"
+            raise InputError("is not an identified model", expected=expected, remedy=remedy)
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
         parts = tuple(Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ()))
@@ -220,9 +229,8 @@ class Identified(Dynamics, Result):
             "estimates": {n: Estimate(**e) for n, e in d["estimates"].items()},
             "statistics": {k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
         }
-        if "findings" in d:
-            findings = [Finding.from_dict(f) for f in d["findings"]]
-        else:  # of version 0.1
+        findings = [Finding.from_dict(f) for f in d.get("findings", [])]
+        if "findings" not in d:  # of version 0.1
             findings = [look("said", text=text) for text in d["warnings"]]
         return cls(
             model=model,

@@ -65,6 +65,8 @@ class Fit(Result):
     @property
     def disturbance(self) -> dict[str, Any]:
         """The options ``noise`` and ``baseline`` that ask :func:`tcdyn.identify.fit` for this noise again."""
+        if self.noise.averaged:
+            return {"noise": "slow", "baseline": "auto"}
         walks, order = self.noise.walks, self.noise.order
         kind = "walk" if walks else "trend" if self.problem.trend else "none"
         return {"noise": order if any(order) or walks else "white", "baseline": kind}

@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibration import Array
+from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from tcdyn.fitting import Noise, autocovariance, fit_ar, orthonormal
+from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal
+from tcdyn.identify.data import IOData
 from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import Fit
+from tcdyn.identify.search import Fit, pose
 
 DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
+DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
 ALARM = 0.01  # p below which the findings speak up; the bounds themselves are at 5 %
 
 
@@ -64,16 +67,21 @@ class Validation:
 
 
 def validate(fit: Fit, lags: int = 20) -> Validation:
-    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags."""
+    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags.
+
+    Of a robust loss the scores psi = w r are tested, which at its optimum are free of the slopes themselves (a test by
+    them holds its level whatever the spikes).
+    """
     problem, parts = fit.problem, fit.problem.parts
     e, j, r = fit.innovation, fit.slopes, fit.residual
+    if fit.optimum.weights is not None:
+        e, j = -fit.optimum.weights * fit.optimum.residual, fit.optimum.jacobian
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
     behind = shifts(problem, fit.identified.longest_lag_s, lags)
-    root = 1.0 if fit.optimum.weights is None else np.sqrt(fit.optimum.weights)[:, None]  # of the robust loss, as in e
     u, ahead = (
-        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
+        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k), parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
@@ -103,6 +111,39 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         rms=rms,
         findings=tuple(found),
     )
+
+
+def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
+    """The residual tests of ``fit`` on ``data`` that it has not seen, and whether those ask for other parameters.
+
+    Offsets and initial states are the record's own; the parameters stay. Beside the tests, whose input correlation is
+    beyond what errors of the parameters explain, the step d that the new data would take them, of covariance C, is
+    held against that of the fit, C_0: d'(C + C_0)^-1 d, chi-squared with as many degrees as there are parameters.
+    Raises InputError for data that cannot be used, or whose sampling is not that of a noise model.
+    """
+    old, model_noise = fit.problem, fit.noise
+    if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+        raise InputError(
+            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s", where=data.name or "confirm"
+        )
+    problem = replace(pose(data, old.model, old.initial), input_sds=old.input_sds)
+    problem = replace(problem, time_scale_s=old.time_scale_s, noise_sd=old.noise_sd, trend=old.trend)
+    k, x = problem.n_model, np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
+    core = problem.core(model_noise)
+    answer = core.evaluate(x)
+    assert answer is not None  # the model is stable, it was fitted
+    x[k:] -= np.linalg.lstsq(answer[1][:, k:], answer[0], rcond=None)[0]
+    (e, j), raw = core.evaluate(x) or answer, problem.evaluate(x)
+    assert raw is not None
+    unit = inverse(j.T @ j)
+    covariance = float(e @ e) / (len(e) - problem.size) * unit[:k, :k] + fit.covariance_x[:k, :k]
+    step = (unit @ (j.T @ e))[:k]
+    seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
+    there = replace(fit, problem=problem, optimum=seen, residual=-raw[0], innovation=-e, slopes=j)
+    p = float(stats.chi2.sf(step @ inverse(covariance) @ step, k))
+    tested = validate(there, lags)
+    moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
+    return replace(tested, findings=tested.findings + moved)
 
 
 def _verdict(
@@ -230,3 +271,18 @@ def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Fi
     """Whether the residuals tell of the input still to come and not of the past one (1 % level)."""
     future, past = (input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind))
     return (look("record.feedback", p=future),) if past >= ALARM > future else ()
+
+
+def coloured(found: Fit) -> bool:
+    """Whether the residuals are."""
+    return found.identified.statistics["p_white"] < ALARM
+
+
+def undriven(found: Fit) -> bool:
+    """Whether the residuals do not clearly follow the input: slow disturbances do a little, by chance."""
+    return found.identified.statistics["p_input"] >= DRIVEN
+
+
+def disturbed(found: Fit) -> bool:
+    """Whether the residuals are coloured, and not by dynamics that the model misses."""
+    return coloured(found) and undriven(found)

@@ -8,15 +8,20 @@ import numpy as np
 import pandas as pd
 import pytest
 from disturbance_study import AUTO, DT_S, disturbance, fine, record, study
+from identify_cases import CASE_A
 from scipy import stats
+from scipy.linalg import toeplitz
+from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 from calibration.errors import InputError
 from tcdyn.cli.app import app
 from tcdyn.fitting import Noise
+from tcdyn.fitting.average import moments, noise_of
+from tcdyn.fitting.noise import coefficients, partials
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.data import input_noise_sd
-from tcdyn.identify.disturbance import coefficients, partials
+from tcdyn.identify.disturbance import slopes
 from tcdyn.identify.models import process
 from tcdyn.identify.search import pose
 
@@ -61,9 +66,53 @@ def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
     found = study("PRBS", range(16), name, **AUTO)
     assert found["lag"] >= held(16, 0.90), found
-    order, count = max(found["noise"].items(), key=lambda item: item[1])
-    assert order == {"ar0.9": (1, 0, "none"), "walk": (0, 1, "walk"), "drift": (0, 0, "trend")}[name]
-    assert count >= 11  # BIC takes another now and then
+    assert found["noise"]["slow"] >= 14  # by chance the residuals of one or two look white or follow the input
+
+
+def dense(noise: Noise, n: int) -> np.ndarray:
+    """Covariance (n, n) of ARMA noise for innovations of unit variance, by its impulse response."""
+    h = lfilter([1.0, *noise.ma], [1.0, *noise.ar], np.concatenate([[1.0], np.zeros(20_000)]))
+    return toeplitz([h[k:] @ h[: len(h) - k] for k in range(n)])
+
+
+@pytest.mark.parametrize("noise", [Noise((-0.99,), (-0.8,)), Noise((-1.2, 0.5), (0.3,)), Noise((), (0.5,))])
+def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
+    v, parts = dense(noise, 30), [slice(0, 30)]
+    w = noise.whiten(np.eye(30), parts)
+    assert np.allclose(w @ v @ w.T, np.eye(30))
+    assert noise.log_spread(parts) == pytest.approx(np.linalg.slogdet(v)[1])
+
+
+def test_what_a_noise_makes_likely_is_generalised_least_squares():
+    """Step, covariance and restricted likelihood against the textbook's with the dense covariance of the noise."""
+    posed = pose(record("plunge", 2, "ar0.9"), process("P2D"), "equilibrium", 0.0)
+    x = posed.vector(CASE_A)
+    x[-1] = 0.2
+    r, j = posed.evaluate(x)
+    j = j / np.array([1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0])  # by the lags, not by their logarithms
+    told = []
+    for noise in (noise_of(np.log(9.0), 2.0), noise_of(np.log(300.0), -1.0)):
+        likelihood, step, covariance = slopes(posed, x, 1.0).given(noise)
+        white = np.linalg.inv(dense(noise, len(r)))
+        information = j.T @ white @ j
+        best = -np.linalg.solve(information, j.T @ white @ r)
+        rest, freedom = (r + j @ best) @ white @ (r + j @ best), len(r) - len(x)
+        assert np.allclose(step, best, rtol=1e-6, atol=1e-9)
+        assert np.allclose(covariance, rest / freedom * np.linalg.inv(information), rtol=1e-5)
+        volume = np.linalg.slogdet(information)[1] + np.linalg.slogdet(dense(noise, len(r)))[1]
+        told.append((likelihood, -0.5 * (freedom * np.log(rest) + volume)))
+    assert told[0][0] - told[1][0] == pytest.approx(told[0][1] - told[1][1], abs=1e-4)  # but for a constant
+
+
+def test_a_mixture_has_the_moments_of_its_draws():
+    rng = np.random.default_rng(0)
+    means, covariances = rng.normal(size=(3, 2)), np.array([np.diag(rng.uniform(0.1, 1, 2)) for _ in range(3)])
+    weight = np.array([0.2, 0.5, 0.3])
+    kind = rng.choice(3, 100_000, p=weight)
+    draws = means[kind] + rng.normal(size=(100_000, 2)) * np.sqrt(covariances[kind].diagonal(axis1=1, axis2=2))
+    mean, covariance = moments(np.log(weight) - 700.0, means, covariances)
+    assert np.allclose(mean, draws.mean(axis=0), atol=0.02)  # five standard errors of 100,000 draws
+    assert np.allclose(covariance, np.cov(draws.T), atol=0.03)
 
 
 def test_a_random_walk_takes_up_anew_after_a_gap():
@@ -93,8 +142,11 @@ def test_partial_correlations_and_coefficients_are_inverses():
 def test_compare_models_the_disturbance_and_says_so():
     data = record("PRBS", 5, "walk")
     found = compare(data, ["P2", "P2D"])
-    assert "a random walk with white noise" in found.advice
-    assert found.best.noise.walks
+    assert "averaged over what may disturb the output" in found.advice
+    assert found.best.noise.averaged
+    assert found.best.identified.statistics["p_walk"] > 0.2
+    again = fit(data, "P2D", **found.best.disturbance, check=False)
+    assert again.identified.lag_s.value == pytest.approx(found.best.identified.lag_s.value, rel=1e-3)
     plain = compare(data, ["P2", "P2D"], noise="white", baseline="none")
     assert plain.best.noise.white
     assert "modelled" not in plain.advice

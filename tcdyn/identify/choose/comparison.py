@@ -18,10 +18,10 @@ from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, ver
 from tcdyn.identify.choose.grow import Entry, Progress, Way, listed
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
-from tcdyn.identify.fit import coloured, fit
+from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import Validation, validate
+from tcdyn.identify.validate import Validation, coloured, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -166,7 +166,11 @@ def with_disturbance(
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
     anew = replace(anew, grown=found.grown)
-    told = {"order": list(anew.best.noise.order), "baseline": given["baseline"]}
+    noise = anew.best.noise
+    told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
+    if noise.averaged:
+        told["memory_s"] = noise.memory * data.dt_s if noise.memory < len(anew.best.residual) else None
+        told["p_walk"] = anew.best.identified.statistics["p_walk"]
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 

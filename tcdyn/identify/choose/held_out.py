@@ -13,6 +13,8 @@ from tcdyn.identify.data import SHORTEST, IOData, cut
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
 
+LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
+
 
 def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
     """Training data, data to simulate, and the time from which their error counts [s]."""
@@ -57,7 +59,7 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
     late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
     error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
-    if result.noise.walks and not late.all():  # from the level at which the walk is by then
+    if result.noise.memory > LASTING * len(error) and not late.all():  # from the level at which a walk is by then
         error = error - np.mean(all_of_it[~late][-SHORTEST:])
     spread = np.concatenate(
         [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
