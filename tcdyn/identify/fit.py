@@ -8,13 +8,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from calibration import Array
-from calibration.estimate import Z95, Estimate
+from calibration.estimate import Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
-from tcdyn.fitting import profile as walk
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import SHORTEST, IOData
 from tcdyn.identify.disturbance import (
@@ -28,9 +26,10 @@ from tcdyn.identify.disturbance import (
     through_model,
 )
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.intervals import profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.search import Fit, ordered, pose, rms, search
+from tcdyn.identify.search import Fit, first_moment, ordered, pose, rms, search
 from tcdyn.identify.start import alone, polished
 from tcdyn.identify.validate import ALARM, coloured, disturbed, undriven, validate, whiteness
 
@@ -144,11 +143,6 @@ def chosen(fits: Sequence[Fit]) -> Fit:
     best = min(fits, key=lambda f: f.identified.statistics["bic"])
     limit = best.identified.statistics["bic"] + DECISIVE
     return next((f for f in fits if f.noise.walks and f.identified.statistics["bic"] < limit), best)
-
-
-def first_moment(problem: Posed, x: Array) -> float:
-    """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
-    return max(problem.dt_s, *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)))
 
 
 def assemble(
@@ -266,52 +260,3 @@ def noticed(
     if optimum.status is Status.STALLED:
         found.append(look("fit.stalled"))
     return tuple(found)
-
-
-def profiled(found: Fit, everything: bool) -> Fit:
-    """``found`` with profile intervals in place of the poor quadratic ones (or of all)."""
-    estimates, findings = dict(found.estimates), list(found.findings)
-    for name in (n for n in found.problem.model.free if everything or poor(found, n)):
-        e, inside = profile(found, name)
-        estimates[name] = e
-        if not inside:
-            findings.append(look("fit.open_interval", subject=name, low95=e.low95, high95=e.high95))
-    return replace(found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings)))
-
-
-def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
-    """The estimate of ``name`` with its 95 % profile-likelihood interval, and whether both ends were found.
-
-    The deviance is in units of the reported variance, sandwich and rounding included, against Student's t.
-    """
-    problem, e = found.problem, found.innovation
-    index, freedom = problem.model.free.index(name), problem.n_seen - problem.size
-    positive = problem.model.positive(name)
-    variance = float(e @ e) / freedom
-    u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
-    white = variance * found.optimum.covariance[index, index]
-    wider = found.covariance_x[index, index] / white if found.identified.statistics["robust_covariance"] else 1.0
-    t = float(stats.t.ppf(0.975, freedom))
-    run = walk(
-        found.optimum, name, u=min(u, 1.5) if positive else u, scale=variance * wider, level=t**2, drop=t**2,
-        step=t, reach=1e3, refine=0.01, limit=25, tolerance=0.0, relative=1e-9,
-    )  # fmt: skip
-    ends = [run.value[k] if end is None else end for k, end in ((0, run.low95), (-1, run.high95))]
-    low, high = np.exp(ends) if positive else ends
-    old = found.estimates[name]
-    interval = Estimate(
-        value=old.value, u=min(old.u, float(high - low) / (2 * Z95)), low95=float(low), high95=float(high)
-    )
-    return interval, run.low95 is not None and run.high95 is not None
-
-
-def poor(found: Fit, name: str) -> bool:
-    """Whether the quadratic interval of ``name`` cannot be trusted: wide for its size, or over the edge."""
-    e, model = found.estimates[name], found.problem.model
-    if model.positive(name):
-        return e.u > 0.2 * e.value
-    twins = [n + suffix(name) for n in ("Tz", "Td")]
-    if name in twins and set(twins) <= set(model.free):
-        lag = first_moment(found.problem, found.x)
-        return abs(found.estimates[twins[0]].value) < 0.1 * lag  # there zero and dead time act alike
-    return bare(name) == "Td" and e.low95 < 0

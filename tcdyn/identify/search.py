@@ -225,3 +225,8 @@ def rms(optimum: Optimum, posed: Posed) -> float:
     """Standard deviation of the noise that ``optimum`` leaves, above zero."""
     r = optimum.residual * (1.0 if optimum.weights is None else np.sqrt(optimum.weights))
     return float(np.sqrt(r @ r / max(posed.n_seen - posed.size, 1))) or 1e-300
+
+
+def first_moment(problem: Posed, x: Array) -> float:
+    """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
+    return max(problem.dt_s, *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)))

@@ -1,0 +1,63 @@
+"""Intervals of identified parameters by profile likelihood, where the quadratic ones are poor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from calibration.estimate import Z95, Estimate
+from calibration.finding import look
+from tcdyn.fitting import profile as walk
+from tcdyn.identify.models import bare, suffix
+from tcdyn.identify.search import Fit, first_moment
+
+
+def profiled(found: Fit, everything: bool) -> Fit:
+    """``found`` with profile intervals in place of the poor quadratic ones (or of all)."""
+    estimates, findings = dict(found.estimates), list(found.findings)
+    for name in (n for n in found.problem.model.free if everything or poor(found, n)):
+        e, inside = profile(found, name)
+        estimates[name] = e
+        if not inside:
+            findings.append(look("fit.open_interval", subject=name, low95=e.low95, high95=e.high95))
+    return replace(found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings)))
+
+
+def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
+    """The estimate of ``name`` with its 95 % profile-likelihood interval, and whether both ends were found.
+
+    The deviance is in units of the reported variance, sandwich and rounding included, against Student's t.
+    """
+    problem, e = found.problem, found.innovation
+    index, freedom = problem.model.free.index(name), problem.n_seen - problem.size
+    positive = problem.model.positive(name)
+    variance = float(e @ e) / freedom
+    u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
+    white = variance * found.optimum.covariance[index, index]
+    wider = found.covariance_x[index, index] / white if found.identified.statistics["robust_covariance"] else 1.0
+    t = float(stats.t.ppf(0.975, freedom))
+    run = walk(
+        found.optimum, name, u=min(u, 1.5) if positive else u, scale=variance * wider, level=t**2, drop=t**2,
+        step=t, reach=1e3, refine=0.01, limit=25, tolerance=0.0, relative=1e-9,
+    )  # fmt: skip
+    ends = [run.value[k] if end is None else end for k, end in ((0, run.low95), (-1, run.high95))]
+    low, high = np.exp(ends) if positive else ends
+    old = found.estimates[name]
+    interval = Estimate(
+        value=old.value, u=min(old.u, float(high - low) / (2 * Z95)), low95=float(low), high95=float(high)
+    )
+    return interval, run.low95 is not None and run.high95 is not None
+
+
+def poor(found: Fit, name: str) -> bool:
+    """Whether the quadratic interval of ``name`` cannot be trusted: wide for its size, or over the edge."""
+    e, model = found.estimates[name], found.problem.model
+    if model.positive(name):
+        return e.u > 0.2 * e.value
+    twins = [n + suffix(name) for n in ("Tz", "Td")]
+    if name in twins and set(twins) <= set(model.free):
+        lag = first_moment(found.problem, found.x)
+        return abs(found.estimates[twins[0]].value) < 0.1 * lag  # there zero and dead time act alike
+    return bare(name) == "Td" and e.low95 < 0
