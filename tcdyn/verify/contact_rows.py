@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.lines.oven import error_statistics
-from calibration.lines.static import fit_static_lines
+from calibration.disk import DISKS
+from calibration.lines.oven import error_statistics, hold_means
+from calibration.lines.static import apply_static, fit_static_lines
 from calibration.rig import load_rig
 from calibration.stated.fit import PressFit
 from immersion.fluids import fluid
@@ -51,12 +52,16 @@ def speed_law_rows() -> Iterator[VerifyRow]:
 def oven_rows() -> Iterator[VerifyRow]:
     """Table 2.6: the static calibration."""
     truth = draw_truth(1)
-    fits = [fit_static_lines(simulate_oven(disk, 1, truth)[0]) for disk in ("fast", "slow")]
-    errors = [
-        np.concatenate([np.ravel(getattr(fit, w)) for fit in fits]) for w in ("raw_errors_K", "calibrated_errors_K")
-    ]
-    ours = [tuple(error_statistics(e)) for e in errors]
-    readings = int(np.isfinite(errors[0]).sum())
+    raw, calibrated = [], []
+    for disk in DISKS:
+        oven = hold_means(simulate_oven(disk, 1, truth)[0])
+        lines = fit_static_lines(oven).lines
+        prt = oven["prt_degC"].to_numpy(dtype=float)
+        logged = {c: oven[f"{c}_degC"].to_numpy(dtype=float) for c in lines}
+        raw += [x - prt for x in logged.values()]
+        calibrated += [apply_static(x, lines[c]) - prt for c, x in logged.items()]
+    ours = [tuple(error_statistics(np.concatenate(e))) for e in (raw, calibrated)]
+    readings = int(np.isfinite(raw).sum())
     yield row(
         "trend",
         "errors of 12 channels, raw then calibrated: maximum, sum, mean size, standard deviation, K",

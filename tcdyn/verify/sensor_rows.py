@@ -18,6 +18,7 @@ from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
+from tcdyn.conduction.rim import lag_bank
 from tcdyn.sensor.file import step_times
 from tcdyn.verify import VerifyRow, numbers, row, within
 
@@ -61,6 +62,15 @@ def sensor_rows() -> Iterator[VerifyRow]:
         "physics", "one lag: t90 over t50, t63.2 over the lag", "VDI/VDE 3522", "3.32, 1.00",
         numbers((times["t90_s"] / times["t50_s"], times["t632_s"] / 2.0), 3),
         within((times["t90_s"] / times["t50_s"], times["t632_s"] / 2.0), (3.322, 1.0), absolute=2e-3), "ln 10 / ln 2",
+    )  # fmt: skip
+    chain = Chain((0.6, 0.1), delay_s=0.05, conditioning=Conditioning(4.0, 2))
+    ramp = np.arange(0.0, 20.0, 0.02)
+    late = (ramp[-1] - chain.response(ramp, 0.02)[-1], ramp[-1] - lag_bank(ramp, 0.02, np.array([1 / 0.7]))[-1, 0])
+    lags = (0.6 + 0.1 + 0.05 + 2 / (2 * np.pi * 4.0), 0.7)
+    yield row(
+        "physics", "reading behind a ramp of 1 K/s, K: lags of 0.6 and 0.1 s, 0.05 s of dead time, two poles of 4 Hz; "
+        "one lag of 0.7 s in the rim's bank", "VDI/VDE 3522", numbers(lags, 4), numbers(late, 4),
+        within(late, lags, absolute=1e-6), "the first moment: what is straight between samples is exact",
     )  # fmt: skip
     cement = step_times(Chain(0.0, cement_s=1.0))["t50_s"].value
     yield row(
