@@ -136,7 +136,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "power held on the wrong side of the parting", "tcdyn/partition/window.py", "held[max(k, 0)] *= part",
-        "held[max(k, 0)] *= 1 - part", "tests/partition/test_windows.py",
+        "held[max(k, 0)] *= 1 - part", "tests/partition/test_power.py",
     ),
     Mutation(
         "harmonic round the bore: sign of its second solution", "tcdyn/partition/uneven.py",
@@ -144,11 +144,11 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "effect of a deeper inner row: sign", "tcdyn/partition/effects.py",
-        "depth[3:, :, :3] += np.tensordot", "depth[3:, :, :3] -= np.tensordot", "tests/partition/test_depths.py",
+        "depth[3:, :, :3] += np.tensordot", "depth[3:, :, :3] -= np.tensordot", "tests/partition/test_effects.py",
     ),
     Mutation(
         "inverse of a chain: half the bandwidth", "tcdyn/compensate/inverse.py", "w = 2 * np.pi * bandwidth_Hz /",
-        "w = np.pi * bandwidth_Hz /", "tests/compensate/test_deconvolve.py",
+        "w = np.pi * bandwidth_Hz /", "tests/compensate/test_causal.py",
     ),
 )  # fmt: skip
 
