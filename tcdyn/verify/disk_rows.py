@@ -13,6 +13,7 @@ from calibration.disk import DISKS, OUTER_ROW
 from tcdyn.conduction.engine import Drive, map_beta_h
 from tcdyn.conduction.rim import MESHES, Rim, points_of
 from tcdyn.contact import half_width_m
+from tcdyn.partition.steady import H_GRID_W_M2K, steady_map
 from tcdyn.simulate.ehl import STUDY_MESH
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import build_system
@@ -55,9 +56,8 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     heat = np.where(time > 0, power(time), 0.0)  # the rim starts at rest
     drive = Drive(DT_s, heat, true["d"], true["b"], true["f"], air(time))
     rim, seen = Rim.from_setup(truth.setup), np.stack([true[c] for c in OUTER_ROW])
-    answers = map_beta_h(
-        rim, drive, SHARES, FILMS, points_of(truth.setup, "".join(OUTER_ROW)), width, mesh=MESHES["III"]
-    )
+    points = points_of(truth.setup, "".join(OUTER_ROW))
+    answers = map_beta_h(rim, drive, SHARES, FILMS, points, width, mesh=MESHES["III"])
     misfit = np.abs(answers - seen)[..., time > 1.0].mean(axis=(2, 3))  # (7.1), loading and unloading
     i, j = np.unravel_index(np.argmin(misfit), misfit.shape)
     yield row(
@@ -70,6 +70,14 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     yield row(
         "physics", "error that is left there, K", "figure 4.9", "0", f"{least:.3f}", least < 0.06,
         "the rim knows the inner row at three places only, and the whole disk's mesh is coarse: agrees below 0.06 K",
+    )  # fmt: skip
+    loaded = (time > LOADED_s - 3.0) & (time < LOADED_s - 0.1)
+    both = map_beta_h(rim, drive, [0.0, 1.0], H_GRID_W_M2K, points, width, mesh=MESHES["III"])[..., loaded]
+    rest, whole = np.moveaxis(np.swapaxes(both, 2, 3), 1, 0)
+    line = steady_map(seen[:, loaded].T, rest, whole - rest).line
+    yield row(
+        "physics", "share on the line of least error of the last 3 s under load at 900 W/m2K", "figures 4.9, 4.11",
+        "0.7", f"{line.at(PAIR[1]):.4f}", abs(line.at(PAIR[1]) - PAIR[0]) < 0.003, "the same data; agrees within 0.003",
     )  # fmt: skip
     power_off = time >= LOADED_s
     fall = {c: float(true[c][power_off][0] - true[c][power_off][int(0.5 / DT_s)]) for c in "eab"}

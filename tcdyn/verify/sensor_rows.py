@@ -32,7 +32,9 @@ WORST = {
 }  # how far each may lie from the exact ones
 # infinite cylinder in a bath: Biot number h R/K, first root, first coefficient (Heisler's charts; Incropera, table 5.1)
 CYLINDERS = ((0.1, 0.4417, 1.0246), (1.0, 1.2558, 1.2071))
-WATER_80 = {"rho_kg_m3": 971.8, "c_J_kgK": 4196.0, "k_W_mK": 0.667, "nu_m2_s": 3.646e-7, "beta_1_K": 6.42e-4}  # IAPWS
+WATER_80 = {"rho_kg_m3": 971.8, "c_J_kgK": 4196.0, "k_W_mK": 0.667, "nu_m2_s": 3.646e-7, "beta_1_K": 6.42e-4,
+            "prandtl": 2.23}  # IAPWS  # fmt: skip
+WATER_48 = (0.641, 5.72e-7, 4.45e-4, 0.863)  # k, nu, expansion (SI; IAPWS), Ostrach's value at Pr = 3.69
 FIGURE_5_27 = (26.0, (69.0, 138.0))  # disk as it enters, oil [degC]
 HALF_OF_A_PLATE = 0.3788  # Fourier number at which the middle of a plate is half way, (4/pi) exp(-pi^2 Fo/4) = 1/2
 FINE_s = 1e-3
@@ -114,9 +116,19 @@ def bath_rows() -> Iterator[VerifyRow]:
     p = fluid("water").at(80.0)
     ours = [float(getattr(p, k)) for k in WATER_80]
     yield row(
-        "physics", "water of the trial bath at 80 degC: density, specific heat, conductivity, viscosity, expansion, SI",
+        "physics", "water of the trial bath at 80 degC: density, specific heat, conductivity, viscosity, expansion, Pr",
         "section 5.4; IAPWS", ", ".join(f"{v:.4g}" for v in WATER_80.values()), ", ".join(f"{v:.4g}" for v in ours),
         within(ours, list(WATER_80.values()), relative=0.01), "agrees within 1 %",
+    )  # fmt: skip
+    bath = Bath(fluid("water"), CORRELATIONS["churchill-chu-laminar"], rig.width_m, 2 * rig.outer_radius_m)
+    k, nu, beta, local = WATER_48
+    exact = 4 / 3 * local * (9.80665 * beta * 64.0 * rig.width_m**3 / nu**2 / 4) ** 0.25 * k / rig.width_m
+    h = float(bath.h_W_m2K(16.0, 80.0))
+    yield row(
+        "physics", "film coefficient on a disk of 16 degC in water of 80 degC by (5.4), W/m2K",
+        "section 5.4; Ostrach (1953)", f"{exact:.0f}", f"{h:.0f}", abs(h / exact - 1) < 0.05,
+        "exact laminar plate with tabulated water at the film's 48 degC; the floor of 0.68 in (5.4) is 3 % of it: "
+        "agrees within 5 %",
     )  # fmt: skip
     yield from _cylinders()
 
@@ -148,4 +160,16 @@ def _cylinders() -> Iterator[VerifyRow]:
         "physics", "heat through the running surface until all is at 138 degC, over what the steel then holds",
         "section 5.7", "1", f"{heat / held:.4f}", abs(heat / held - 1) < 5e-3,
         f"everything else is insulated; {run.junction_degC[-1, 0]:.2f} degC are reached. Agrees within 0.5 %",
+    )  # fmt: skip
+    run = simulate_plunge_model(disk, [radius - rig.bore_radius_m], film(1e-3), 0.0, 1e8, 120.0)  # as good as 1e5 W/m2
+    hole, last = rig.bore_radius_m, run.t_s > 60.0
+    rate = float(np.polyfit(run.t_s[last], run.surface_degC[last], 1)[0])
+    across = float(run.surface_degC[-1] - run.junction_degC[-1, 0])
+    area = radius**2 - hole**2
+    told = [2 * radius * 1e5 / (rho_c * area), 1e5 * radius / k * (0.5 - hole**2 / area * np.log(radius / hole))]
+    yield row(
+        "physics", "under a constant 100 kW/m2: rise, K/s, and surface above bore, K",
+        "section 5.7; Carslaw and Jaeger", numbers(told, 4), numbers((rate, across), 4),
+        within((rate, across), told, relative=1e-3),
+        "hollow cylinder, bore insulated, once all parts warm alike",
     )  # fmt: skip
