@@ -76,6 +76,19 @@ def test_an_error_ten_times_off_the_table_differs_even_where_sizes_cannot_be_com
     assert verdicts == ["differs"]
 
 
+def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monkeypatch):
+    import tcdyn.verify
+    from tcdyn.verify import table_rows
+
+    monkeypatch.setattr(tcdyn.verify, "CHAPTERS", (("table_rows", "table_rows"), ("contact_rows", "speed_law_rows")))
+    monkeypatch.setattr(table_rows, "speed_ratio_power", lambda ratio, n: 1 / 0)
+    rows = verify_rows()
+    stopped = [r for r in rows if r.failed]
+    assert [r.why for r in stopped] == ["table rows cannot go on: division by zero"]
+    assert rows[0].source == "section 2.2.1"
+    assert rows[-1].source == "(4.7) as corrected"
+
+
 def test_the_summary_counts_the_classes_and_each_row_says_its_own(monkeypatch):
     rows = [VerifyRow("x", "table 0", "1", "1", "agrees", "because", kind) for kind in ("physics", "rule", "rule")]
     monkeypatch.setattr(command, "verify_rows", lambda: rows)
