@@ -39,10 +39,18 @@ class TransducerLine(Result):
         """Force [N] from volts of any shape, with the zero taken at ``zero_V`` before loading."""
         return np.asarray(self.slope_N_V.value * (np.asarray(volts, dtype=float) - zero_V))
 
+    def gain_u_rel(self, weights_rel: float) -> float:
+        """Relative standard uncertainty of a force: of the gain, and of all weights and the lever in common.
+
+        The zero does not count: it is taken anew before each test (section 2.8).
+        """
+        return float(np.hypot(self.slope_N_V.u / self.slope_N_V.value, weights_rel))
+
     def summary(self) -> str:
-        """Gain, the zero of each session and what was noticed."""
-        lines = [f"force = {self.slope_N_V.text('N/V')} x volts + zero, {self.range_N[0]:g} to {self.range_N[1]:g} N"]
-        lines += [f"session {name}: zero {zero.text('N')}" for name, zero in self.intercept_N.items()]
+        """Gain and the zero of each session with their 95 % intervals, and what was noticed."""
+        held = f"{self.range_N[0]:g} to {self.range_N[1]:g} N"
+        lines = [f"force = {self.slope_N_V.text('N/V')} x volts + zero, {held}; gain {_interval(self.slope_N_V)}"]
+        lines += [f"session {name}: zero {z.text('N')}; {_interval(z)}" for name, z in self.intercept_N.items()]
         if self.shift_N is not None:
             lines.append(f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test")
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
@@ -55,6 +63,10 @@ class TransducerLine(Result):
     def to_dict(self) -> dict[str, Any]:
         """Every estimate, the tests and the warnings."""
         return {**super().to_dict(), "warnings": list(sentences(self.findings))}
+
+
+def _interval(e: Estimate) -> str:
+    return f"95 %: {e.low95:.6g} to {e.high95:.6g}"
 
 
 def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> TransducerLine:

@@ -118,20 +118,40 @@ def rig(
 def transducer(
     table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
+    of: Annotated[str | None, typer.Option(help="load or friction: print only the lines for the rig file")] = None,
+    weights_rel: Annotated[
+        float, bounded("--weights-rel", "relative standard uncertainty of all weights and the lever in common", 0, 0.5)
+    ] = 0.001,
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Gain and zero of a load cell or friction transducer from dead weights, with their uncertainties.
+    """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
-    Example: tcdyn transducer weights.csv --out cell.json
+    With --of friction its uncertainty as friction_rel, to which beta of a single disk is proportional; with --of load
+    what the load makes of the track's half width, its cube root. The zero is taken anew in each test. Exit code 1 where
+    the sessions' gains differ.
+
+    Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction >> rig.toml
     """
+    if of is not None:
+        check_choice("--of", of, ("load", "friction"))
     spare_inputs([table], out=out)
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
         write_text(out, dump(line.to_dict()))
-    say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+    if of is None:
+        say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+    else:
+        u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
+        keys = {"friction_rel": u} if of == "friction" else {}
+        said += [] if keys else [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
+        lines = [f"# {each}" for each in said] + ["[uncertainty]"] * len(keys)
+        lines += [f"{name} = {value:.3g}" for name, value in keys.items()]
+        say(dump(keys).rstrip() if json_ else "\n".join(lines), quiet)
+    if line.findings:
+        raise typer.Exit(1)
 
 
 def spot(

@@ -13,9 +13,11 @@ from rich.console import Console
 
 from calibration.finding import look
 from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
-from tcdyn.verify import VerifyRow, verify_rows
+from tcdyn.verify import KINDS, VerifyRow, verify_rows
 
-COLOURS = {"agrees": "green", "same trend": "cyan", "differs": "bold red", "not checkable": "yellow"}
+COLOURS = {
+    "differs": "bold red", "misprint": "magenta", "not checkable": "yellow", "same trend": "cyan", "agrees": "green"
+}  # fmt: skip
 
 
 def verify(
@@ -27,12 +29,15 @@ def verify(
 ) -> None:
     """Compute every published number that can be checked; exit code 1 when one differs.
 
+    Each row says of what class it is: physics against a published figure; trend; rule, found from the table that it is
+    compared with; arithmetic of printed numbers. Only the first two tell a right model from a wrong one.
+
     Example: tcdyn verify --why --report verify.html
     """
     spare_inputs([], report=report, csv=csv)
     rows = verify_rows()
     if json_:
-        print(dump({"sentence": sentence(rows), "rows": rows}), end="")
+        print(dump({"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows}), end="")
     elif not quiet:
         _print(rows, why)
     if csv is not None:
@@ -45,12 +50,19 @@ def verify(
         raise typer.Exit(1)
 
 
+def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
+    """How many rows there are of each class."""
+    return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
+
+
 def sentence(rows: Sequence[VerifyRow]) -> str:
-    """The verdict in one sentence."""
+    """The verdict in two sentences: what was found, and what it is evidence of."""
     count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
+    classes = "; ".join(f"{n} {KINDS[kind]}" for kind, n in by_kind(rows).items())  # type: ignore[index]
     return (
         f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} show the same "
-        f"trend, {count['differs']} differ, {count['not checkable']} cannot be checked in size."
+        f"trend, {count['misprint']} are misprints there, {count['differs']} differ, {count['not checkable']} cannot "
+        f"be checked in size. By class: {classes}."
     )
 
 
@@ -58,10 +70,10 @@ def _print(rows: Sequence[VerifyRow], why: bool) -> None:
     """The verdict, then the rows under their verdicts, what needs reading first; legible on 80 columns."""
     console = Console()
     console.print(sentence(rows), markup=False, highlight=False)
-    for verdict in ("differs", "not checkable", "same trend", "agrees"):
+    for verdict in COLOURS:
         own = [row for row in rows if row.verdict == verdict]
         if own:
-            console.print(f"\n[{COLOURS[verdict]}]{verdict}[/] (ours | published)")
+            console.print(f"\n[{COLOURS[verdict]}]{verdict}[/] (class, source: ours | published)")
         told: list[str] = []
         for row in own:
             reason = row.why if (why or verdict != "agrees") and row.why not in told else ""
@@ -71,12 +83,12 @@ def _print(rows: Sequence[VerifyRow], why: bool) -> None:
 
 
 def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
-    """A row as lines of at most ``width`` columns: source and quantity, both numbers, the reason where there is one.
+    """A row as lines of at most ``width`` columns: class, source, quantity, both numbers, the reason if there is one.
 
-    >>> listed(VerifyRow("beta of the worked example", "(4.7)", "0.73", "0.732", "agrees", ""), "because", 60)
-    ['  (4.7): beta of the worked example: 0.732 | 0.73', '      because']
+    >>> listed(VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic"), "because", 60)
+    ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
     """
-    text = f"{row.source}: {row.quantity}: {row.ours} | {row.published}"
+    text = f"{row.kind}, {row.source}: {row.quantity}: {row.ours} | {row.published}"
     lines = wrap(text, max(width, 40), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
     return [*lines, *wrap(reason, max(width, 40), initial_indent="      ", subsequent_indent="      ")]
 
@@ -89,7 +101,10 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 
-    head = "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can."
+    head = (
+        "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can. "
+        "Misprint: the thesis's own other numbers contradict the printed one as well."
+    )
     sections = [Section("Published and ours", text=head, table=_frame(rows))]
     sections += [Section(caption[0].upper() + caption[1:], figure=f) for caption, f in verify_figures().items()]
     differing = [

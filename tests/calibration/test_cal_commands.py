@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 from cal_cases import immersion_frame, oven_frame
@@ -102,6 +103,34 @@ def test_a_transducers_gain_and_zero_are_printed_and_written(tmp_path, capsys):
     assert found["slope_N_V"]["value"] == pytest.approx(line.slope_N_V.value, rel=1e-12)
     assert found["intercept_N"]["2"]["u"] == pytest.approx(line.intercept_N["2"].u, rel=1e-12)
     assert line.slope_N_V.text("N/V") in said
+    assert f"{line.slope_N_V.low95:.6g} to {line.slope_N_V.high95:.6g}" in said
     path.write_text("volts,force_N\n0.1,0\n0.2,\n0.3,200\n")
     assert tcdyn("transducer", path) == 2
     assert "column force_N, row 3: no number" in capsys.readouterr().err
+
+
+def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_path, capsys):
+    from calibration.rig import load_rig
+
+    volts, force, session = sessions(0)
+    path, rig = tmp_path / "torque.csv", tmp_path / "rig.toml"
+    pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
+    assert tcdyn("transducer", path, "--of", "friction", "--weights-rel", "0.002") == 0
+    rig.write_text(capsys.readouterr().out)
+    line = fit_transducer(volts, force, session)
+    expected = np.hypot(line.slope_N_V.u / line.slope_N_V.value, 0.002)
+    assert load_rig(rig).disk_setup("fast") == load_rig().disk_setup("fast")
+    assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(expected, rel=5e-3)  # three digits
+    assert tcdyn("transducer", path, "--of", "load") == 0
+    said = capsys.readouterr().out
+    assert "half_width_rel" in said
+    assert all(each.startswith("# ") for each in said.splitlines())  # nothing of it changes a rig file
+    assert tcdyn("transducer", path, "--of", "speed") == 2
+    assert "load or friction" in capsys.readouterr().err
+
+
+def test_sessions_whose_gains_differ_end_in_exit_code_one(tmp_path):
+    volts, force, session = sessions(0, twist=0.01)
+    path = tmp_path / "weights.csv"
+    pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
+    assert tcdyn("transducer", path, "-q") == 1

@@ -1,10 +1,12 @@
 """``tcdyn verify``: every row computed, a row that differs stops it."""
 
+import json
+
 import typer
 from typer.testing import CliRunner
 
 from tcdyn.cli import verify as command
-from tcdyn.verify import VerifyRow, verify_rows
+from tcdyn.verify import KINDS, VerifyRow, verify_rows, within
 
 app = typer.Typer()
 app.command()(command.verify)
@@ -19,11 +21,24 @@ def test_every_published_number_agrees_or_says_why_it_cannot_be_checked():
         assert source in sources
     for source in ("figure 3.16", "(3.27)", "table 6.1", "(5.1)", "table 6.6", "(6.1)", "appendix B", "(4.6)", "(4.7)"):
         assert source in sources
-    assert sum(r.source == "table 3.4" and "heat correction" in r.quantity for r in rows) == 16
+    for source in (
+        "tables 6.2 to 6.5",
+        "table 7.1",
+        "table 7.2",
+        "table 7.3",
+        "figure 6.26",
+        "figure 6.27",
+        "figure 6.28",
+    ):
+        assert source in sources
+    assert sum(r.source == "table 3.4" and "heat correction" in r.quantity for r in rows) == 4
+    assert all(r.kind in KINDS for r in rows)
+    assert sum(r.kind == "physics" for r in rows) >= 40  # 19 were evidence when the rows had no class
+    assert {r.source for r in rows if r.verdict == "misprint"} == {"table 7.2", "table 7.3"}
 
 
 def few(verdict):
-    return [VerifyRow("x", "table 0", "1", "2", verdict, "because")]
+    return [VerifyRow("x", "table 0", "1", "2", verdict, "because", "trend")]
 
 
 def test_a_row_that_differs_ends_in_exit_code_one(monkeypatch, tmp_path):
@@ -31,7 +46,58 @@ def test_a_row_that_differs_ends_in_exit_code_one(monkeypatch, tmp_path):
     result = CliRunner().invoke(app, ["--csv", str(tmp_path / "rows.csv")])
     assert result.exit_code == 1
     assert "1 differ" in result.output
-    assert (tmp_path / "rows.csv").read_text().startswith("quantity,source,published,ours,verdict,why")
+    assert (tmp_path / "rows.csv").read_text().startswith("quantity,source,published,ours,verdict,why,kind")
+
+
+def worst_of_mesh_one(rows):
+    return next(r.verdict for r in rows if r.source == "table 3.5" and r.quantity.startswith("mesh I against"))
+
+
+def test_an_array_of_another_length_than_the_table_differs_instead_of_passing(monkeypatch):
+    """A scheme that loses a time of table 3.5 must not end as "not checkable"."""
+    from tcdyn.verify import rim_rows
+
+    assert not within([1.0], [1.0, 2.0], absolute=9.0)
+    assert not within([1.0, 2.0], [1.0], absolute=9.0)
+    monkeypatch.setattr(rim_rows, "TABLE_3_5", {**rim_rows.TABLE_3_5, "I": (5.015, 3.111, 1.0)})
+    verdicts = [
+        r.verdict for r in rim_rows.mesh_rows() if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
+    ]
+    assert verdicts == ["differs"]
+
+
+def test_an_error_ten_times_off_the_table_differs_even_where_sizes_cannot_be_compared(monkeypatch):
+    from tcdyn.verify import rim_rows
+
+    monkeypatch.setattr(rim_rows, "TABLE_3_5", {**rim_rows.TABLE_3_5, "I": (50.0, 31.0)})
+    verdicts = [
+        r.verdict for r in rim_rows.mesh_rows() if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
+    ]
+    assert verdicts == ["differs"]
+
+
+def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monkeypatch):
+    import tcdyn.verify
+    from tcdyn.verify import table_rows
+
+    monkeypatch.setattr(tcdyn.verify, "CHAPTERS", (("table_rows", "table_rows"), ("contact_rows", "speed_law_rows")))
+    monkeypatch.setattr(table_rows, "speed_ratio_power", lambda ratio, n: 1 / 0)
+    rows = verify_rows()
+    stopped = [r for r in rows if r.failed]
+    assert [r.why for r in stopped] == ["table rows cannot go on: division by zero"]
+    assert rows[0].source == "section 2.2.1"
+    assert rows[-1].source == "(4.7) as corrected"
+
+
+def test_the_summary_counts_the_classes_and_each_row_says_its_own(monkeypatch):
+    rows = [VerifyRow("x", "table 0", "1", "1", "agrees", "because", kind) for kind in ("physics", "rule", "rule")]
+    monkeypatch.setattr(command, "verify_rows", lambda: rows)
+    result = CliRunner().invoke(app, ["--json"])
+    told = json.loads(result.output)
+    assert told["classes"] == {"physics": 1, "trend": 0, "rule": 2, "arithmetic": 0}
+    assert [r["kind"] for r in told["rows"]] == ["physics", "rule", "rule"]
+    text = CliRunner().invoke(app, []).output
+    assert text.count("  rule, table 0") == 2
 
 
 def test_rows_that_agree_end_well_and_print_their_reasons_when_asked(monkeypatch):
@@ -60,8 +126,8 @@ def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
 
 
 def test_the_list_fits_eighty_columns_and_gives_a_shared_reason_once(monkeypatch):
-    long = [VerifyRow(f"error of mesh {k} at 2, 4, 8, 15 s, %", "table 3.2", "1, 2", "3, 4", "same trend", "word " * 40)
-            for k in range(4)]  # fmt: skip
+    long = [VerifyRow(f"error of mesh {k} at 2, 4, 8, 15 s, %", "table 3.2", "1, 2", "3, 4", "same trend", "word " * 40,
+            "trend") for k in range(4)]  # fmt: skip
     monkeypatch.setattr(command, "verify_rows", lambda: [*few("agrees"), *long])
     result = CliRunner().invoke(app, [], env={"COLUMNS": "80"})
     assert max(len(line) for line in result.output.splitlines()) <= 80

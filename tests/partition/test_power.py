@@ -1,0 +1,34 @@
+"""The frictional power as a lagging thermocouple would show it, with an end inside a sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tcdyn.chain import Chain
+from tcdyn.contact import Events
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.window import power_seen
+
+DT_s, TAU_s, LEVEL_W = 1 / 75, 0.7, 360.0
+
+
+@pytest.mark.parametrize("part", [0.1, 0.25, 0.9])
+def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(part: float) -> None:
+    time = np.arange(0.0, 6.0, DT_s)
+    last = 200
+    off = float(time[last] + part * DT_s)
+    power = np.where(np.arange(len(time)) <= last, LEVEL_W, 0.0)
+    test = EhlTest(
+        time, DT_s, Events(0.0, off, 1e-3, 0.02, (off,)), power, np.full(len(time), 60.0),
+        1850.0, 20.0, 4.24, 16.0, 13.0, 1.6e-3, 0.667, 0.1, {}, (),
+    )  # fmt: skip
+    seen, held = power_seen(test, slice(0, len(time)), Chain(TAU_s))
+    after = time > off + 2 * DT_s
+    # second order in the sampling interval: (dt/tau)^2 / 8; half a sample on the wrong side is ten times that
+    np.testing.assert_allclose(seen[after], LEVEL_W * np.exp(-(time[after] - off) / TAU_s), rtol=1e-4)
+    assert held == {}
+    _, exact = power_seen(test, slice(0, len(time)), None)
+    (jump,) = exact["switches"]
+    assert (jump.index, jump.before, jump.after) == (last, LEVEL_W, 0.0)
+    assert jump.fraction == pytest.approx(part, abs=1e-9)
