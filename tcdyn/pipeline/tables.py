@@ -12,7 +12,9 @@ import pandas as pd
 from calibration.disk import CHANNELS, DISKS, LEFT_OUT
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded, with_u
-from calibration.words import as_known, percent, structure
+from calibration.words.base import as_known
+from calibration.words.partition import structure
+from calibration.words.plunge import percent
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
 from tcdyn.partition.profile import intervals, profiles_file

@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 
 from calibration.disk import CHANNELS, DISKS
 from calibration.estimate import Z95, Estimate
-from calibration.words import percent, structure
+from calibration.words.partition import structure
+from calibration.words.plunge import percent
 from tcdyn.partition.alternatives import Alternatives
 from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.partition.sensors.faults import DepthTest

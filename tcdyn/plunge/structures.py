@@ -13,7 +13,7 @@ from calibration import Array
 from calibration.estimate import Estimate, with_u
 from calibration.finding import Finding, look, note
 from calibration.result import jsonable
-from calibration.words import percent
+from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES, Structure
 from tcdyn.plunge import PlungePriors, lag_u_s
 from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan

@@ -12,7 +12,7 @@ from plunge_study import OWN_LAG_S, make_runs
 
 from calibration.estimate import Z95, Estimate
 from calibration.rig import load_rig
-from calibration.words import percent
+from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES
 from tcdyn.plunge.fit import identify_plunges, with_structure_doubt
 from tcdyn.plunge.posterior import LagScan, settled_scan

@@ -1,0 +1,46 @@
+"""What is said of other thermocouples and tables."""
+
+from __future__ import annotations
+
+from calibration.words.base import Words, some
+
+# tcdyn/sensor and tables compensated with it
+SENSOR: dict[str, Words] = {
+    "sensor.exact": "the lag of {lag_s:.4g} s was stated without an uncertainty: it is taken as exact, and the bands "
+    "of what it compensates hold noise only; state one, such as 1.5+-0.1",
+    "sensor.gain": "{subject}: the gain is {gain:.4g} +- {u:.2g}, not 1: the lag is removed, the gain is left in",
+    "sensor.carried": lambda columns, **_: (
+        f"{some(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
+    ),
+    "sensor.unit_assumed": "column {subject} states no unit: read as degrees Celsius",
+    "sensor.unit_doubt": "column {subject} reads {value:.4g} {unit} in the middle; is that its unit?",
+    "sensor.few_decimals": "the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz",
+    "sensor.uneven": "rows stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): answers are that "
+    "uncertain in time",
+    "sensor.short": "a stretch of {count} rows is too short to be compensated: its answers are empty",
+    "sensor.dead": "column {subject} shows nothing in a stretch: its answers there are empty",
+    "sensor.left": "column {subject} cannot be compensated in a stretch ({problem}): its answers there are empty",
+    "sensor.coloured": "{subject}: what the fit leaves is not white; its colour is taken into account",
+    "sensor.misfit": "{subject}: the fit leaves {rms_K:.2g} K rms where the noise is {noise_K:.2g} K: the surroundings "
+    "did not make one clean step, or the sensor is no chain of lags",
+    "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, for a lag of {lag_s:.3g} s: its "
+    "end is extrapolated",
+    "sensor.pair_difference": "{subject}: the traces tell the difference of the lags, {difference_s:.3g} +- {u_s:.2g} "
+    "s, but hardly the lags themselves: the fluid changed too slowly for their ratio",
+    "sensor.pair_misfit": "{subject}: the two do not see one fluid through one lag each: what is left is {ratio:.2g} "
+    "times the noise",
+    "sensor.pair_flow": "{subject}: the lags change with the flow; the file holds those of {what}",
+    "sensor.conversion_wide": "{subject}: the answer to the current does not tell the plunge's lag well: {low_s:.3g} "
+    "to {high_s:.3g} s (95 %), for films, walls and heated wires that would answer alike; a plunge would tell",
+    "sensor.conversion": "{subject}: the plunge's lag is converted from heating inside, to {percent:.2g} % (95 %): it "
+    "holds for a round sensor that is heated about its axis and read there",
+    "sensor.noise_driving": lambda subject, lags, **_: (
+        f"{subject}: the lag is the sensor's if the fluid's own fluctuations are white; slower ones add their time"
+        + ("; of the two lags found one may be the fluid's" if lags == 2 else "")
+    ),
+    "sensor.noise_unsteady": "{subject}: the fluctuations are {ratio:.2g} times as large in one quarter as in another: "
+    "the process is not steady",
+    "sensor.noise_misfit": "{subject}: the spectrum is not that of white fluctuations behind one or two lags (p = "
+    "{p_value:.1g}): the lag is not to be trusted",
+    "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
+}
