@@ -1,4 +1,4 @@
-"""What was noticed, as a value: code branches on its code, subject and numbers; `calibration/words.py` says it."""
+"""What was noticed, as a value: code branches on its code, subject and numbers; `calibration/words` says it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Grade(StrEnum):
 class Finding:
     """Something noticed about data or a fit.
 
-    ``code``: what, from `calibration/words.py`; ``grade``; ``where``: the file or stage; ``subject``: the channel,
+    ``code``: what, from `calibration/words`; ``grade``; ``where``: the file or stage; ``subject``: the channel,
     column, disk or parameter that it is about; ``numbers``: numbers, texts and lists of them, by name with unit.
     ``text`` is the sentence of a finding that was read from a file, as it stood there.
 
@@ -48,7 +48,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         if self.code not in WORDS and not self.text:
-            raise ValueError(f"finding {self.code!r} has no words in calibration/words.py")
+            raise ValueError(f"finding {self.code!r} has no words in calibration/words")
         object.__setattr__(self, "grade", Grade(self.grade))
         object.__setattr__(self, "numbers", {k: _plain(v) for k, v in self.numbers.items()})
 

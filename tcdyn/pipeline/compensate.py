@@ -25,13 +25,13 @@ from tcdyn.compensate.intensity import Criterion
 from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth
+from tcdyn.compensate.windows import over_window
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import refined_chains, with_common_u
 from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
-from tcdyn.pipeline.windows import over_window
 from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered, rig_of
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
@@ -124,7 +124,7 @@ class CompensatedLog(Result):
         return before_use(inverses[worst], float(noise[worst]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
-        """Covariance between samples, and between the channels' means: see ``tcdyn.pipeline.windows.over_window``."""
+        """Covariance between samples, and between the channels' means: see ``tcdyn.compensate.windows.over_window``."""
         time_s = self.frame["time_s"].to_numpy(dtype=float)
         return over_window(self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s)
 
