@@ -18,6 +18,7 @@ from calibration.result import Result, jsonable
 from calibration.rig import changed_keys
 
 SIGNIFICANT = 0.05
+OF_A_LOG = {"columns", "logger", "traceability", "constants", "ambient"}  # of rig.toml, and no part of a disk
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
         )
     rows: list[tuple[str, float, float, float]] = []
     found: list[Finding] = []
+    by = [(r.setup.traceability.reference, r.setup.traceability.reference_certificate) for r in (old, new)]
+    other_reference = by[0] != by[1]  # one and the same moves no line against another
     for c in sorted(set(old.static) & set(new.static)):
         a, b = old.static[c], new.static[c]
         low = max(a.range_degC[0], b.range_degC[0])
@@ -82,6 +85,7 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
         for t in (low, high):
             logged = (t - a.offset) / a.gain
             u = float(np.hypot(static_u(a, t), static_u(b, t)))
+            u = float(np.hypot(u, np.hypot(a.shared_u_K, b.shared_u_K))) if other_reference else u
             rows.append((f"{c} at {t:.0f} degC", t, float(apply_static(logged, b)), u))
     if old.chain is not None and new.chain is not None:
         for c in sorted(set(old.chain.channels) & set(new.chain.channels)):
@@ -89,10 +93,7 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             for name, before, after in zip((f"{c} lag_s", f"{c} differential lag_s"), *lags):
                 rows.append((name, before.value, after.value, float(np.hypot(before.u, after.u))))
     # what of rig.toml the records were made with differs; names of columns and people have no part in a lag
-    made = [
-        r.setup.model_dump(exclude={"columns", "logger", "traceability"}) | {"conditioning": asdict(r.conditioning)}
-        for r in (old, new)
-    ]
+    made = [r.setup.model_dump(exclude=OF_A_LOG) | {"conditioning": asdict(r.conditioning)} for r in (old, new)]
     found += [note("record.changed", subject=key, was=was, now=now) for key, was, now in changed_keys(*made)]
     if gone := sorted(set(old.static) ^ set(new.static)):
         found.append(look("record.in_one_only", channels=gone))

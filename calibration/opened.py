@@ -21,7 +21,7 @@ from calibration.columns import (
     named,
     recognise,
 )
-from calibration.disk import CHANNELS
+from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
 from calibration.finding import Finding, look, note
@@ -80,8 +80,9 @@ def as_logged(
 
     Temperatures in K, degF or mV; a torque, over the radius of its shaft's disk.
     """
-    logger, how = rig.tables(disk).logger, dict[str, Callable[[Array], Array]]()
+    how = dict[str, Callable[[Array], Array]]()
     for name, own in names.items():
+        logger = rig.tables(next((d for d in DISKS if name.startswith(f"{d}_")), disk)).logger
         unit = (named(name, mapping, file) or (own, own.rpartition("_")[2]))[1]
         if logger.millivolts and is_couple(name):
             unit = "mV"
@@ -101,7 +102,7 @@ def log_kind(
     Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
     """
     mapped = rig.columns(next(iter(records))).values()
-    return kind_of_columns(open_table(log, (*KNOWN, *mapped)).names, rig, records, shown(Path(log)))
+    return kind_of_columns(open_table(log, (*in_other_units(KNOWN), *mapped)).names, rig, records, shown(Path(log)))
 
 
 def kind_of_columns(
@@ -109,7 +110,7 @@ def kind_of_columns(
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
     """``log_kind`` for names that are read already."""
     disk = next(iter(records))
-    mapped = {canonical for canonical, name in rig.columns(disk).items() if name in names}
+    mapped = {canonical for canonical in KNOWN if named(canonical, rig.columns(disk), names)}
     if recognise({*names, *mapped}) != "immersion":
         return "ehl", None
     if len(records) > 1:

@@ -82,7 +82,9 @@ def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperatu
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
     own = narrow * float(static_u(line, temperature_degC))
     sources = [
-        Source("line through the holds", temperature_degC, own, "Student", 1.0, freedom or math.inf),
+        Source("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
+        if freedom > 0
+        else Source("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
         Source("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
         Source("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
     ]

@@ -149,7 +149,7 @@ def converted(table: Table, how: Mapping[str, Callable[[Array], Array]]) -> Tabl
     return replace(table, pieces=pieces) if how else table
 
 
-def to_degC(unit: str, couple: str = "J", cold_junction_degC: float = 0.0) -> Callable[[Array], Array]:
+def to_degC(unit: str, couple: str = "J", cold_junction_degC: Array | float = 0.0) -> Callable[[Array], Array]:
     """What makes degrees Celsius of a column (N,) in K, degF, or mV of a ``couple``, infinite where it has no such emf.
 
     >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))

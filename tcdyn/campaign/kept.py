@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from calibration import Array
+from calibration.compare import OF_A_LOG
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.record import DiskRecord
@@ -149,10 +150,7 @@ def _checksum(plain: Mapping[str, Any]) -> str:
 
 def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord]) -> str:
     """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
-    tables = {
-        d: rig.tables(d).model_dump(mode="json", exclude={"columns", "constants", "ambient", "traceability"})
-        for d in ("", *DISKS)
-    }
+    tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
     if missing := [d for d in DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))

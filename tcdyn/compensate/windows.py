@@ -33,7 +33,7 @@ def over_window(
     channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it; the static line's
     uncertainty, one error for all samples, is not, nor is what is not known of an event. ``mean_degC`` (M,) of
     ``channels`` (M,), ``mean_covariance_K2`` (M, M) with all sources: noise of each channel, lags (those of a disk move
-    together), static lines, and the reference that lines have in common; u of the difference of two means is
+    together), static lines, and the reference that lines have in common, but what is not known of an event's instant; u of the difference of two means is
     sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
     Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
     """

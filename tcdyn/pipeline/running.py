@@ -98,8 +98,12 @@ def disk_air(
     faces, surface = means.get("faces", room), means.get("surface", room)
     faces = surface if faces is None else faces
     surface = faces if surface is None else surface
-    assert faces is not None  # the reader asks for the one or the other
-    assert surface is not None
+    if faces is None or surface is None:
+        raise InputError(
+            f"no channel of the air about the {disk} disk is alive",
+            expected="one that changes, or ambient_degC",
+            remedy="state ambient_degC in rig.toml [constants], or log it",
+        )
     return DiskAir(faces, surface, own), found
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.columns import KNOWN, is_couple, match_columns
+from calibration.columns import KNOWN, TORQUES, match_columns
 from calibration.errors import InputError
 from calibration.files import shown
 from calibration.files.dialect import is_number
@@ -60,7 +60,7 @@ def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None
     mapping = rig.columns(own)
     chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated())
     how = as_logged(chosen, table.names, rig, own or "", mapping)
-    if other := [column for name, column in chosen.items() if column in how and is_couple(name)]:
+    if other := [column for name, column in chosen.items() if column in how and name not in TORQUES]:
         raise InputError(f"column {other[0]!r} is in another unit", where=where, expected="degrees Celsius to follow")
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):

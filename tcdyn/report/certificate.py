@@ -20,7 +20,7 @@ from tcdyn.plots.plunge import plunge_figure, standardised
 from tcdyn.plots.plunge import residual_figure as left_over_figure
 from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
-from tcdyn.report.signed import signed_sections
+from tcdyn.report.signed import in_oven, signed_sections
 
 OF_A_CHANNEL = ("line", "record", "plunge", "noise", "junctions", "said")  # kinds of finding
 BEYOND = "line.extrapolated"
@@ -151,7 +151,9 @@ def certificate_assumptions(record: DiskRecord) -> list[str]:
     """What was assumed and not measured."""
     disk, b = record.setup.disk, record.conditioning
     return [
-        f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; one "
+        "Readings at rest are as logged, uncertain as stated."
+        if not in_oven(record)
+        else f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; one "
         "for each hold of the oven, uniform within 0.1 degC.",
         f"Signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet.",
         f"Steel: K = {disk.conductivity_W_mK:g} W/mK, density {disk.density_kg_m3:g} kg/m3, "

@@ -20,6 +20,7 @@ from tcdyn.report.page import Section
 from tcdyn.version import __version__
 
 NOT_STATED = "not stated"
+OVEN, NO_OVEN = "oven against a PRT, straight lines", "readings at rest taken as logged, their uncertainty stated"
 LEAST_YEARS = 0.05  # between two calibrations, for a rate of drift
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data sheet), immersion "
@@ -30,6 +31,11 @@ ABOUT = (
     "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective degrees of freedom "
     "(Welch and Satterthwaite). A correction is what was to be added to a logged value; lines have it in them."
 )
+
+
+def in_oven(record: DiskRecord) -> bool:
+    """Whether the static lines come from an oven, and were not stated."""
+    return not any(f.code == "static.stated" for f in record.findings)
 
 
 def calibrated_on(record: DiskRecord) -> date:
@@ -45,6 +51,7 @@ def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> Budg
 def identification(record: DiskRecord) -> pd.DataFrame:
     """Laboratory, customer, item, reference and instruments, days and software, one row each."""
     t = record.setup.traceability
+    by = _instrument(t.reference, t.reference_certificate, t.reference_date)
     rows = [
         ("Certificate", t.certificate),
         ("Laboratory", ", ".join(x for x in (t.laboratory, t.address) if x)),
@@ -52,8 +59,8 @@ def identification(record: DiskRecord) -> pd.DataFrame:
         ("Customer", t.customer),
         ("Item", f"{len(record.static)} thermocouples of the {record.disk} disk, channels {', '.join(record.static)}"),
         ("Received; calibrated", f"{t.received or NOT_STATED}; {calibrated_on(record)}"),
-        ("Procedure", t.procedure or "oven against a PRT, straight lines; plunges, grey-box fit of the chain"),
-        ("Reference", _instrument(t.reference, t.reference_certificate, t.reference_date)),
+        ("Procedure", t.procedure or f"{OVEN if in_oven(record) else NO_OVEN}; plunges, grey-box fit of the chain"),
+        ("Reference", by if in_oven(record) else "none: no oven, the readings at rest are not traceable"),
         ("Logger", _instrument(t.logger, t.logger_certificate, t.logger_date)),
         ("Software", f"tcdyn {__version__}; checksums of all logs below"),
     ]
@@ -135,13 +142,16 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     stated, today = record.setup.traceability, calibrated_on(record)
     latest = today + timedelta(days=stated.valid_days)
     plain = f"no later than {latest}, {stated.valid_days} days after this one ([traceability] valid_days)"
-    before = [r for r in earlier if (today - calibrated_on(r)).days > LEAST_YEARS * YEAR_DAYS]
+    old = [r for r in earlier if (today - calibrated_on(r)).days > LEAST_YEARS * YEAR_DAYS]
+    before = [r for r in old if in_oven(r) and in_oven(record)]
     if not before:
         return latest, f"{plain}; no earlier record was given that tells how fast it drifts"
     last = max(before, key=calibrated_on)
     years = (today - calibrated_on(last)).days / YEAR_DAYS
     table = diff_records(last, record).table
     rest = table[table["quantity"].str.endswith("degC")].to_dict("records")
+    if not any(abs(row["change"]) + row["u"] > 0 for row in rest):
+        return latest, f"{plain}; the earlier record shares no range of temperature with this one"
     worst = max(rest, key=lambda row: abs(row["change"]) + row["u"])
     told = with_u(worst["change"] / years, worst["u"] / years, "K a year")
     rate = (abs(worst["change"]) + worst["u"]) / years

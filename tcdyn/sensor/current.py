@@ -83,7 +83,7 @@ def current_sensor(
     taus = _chain(weights @ theta).taus_s
     chain = Chain([tau * lag.value / sum(taus) for tau in taus])
     switches = np.flatnonzero(np.diff(power > 0.5))
-    longest = float(np.diff(np.r_[0, switches, len(power) - 1]).max() * (time_s[1] - time_s[0]))
+    longest = float(np.diff(np.r_[switches, len(power) - 1]).max() * (time_s[1] - time_s[0]))
     found: list[Finding] = []
     if longest < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))

@@ -13,7 +13,7 @@ import numpy as np
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from calibration.lines.couples import temperature_degC
+from calibration.lines.couples import to_degC
 
 UNITS = ("degC", "K", "degF", "mV")
 _WRITTEN = {
@@ -56,9 +56,7 @@ class Unit:
 
     def in_degC(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
         """The numbers (N,) in degrees Celsius; infinite where a couple has no such emf."""
-        if self.name == "mV":
-            return temperature_degC(values, cold_degC, self.couple, outside="inf")
-        return {"degC": values, "K": values - 273.15, "degF": (values - 32) / 1.8}[self.name]
+        return values if self.name == "degC" else to_degC(self.name, self.couple, cold_degC)(values)
 
     def back(self, degC: Array) -> Array:
         """Degrees Celsius (N,) in the unit of the output, which is the column's own, but degrees Celsius for mV."""
