@@ -17,7 +17,7 @@ from calibration.traceability import TraceabilityTable
 
 
 @dataclass(frozen=True)
-class Source:
+class Part:
     """One line of a budget: standard uncertainty ``u`` of an estimate, its distribution, sensitivity, and freedom.
 
     ``freedom``: degrees of freedom, infinite where u was stated and not found from scatter.
@@ -37,10 +37,10 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Budget:
+class RestBudget:
     """Sources of a result and what they add up to."""
 
-    sources: tuple[Source, ...]
+    sources: tuple[Part, ...]
 
     @property
     def u(self) -> float:
@@ -64,7 +64,7 @@ class Budget:
         return self.coverage * self.u
 
 
-def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float) -> Budget:
+def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float) -> RestBudget:
     """The reading of a channel at rest at ``temperature_degC``, calibrated ``on`` that day.
 
     A line's covariance was widened by t/1.96 for its few holds; here its own standard uncertainty stands beside its
@@ -82,10 +82,10 @@ def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperatu
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
     own = narrow * float(static_u(line, temperature_degC))
     sources = [
-        Source("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
+        Part("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
         if freedom > 0
-        else Source("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
-        Source("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
-        Source("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
+        else Part("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
+        Part("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
+        Part("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
     ]
-    return Budget(tuple(s for s in sources if s.u > 0) or tuple(sources[:1]))
+    return RestBudget(tuple(s for s in sources if s.u > 0) or tuple(sources[:1]))

@@ -32,9 +32,9 @@ def over_window(
     ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
     channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it; the static line's
     uncertainty, one error for all samples, is not, nor is what is not known of an event. ``mean_degC`` (M,) of
-    ``channels`` (M,), ``mean_covariance_K2`` (M, M) with all sources: noise of each channel, lags (those of a disk move
-    together), static lines, and the reference that lines have in common, but what is not known of an event's instant; u of the difference of two means is
-    sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
+    ``channels`` (M,), ``mean_covariance_K2`` (M, M): noise of each channel, lags (of a disk move together), static
+    lines, the reference that lines have in common; not the doubt of an event's instant. u of the difference of two
+    means is sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
     Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
     """
     if start_s is None and not events:

@@ -153,8 +153,8 @@ def certificate_assumptions(record: DiskRecord) -> list[str]:
     return [
         "Readings at rest are as logged, uncertain as stated."
         if not in_oven(record)
-        else f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; one "
-        "for each hold of the oven, uniform within 0.1 degC.",
+        else f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; "
+        "one for each hold of the oven, uniform within 0.1 degC.",
         f"Signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet.",
         f"Steel: K = {disk.conductivity_W_mK:g} W/mK, density {disk.density_kg_m3:g} kg/m3, "
         f"specific heat {disk.specific_heat_J_kgK:g} J/kgK; bore radius {disk.bore_radius_mm:g} mm.",

@@ -24,7 +24,8 @@ WORDS = {
 KNOWN = {
     "film": "the film's shape along the track", "washer": "the washers' conductance", "depth": "the junctions' depths",
     "model": "what rim and mesh leave unexplained", "uneven": "the pattern round the bore", "line": "the static lines",
-    "lag": "the lags", "heat": "the heat capacity", "half-width": "the contact's half-width", "split": "how each chain's lag is split",
+    "lag": "the lags", "heat": "the heat capacity", "half-width": "the contact's half-width",
+    "split": "how each chain's lag is split",
 }  # fmt: skip
 LIMITS = 3
 SURE = 0.05

@@ -13,7 +13,7 @@ import pandas as pd
 
 from calibration.compare import diff_records
 from calibration.estimate import rounded, with_u
-from calibration.lines.budget import Budget, rest_budget
+from calibration.lines.budget import RestBudget, rest_budget
 from calibration.record import DiskRecord, moment
 from calibration.traceability import YEAR_DAYS
 from tcdyn.report.page import Section
@@ -43,7 +43,7 @@ def calibrated_on(record: DiskRecord) -> date:
     return moment(record.created).date()
 
 
-def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> Budget:
+def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> RestBudget:
     """The budget of one channel at rest, as the record keeps what it needs."""
     return rest_budget(record.static[channel], record.setup.traceability, calibrated_on(record), temperature_degC)
 
@@ -103,7 +103,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
     return table
 
 
-def budget_table(found: Budget) -> pd.DataFrame:
+def budget_table(found: RestBudget) -> pd.DataFrame:
     """The budget as the GUM writes it."""
     rows = [
         {

@@ -66,6 +66,7 @@ def test_a_stage_gives_the_answer_of_its_own_log(made: tuple[StudyRig, StudyRig]
         assert abs(found[1].value - found[0].value) < 0.2 * found[0].u
 
 
+@pytest.mark.slow
 def test_a_second_unloading_tightens_lag_and_h(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
     kept = [kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0] for m, stage in zip(made, stages(joined_log))]
     alone, both = solve(kept[:1]).estimates[0], solve(kept).estimates[0]

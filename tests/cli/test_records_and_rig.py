@@ -42,6 +42,7 @@ def speed_law(campaign: Campaign, records: list[Path], *rig: object) -> float:
     return float(json.loads(out.read_text())["steady"]["beta"]["value"])
 
 
+@pytest.mark.slow
 def test_without_a_rig_file_the_records_rig_is_used(campaign: Campaign, other_steel: list[Path]) -> None:
     """It was the design's defaults before: beta 0.02 off, without a word."""
     own = speed_law(campaign, other_steel, "--rig", other_steel[0].parent / "rig.toml")
