@@ -17,7 +17,7 @@ from calibration.traceability import TraceabilityTable
 
 
 @dataclass(frozen=True)
-class Part:
+class Contribution:
     """One line of a budget: standard uncertainty ``u`` of an estimate, its distribution, sensitivity, and freedom.
 
     ``freedom``: degrees of freedom, infinite where u was stated and not found from scatter.
@@ -40,7 +40,7 @@ class Part:
 class RestBudget:
     """Sources of a result and what they add up to."""
 
-    sources: tuple[Part, ...]
+    sources: tuple[Contribution, ...]
 
     @property
     def u(self) -> float:
@@ -82,10 +82,10 @@ def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperatu
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
     own = narrow * float(static_u(line, temperature_degC))
     sources = [
-        Part("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
+        Contribution("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
         if freedom > 0
-        else Part("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
-        Part("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
-        Part("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
+        else Contribution("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
+        Contribution("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
+        Contribution("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
     ]
     return RestBudget(tuple(s for s in sources if s.u > 0) or tuple(sources[:1]))

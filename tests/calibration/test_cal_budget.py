@@ -12,7 +12,7 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.lines.budget import Part, RestBudget, rest_budget
+from calibration.lines.budget import Contribution, RestBudget, rest_budget
 from calibration.lines.static import apply_static, fit_static_lines, static_u, whole_u
 from calibration.record import DiskRecord
 from calibration.rig import load_rig, parse_rig, rig_toml
@@ -67,7 +67,7 @@ def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences
 def test_coverage_factor_and_freedom_are_the_gum_s() -> None:
     """GUM, H.1.6 (an end gauge): contributions in nm with their degrees of freedom make 32 nm with 16."""
     parts = [(25.0, 18), (9.7, 25.6), (2.9, 50), (16.6, 2)]
-    found = RestBudget(tuple(Part(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts)))
+    found = RestBudget(tuple(Contribution(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts)))
     assert found.u == pytest.approx(32.0, abs=0.5)
     assert int(found.freedom) == 16
     assert found.coverage == pytest.approx(stats.t.isf(0.025, int(found.freedom)))
@@ -123,4 +123,4 @@ def test_the_table_goes_through_a_rig_file(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(rig_toml(rig), encoding="utf-8")
     assert load_rig(path).common.traceability == rig.common.traceability
-    assert replace(Part("a", 0.0, 2.0, "normal", -3.0, 4.0), u=1.0).contribution == 3.0
+    assert replace(Contribution("a", 0.0, 2.0, "normal", -3.0, 4.0), u=1.0).contribution == 3.0
