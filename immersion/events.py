@@ -14,6 +14,7 @@ from calibration.finding import Finding, look
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
 RISEN = 0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
+HEAD_S = 1.0  # of the log, for the level before the entry: junctions that rise within it tell none
 LATE_S, LATE_U_S = 0.7, 0.5  # how long after the entry that is, behind a lag of 0.3 to 1.5 s
 EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
 EARLY_U = 0.05  # the same for probes of another order: uncertainty
@@ -100,13 +101,19 @@ def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike
     """Instant at which the junctions (N, C) have come ``RISEN`` of their way to the bath [s]; None where they do not.
 
     The median of all, as means over a fifth of a second, was below that for the last time before a tenth of the way.
+    The level before is that of the first ``HEAD_S``; None, too, where the junctions come half of ``RISEN`` within it.
     """
     t, y = np.asarray(time_s, dtype=float), np.asarray(readings_degC, dtype=float)
-    rise = np.nanmedian(y - np.nanmedian(y[: max(len(t) // 50, 20)], axis=0), axis=1)
+    dt = float(np.median(np.diff(t)))
+    head = slice(0, max(int(round(HEAD_S / dt)), 5))
+    level = np.nanmedian(y[head], axis=0)
+    rise = np.nanmedian(y - level, axis=1)
     good = np.isfinite(rise)
-    width = max(int(round(0.2 / float(np.median(np.diff(t))))), 1)
-    smooth = uniform_filter1d(np.interp(t, t[good], rise[good]), width)
-    way = smooth / (float(np.nanmedian(np.asarray(fluid_degC, dtype=float))) - float(np.nanmedian(y[:20])))
+    whole = np.interp(t, t[good], rise[good])
+    step = float(np.nanmedian(np.asarray(fluid_degC, dtype=float))) - float(np.nanmedian(level))
+    if abs(np.polyfit(t[head], whole[head], 1)[0]) * HEAD_S > 0.5 * RISEN * abs(step):
+        return None
+    way = uniform_filter1d(whole, max(int(round(0.2 / dt)), 1)) / step
     above = np.flatnonzero(way > 0.1)
     below = np.flatnonzero(way[: above[0]] < RISEN) if above.size else above
     return float(t[below[-1]]) if below.size else None

@@ -259,8 +259,8 @@ PARTITION: dict[str, Words] = {
     "sensors.sound": _sound,
     "unevenness": lambda subject, amplitude_K, u_K, angle_deg, angle_u_deg, **_: (
         f"{subject} disk: its bore contact is uneven: {Estimate.normal(amplitude_K, u_K).text('K')} hotter at "
-        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of b; the fit of "
-        "both disks found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
+        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of b; the joint "
+        "fit found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
     ),
     "fit.contradicted": "{subject} disk: its readings are {seen_K:.1f} K hotter at {seen_deg:.0f} degrees than in the "
     "mean round the bore, while the press fit that rig.toml states would make it {told_K:.1f} K at {told_deg:.0f} "
@@ -283,7 +283,10 @@ PARTITION: dict[str, Words] = {
     ),
     "cables.exchanged": _cables_exchanged,
     "headline.both": _headline,
-    "headline.withheld": "No beta is given: what the joint fit of both disks finds is impossible.",
+    "headline.withheld": lambda subject, **_: (
+        f"No beta is given: what the joint fit of {f'the {subject} disk' if subject else 'both disks'} finds is "
+        "impossible."
+    ),
     "answers.impossible": lambda ways, **_: (
         f"impossible numbers (beta outside 0 to 1, h not above zero) by {', '.join(ways)}: withheld"
     ),

@@ -31,6 +31,7 @@ FRICTION_OWN_REL = 0.0005  # of the friction's scale from test to test, beside i
 MODEL_OWN = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
 ROUND_OWN = 0.3  # of a pattern round the bore, that does not grow with heat
 FILM_OWN = 0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
+OF_LOG = {"friction": "friction_rel", "half-width": "half_width_rel", "ambient": "ambient_K"}  # [constants] widen them
 OWN = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
 
 
@@ -138,11 +139,13 @@ def loading_of(what: Unmeasured, disk: str, test: EhlTest, both: BothFit, power_
         return Loading({f"{what.name} {disk}, left out": 1.0})
     if kind == "static":
         return _static(place, disk, test, power_W)
-    if kind == "friction":
-        total = test.disks[DISKS[0]].uncertainty.friction_rel
-        by_zero = float(np.hypot(zero_u(test), test.added.u_N)) / test.friction_N
-        own = float(np.hypot(FRICTION_OWN_REL, by_zero)) / max(total, 1e-12)
-        return Loading({what.name: float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0))
+    if key := OF_LOG.get(what.name):
+        parts = [test.stated_u.get(key, 0.0)]
+        if kind == "friction":
+            parts += [FRICTION_OWN_REL, zero_u(test) / test.friction_N, test.added.u_N / test.friction_N]
+        total = getattr(test.disks[disk or DISKS[0]].uncertainty, key)
+        own = float(np.hypot.reduce(parts)) / max(total, 1e-12)
+        return Loading({f"{what.name} {disk}".strip(): float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0))
     if what.source == "film along the track":
         return Loading({f"{what.name} {disk}": float(np.sqrt(1 - FILM_OWN**2))}, FILM_OWN)
     if kind == "uneven":

@@ -180,6 +180,11 @@ def _settled(
     return replace(found, log_odds=0.5 * fall - found.volume, delta_chi2=fall)
 
 
+def cannot_be(beta: Estimate, *h: Estimate) -> bool:
+    """Whether no disk can do this: beta outside 0 to 1, or an h that is not above zero."""
+    return not 0 <= beta.value <= 1 or any(each.value <= 0 for each in h)
+
+
 def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:
     """Keys of what no disk can do: beta outside 0 to 1, h not above zero, an exponent that nothing tells; with a number
     goes the whole way that it stands in.
@@ -191,10 +196,10 @@ def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> f
     """
     out: set[str] = set()
     for way, hs in H_OF.items():
-        if not 0 <= answers[way].value <= 1 or any(answers[h].value <= 0 for h in hs):
+        if cannot_be(answers[way], *(answers[h] for h in hs)):
             out |= {way, *hs}
     if both:
-        if not 0 <= both["beta"].value <= 1 or min(both["h_fast"].value, both["h_slow"].value) <= 0:
+        if cannot_be(both["beta"], both["h_fast"], both["h_slow"]):
             out |= {f"both {name}" for name in both}
         if both["exponent"].u > EXPONENT_U:
             out.add("both exponent")

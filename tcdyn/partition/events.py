@@ -51,7 +51,8 @@ class EhlTest:
     not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
     see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore;
     ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed; ``air``: of each disk,
-    where channels of its own tell it, in place of ``ambient_degC``.
+    where channels of its own tell it, in place of ``ambient_degC``; ``stated_u``: the part of the disks'
+    ``friction_rel``, ``half_width_rel`` and ``ambient_K`` that ``[constants]`` states, this log's and not the rig's.
     """
 
     time_s: Array
@@ -75,6 +76,7 @@ class EhlTest:
     uneven: Mapping[str, Unevenness] = field(default_factory=dict)
     friction_noise_N: float = 0.0
     air: Mapping[str, DiskAir] = field(default_factory=dict)
+    stated_u: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def conditions(self) -> dict[str, float]:

@@ -12,6 +12,7 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, doubts, look, note
 from tcdyn.compensate.record import Compensated
 from tcdyn.fitting import minimise
+from tcdyn.partition.alternatives import cannot_be
 from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded, longer_than_lag
 from tcdyn.partition.cooling import (
     CoolingFit,
@@ -33,6 +34,7 @@ from tcdyn.partition.window import known_round, stretch_of
 
 NUMBERS = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
 SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])  # which of them the rim's form scales
+WAYS = ("joint", "cooling")
 COOLING, JOINT = NUMBERS.index("cooling"), NUMBERS.index("joint")
 
 
@@ -59,9 +61,16 @@ class OneDisk:
     noticed: tuple[Finding, ...]
 
     @property
+    def withheld(self) -> frozenset[str]:
+        """Ways that cannot be true, "joint" or "cooling": beta outside 0 to 1, or h not above zero; not to be shown."""
+        return frozenset(way for way in WAYS if cannot_be(self.answers[way], self.answers[f"h {way}"]))
+
+    @property
     def crosscheck(self) -> Finding:
-        """Whether the two ways agree."""
-        joint, cooling = (self.answers[way] for way in ("joint", "cooling"))
+        """Whether the two ways agree; where one is withheld, which."""
+        if self.withheld:
+            return look("answers.impossible", ways=[f"{way} {self.disk}" for way in WAYS if way in self.withheld])
+        joint, cooling = (self.answers[way] for way in WAYS)
         return (look if self.z > SUSPECT_Z else note)(
             "one_disk.ways", subject=self.disk, z=self.z, joint=joint.value, joint_u=joint.u, cooling=cooling.value,
             cooling_u=cooling.u,
@@ -75,7 +84,7 @@ class OneDisk:
     @property
     def status(self) -> str:
         """ "sound", "look" where something asks for a decision, "withheld" where beta cannot be true."""
-        if not 0 < self.answers["joint"].value < 1:
+        if "joint" in self.withheld:
             return "withheld"
         return "look" if doubts(self.findings) else "sound"
 
@@ -83,7 +92,7 @@ class OneDisk:
     def headline(self) -> Finding:
         """Beta by the joint fit of the disk, and what it rests on."""
         if self.status == "withheld":
-            return look("headline.withheld")
+            return look("headline.withheld", subject=self.disk)
         beta = self.answers["joint"]
         return note("one_disk.headline", subject=self.disk, beta=beta.value, u=beta.u)
 

@@ -151,6 +151,11 @@ def prepare(
     u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
     about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
     air = {d: a for d, (a, _) in about.items()}
+    stated_u = {
+        "friction_rel": sliding_rel,
+        "half_width_rel": load_rel / 3,  # b ~ W^(1/3)
+        "ambient_K": stated["ambient_degC"].u if "ambient_degC" in stated else 0.0,
+    }
     disks = {}
     for d in here:
         found += others[d]
@@ -158,11 +163,8 @@ def prepare(
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]
         own = traces.uncertainty
-        wider = {
-            "friction_rel": math.hypot(own.friction_rel, added.u_N / friction_N, sliding_rel),
-            "half_width_rel": math.hypot(own.half_width_rel, load_rel / 3),  # b ~ W^(1/3)
-            "ambient_K": math.hypot(own.ambient_K, stated["ambient_degC"].u if "ambient_degC" in stated else 0.0),
-        }
+        wider = {key: math.hypot(getattr(own, key), part) for key, part in stated_u.items()}
+        wider["friction_rel"] = math.hypot(wider["friction_rel"], added.u_N / friction_N)
         uncertainty = own.model_copy(update=wider)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
         disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
@@ -173,6 +175,7 @@ def prepare(
         power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
         ambient_degC=air[here[0]].faces,
         air=air if rig.air_columns() else {},
+        stated_u=stated_u,
         load_N=load_N,
         friction_N=friction_N,
         speed_ratio=ratio,

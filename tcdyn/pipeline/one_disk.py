@@ -19,7 +19,7 @@ from calibration.rig import Rig
 from tcdyn.campaign import sealed
 from tcdyn.campaign.stages import stage_of
 from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.one_disk import OneDisk, analyse_one
+from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import prepare, without_lost
 from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions
@@ -40,9 +40,11 @@ class OneDiskRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json``, null where a number needs both disks, sealed with its checksum."""
         p, d = self.partition, self.partition.disk
-        a = {key: NOTHING if p.status == "withheld" else e.model_dump() for key, e in p.answers.items()}
-        ways, check = {way: p.answers[way] for way in ("joint", "cooling")}, p.crosscheck
-        apart = ways["joint"].value - ways["cooling"].value
+        gone, check = p.withheld, p.crosscheck
+        hidden = {key for way in gone for key in (way, f"h {way}")} | ({"lag_s"} if "joint" in gone else set())
+        a = {key: NOTHING if key in hidden else e.model_dump() for key, e in p.answers.items()}
+        apart = p.answers["joint"].value - p.answers["cooling"].value
+        pair = {"one": f"joint {d}", "other": f"cooling {d}", "difference": apart, "z": p.z}
         return sealed({
             "schema": SCHEMA,
             "source": {"file": self.log.path.name, "sha256": self.log.sha256},
@@ -52,20 +54,33 @@ class OneDiskRun(Result):
                 f"{d}_line": {"intercept": a["intercept"], "slope": a["slope"]},
             },
             "transient": {d: {"beta": a["cooling"], "h": a["h cooling"], "window_s": p.cooling.window_s}},
-            "joint": {d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]}},
+            "joint": {
+                d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]},
+                "both": dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
+                "profiles": {},
+            },
             "headline": {"beta": a["joint"], "way": f"joint {d}", "sentence": p.headline.sentence, "range95": None},
             "status": p.status,
             "alternatives": [],
             "crosscheck": {
-                "z": p.z,
+                "z": None if gone else p.z,
                 "agree": check.grade == "note",
                 "sentence": check.sentence,
-                "pairs": [{"one": f"joint {d}", "other": f"cooling {d}", "difference": apart, "z": p.z}],
+                "p_value": None,
+                "suspects": [],
+                "strained": None,
+                "pairs": [] if gone else [pair],
             },
             "budget": [
-                {"source": source, "u_beta_steady": None, "u_beta_transient": cooling, "u_beta_joint": joint}
+                {
+                    "source": source,
+                    "u_beta_steady": None,
+                    "u_beta_transient": None if "cooling" in gone else cooling,
+                    "u_beta_joint": None if "joint" in gone else joint,
+                }
                 for source, (joint, cooling) in p.budget.items()
             ],
+            "surface": dict.fromkeys(("fast_max_degC", "slow_max_degC", "delta_T_us"), NOTHING),
             "noise": {d: p.test.disks[d].noise.to_dict()},
             "unevenness": {d: p.uneven.to_dict()},
             "sensors": {} if p.sensors is None else p.sensors.said,
@@ -78,19 +93,24 @@ class OneDiskRun(Result):
     def summary(self) -> str:
         """The answer in a few lines."""
         p, a = self.partition, self.partition.answers
-        if p.status == "withheld":
-            return p.headline.sentence
-        return "\n".join([
-            p.headline.sentence,
-            f"joint {p.disk:8}beta {a['joint']}   h {a['h joint']} W/m2K   lag {a['lag_s']} s",
-            f"cooling {p.disk:6}beta {a['cooling']}   h {a['h cooling']} W/m2K",
-            p.crosscheck.sentence,
-        ])  # fmt: skip
+        lag = {"joint": f"   lag {a['lag_s']} s", "cooling": ""}
+        said = [
+            f"{f'{way} {p.disk}':14}"
+            + ("withheld" if way in p.withheld else f"beta {a[way]}   h {a[f'h {way}']} W/m2K{lag[way]}")
+            for way in WAYS
+        ]
+        return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
-        a, d = self.partition.answers, self.partition.disk
-        rows = [(f"{way} fit, {d} disk", str(a[way]), str(a[f"h {way}"])) for way in ("joint", "cooling")]
+        p, a = self.partition, self.partition.answers
+        rows = [
+            (
+                f"{way} fit, {p.disk} disk",
+                *(("withheld", "") if way in p.withheld else (str(a[way]), str(a[f"h {way}"]))),
+            )
+            for way in WAYS
+        ]
         return pd.DataFrame(rows, columns=["way", "β [1]", "h [W/m²K]"])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from immersion.events import find_entry, probe_time, reconcile_entry, switch_time, useful_end
+from immersion.events import LATE_U_S, find_entry, probe_time, reconcile_entry, switch_time, useful_end
 
 T = np.arange(0, 60, 1 / 75)
 ENTRY = 20.004
@@ -77,3 +77,27 @@ def test_the_record_ends_when_the_disk_is_taken_out() -> None:
     bath = np.full(len(t), 110.0)
     assert useful_end(t, y[:, None], bath, 10.0) == pytest.approx(200, abs=0.2)
     assert useful_end(t, out[:, None], bath, 10.0) == pytest.approx(120, abs=1.5)  # one-second means
+
+
+def junctions(own_s: float, entry_s: float, lag_s: float = 0.7) -> tuple[np.ndarray, np.ndarray]:
+    """Six junctions of a disk on its way from 27 to 107 degC behind a lag, 600 s at 75 Hz with noise."""
+    t = np.arange(0, 600, 1 / 75)
+    since = np.clip(t - entry_s, 0, None)
+    way = 1 - (own_s * np.exp(-since / own_s) - lag_s * np.exp(-since / lag_s)) / (own_s - lag_s)
+    return t, 27 + 80 * way[:, None] + 0.12 * np.random.default_rng(1).standard_normal((len(t), 6))
+
+
+@pytest.mark.parametrize("own_s", [60.0, 120.0])
+@pytest.mark.parametrize("entry_s", [1.5, 3.0, 12.0, 40.0])
+def test_the_junctions_tell_an_entry_shortly_after_the_log_begins(own_s: float, entry_s: float) -> None:
+    t, readings = junctions(own_s, entry_s)
+    event = find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
+    assert event.source == "junctions"
+    assert abs(event.time_s - entry_s) < 1.5 * LATE_U_S
+
+
+@pytest.mark.parametrize("entry_s", [-5.0, 0.0])
+def test_junctions_that_rise_within_the_first_second_tell_no_entry(entry_s: float) -> None:
+    t, readings = junctions(120.0, entry_s)
+    with pytest.raises(InputError, match="no entry found"):
+        find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)

@@ -14,9 +14,12 @@ from calibration.finding import doubts
 from calibration.log import read_log
 from calibration.rig import load_rig, parse_rig
 from calibration.stated.running import air_name
+from tcdyn.campaign.compress import loading_of, unit_of
+from tcdyn.campaign.kept import Loading
 from tcdyn.partition.analyse import Partition, refine_lags
-from tcdyn.partition.effects import AIR, effects
+from tcdyn.partition.effects import AIR, OWN, STATED, effects
 from tcdyn.partition.events import EhlTest, find_events
+from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import lagged_window, stretch_of
 from tcdyn.pipeline.beta import prepare
 from tcdyn.simulate.truth import draw_truth
@@ -81,6 +84,26 @@ def test_what_is_stated_widens_what_hangs_on_it(made: StudyRig, tmp_path) -> Non
     steady = (test.time_s > test.events.unload_s - 100) & (test.time_s < test.events.unload_s - 1)
     assert test.load_N == pytest.approx(full.load_N, abs=300)
     assert test.power_W[steady].mean() == pytest.approx(full.power_W[steady].mean(), rel=0.1)
+    theirs = {"half-width": 100.0 / test.load_N / 3, "ambient": 3.0, "friction": 100.0 / sliding_rpm}
+    for what in (*STATED, *OWN):  # to a campaign what is stated is the test's own, the rest as much the rig's as ever
+        if what.name not in theirs:
+            continue
+        before, now = (_shared_and_own(what, t) for t in (full, test))
+        assert now[0] == pytest.approx(before[0], rel=1e-3)
+        assert now[1] == pytest.approx(np.hypot(before[1], theirs.pop(what.name)), rel=0.05)
+    assert theirs == {}
+
+
+def _shared_and_own(what: Unmeasured, test: EhlTest) -> tuple[float, float]:
+    """Of an unmeasured quantity that both disks have in common, the rig's uncertainty and the test's own, in its unit.
+
+    None of these hangs on a fit, so none is given.
+    """
+    assert what.shared
+    loading = loading_of(what, "", test, None, 300.0) or Loading({what.name: 1.0})  # type: ignore[arg-type]
+    size = unit_of(what, DISKS[0], test)
+    assert size is not None
+    return size * loading.shared[what.name], size * loading.own
 
 
 def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(made: StudyRig, tmp_path) -> None:

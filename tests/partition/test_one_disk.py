@@ -12,12 +12,14 @@ from typer.testing import CliRunner
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.estimate import Estimate
 from calibration.finding import doubts
 from calibration.record import write_record
 from tcdyn.cli.app import app
 from tcdyn.partition.joint import disk_fit
-from tcdyn.partition.one_disk import analyse_one
+from tcdyn.partition.one_disk import OneDisk, analyse_one
 from tcdyn.pipeline import compensate_log, estimate_one_disk
+from tcdyn.pipeline.one_disk import OneDiskRun
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]
@@ -37,8 +39,12 @@ def lone(made: StudyRig, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(made: StudyRig) -> None:
-    found = analyse_one(replace(made.test, disks={"slow": made.test.disks["slow"]}), sensor_check=False)
+@pytest.fixture(scope="module")
+def found(made: StudyRig) -> OneDisk:
+    return analyse_one(replace(made.test, disks={"slow": made.test.disks["slow"]}), sensor_check=False)
+
+
+def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(made: StudyRig, found: OneDisk) -> None:
     share, h = 1 - found.answers["joint"].value, found.answers["h joint"].value
     again = disk_fit(made.test, made.test.disks["slow"], share, h, 10.0, "modal")
     assert found.answers["joint"].value == pytest.approx(again.beta, abs=0.05 * again.estimates["beta"].u)
@@ -59,8 +65,50 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     kept = json.loads(out.read_text(encoding="utf-8"))
     assert kept["headline"]["way"] == "joint fast"
     assert kept["steady"]["beta"]["value"] is None
-    assert set(kept["joint"]) == {"fast"}
+    assert set(kept["joint"]) == {"fast", "both", "profiles"}
+    assert set(kept["crosscheck"]) == {"z", "agree", "sentence", "p_value", "suspects", "strained", "pairs"}
+    both = (*kept["joint"]["both"].values(), *kept["surface"].values(), kept["steady"]["beta"])
+    assert len(both) == 4 + 3 + 1
+    assert all(set(number.values()) == {None} for number in both)
+    crosscheck = kept["crosscheck"]
+    empty = (kept["joint"]["profiles"], crosscheck["suspects"], crosscheck["strained"], crosscheck["p_value"])
+    assert not any(empty)
     assert "one_disk.only" in [f["code"] for f in kept["findings"]]
+
+
+@pytest.mark.parametrize(
+    ("impossible", "status", "gone"),
+    [
+        ({"cooling": 1.3}, "look", {"cooling"}),
+        ({"h cooling": -40.0}, "look", {"cooling"}),
+        ({"joint": 1.3}, "withheld", {"joint"}),
+        ({"h joint": -40.0, "cooling": -0.2}, "withheld", {"joint", "cooling"}),
+    ],
+)
+def test_what_no_disk_can_do_is_printed_nowhere(
+    impossible: dict[str, float], status: str, gone: set[str], made: StudyRig, found: OneDisk
+) -> None:
+    wrong = {key: Estimate.normal(value, 0.0123) for key, value in impossible.items()}
+    p = replace(found, answers={**found.answers, **wrong})
+    run = OneDiskRun(made.log, p)
+    kept, text, card = run.to_dict(), run.summary(), run.card()
+    assert p.withheld == gone
+    assert kept["status"] == status
+    for way, group in (("joint", kept["joint"]["slow"]), ("cooling", kept["transient"]["slow"])):
+        hidden = {group[key]["value"] is None for key in group if key != "window_s"}
+        assert hidden == {way in gone}
+        assert {row[f"u_beta_{'joint' if way == 'joint' else 'transient'}"] is None for row in kept["budget"]} == hidden
+        told = card[card["way"] == f"{way} fit, slow disk"].iloc[0]
+        assert (told["β [1]"] == "withheld") == (way in gone)
+    assert (kept["headline"]["beta"]["value"] is None) == ("joint" in gone)
+    assert kept["crosscheck"]["pairs"] == []
+    assert kept["crosscheck"]["z"] is None
+    assert not kept["crosscheck"]["agree"]
+    for value in impossible.values():
+        assert str(abs(value)) not in text + json.dumps([kept["findings"], kept["crosscheck"], kept["headline"]])
+    assert ("of the slow disk finds is impossible" in text) == ("joint" in gone)
+    assert "impossible numbers" in text
+    assert "both disks" not in text
 
 
 def test_a_report_of_one_disk_and_a_forgotten_record_are_refused(made: StudyRig, lone: Path, tmp_path: Path) -> None:
