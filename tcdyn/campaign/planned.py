@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
 from calibration import Array
 from calibration.disk import CHANNELS, DISKS, INNER_ROW
@@ -25,7 +26,7 @@ from calibration.rig import Rig
 from tcdyn.campaign.compress import compressed
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.kept import KeptTest
-from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.posterior import Posterior, by_shared, solve
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
@@ -157,8 +158,21 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
 def predict_campaign(plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None) -> PlannedCampaign:
     """Expected uncertainties of all planned tests together on the rig with the junctions of rig.toml."""
     kept = [planned_test(one, rig, logging or Logging()) for one in plan]
-    alone = tuple(solve([k]).estimates[0]["beta"].u for k in kept)
-    return PlannedCampaign(solve(kept), alone)
+    alone = tuple(as_expected(solve([k])).estimates[0]["beta"].u for k in kept)
+    return PlannedCampaign(as_expected(solve(kept)), alone)
+
+
+def as_expected(posterior: Posterior) -> Posterior:
+    """``posterior`` with what Birge's ratio, never below one, will widen it by on average.
+
+    E max(1, X/v) = P(X < v) + P(Y > v), X chi-squared on v degrees of freedom, as many as the data tell of the shared
+    quantities, and Y on v + 2.
+    """
+    told = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
+    widened = float(stats.chi2.cdf(told, told) + stats.chi2.sf(told, told + 2))
+    by = by_shared(posterior.reduced, posterior.shared)
+    more = (widened - posterior.widened) * by @ posterior.shared_covariance @ by.T
+    return replace(posterior, covariance=posterior.covariance + more, widened=widened)
 
 
 def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
