@@ -14,6 +14,7 @@ from calibration.errors import InputError
 from calibration.finding import Grade
 from tcdyn.identify import IOData, compare, fit, from_control, from_frame, process, several, simulate
 from tcdyn.identify.choose.comparison import not_worse
+from tcdyn.report.dynamics import intervals_said, noise_said
 from tests.identify.test_identify_several import plant
 
 LOOK, NOTE = Grade.LOOK, Grade.NOTE
@@ -66,3 +67,16 @@ def test_a_larger_sum_that_ended_worse_is_begun_at_the_smaller_one():
     worse = replace(large, identified=replace(large.identified, statistics={**large.identified.statistics, "rms": 9.0}))
     again = not_worse(worse, others, data, options)
     assert again.identified.statistics["rms"] <= others["small"].identified.statistics["rms"] * (1 + 1e-6)
+
+
+def test_the_page_says_where_intervals_come_from_and_what_was_taken_for_the_input_s_noise():
+    data = replace(plant(5, 200).select("heat"), input_units=("degC",))
+    plain, spiked, slow = (
+        fit(data, "P1D", intervals="quadratic", check=False, **how)
+        for how in ({"input_noise": 0.0}, {"loss": "huber", "input_noise": 0.02}, {"noise": "slow", "input_noise": 0.0})
+    )
+    assert "profile likelihood" in intervals_said(plain)
+    assert noise_said(plain, data) == "is known without error"
+    assert "robust loss (huber)" in intervals_said(spiked)
+    assert noise_said(spiked, data) == "is measured with noise (heat of sd 0.02 degC)"
+    assert "first-order disturbances averaged" in intervals_said(slow)
