@@ -44,6 +44,8 @@ def test_an_input_set_in_small_steps_is_held_and_where_rounding_looks_alike_the_
     told = compare(found["stairs"], "P1").summary()
     assert "Input stairs moves by its least step of 1 only" in told
     assert not from_frame(frame, input="stairs", output="y", hold="zoh").findings
+    both = from_frame(frame, input=["stairs", "ramp"], output="y")
+    assert [f.subject for f in both.select("ramp").findings] == ["ramp"]
 
 
 def test_models_of_one_name_are_told_apart_and_one_that_stands_twice_is_compared_once():

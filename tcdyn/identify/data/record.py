@@ -181,6 +181,7 @@ class IOData(Result):
             output_names=tuple(self.output_names[k] for k in o),
             input_units=tuple(self.input_units[k] for k in i),
             output_units=tuple(self.output_units[k] for k in o),
+            findings=tuple(f for f in self.findings if f.subject in {self.input_names[k] for k in i}),
         )
 
     def times_s(self, index: int = 0) -> Array:

@@ -109,10 +109,9 @@ def from_frame(
         return replace(data, hold=check_hold(hold, where))
     asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
     kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
-    grade = note if kind == "zoh" else look
     told = [
-        grade("record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2)
-        for name, (_, step) in zip(inputs, asked)
+        (note if held else look)("record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2)
+        for name, (held, step) in zip(inputs, asked)
         if step
     ]
     return replace(data, hold=kind, findings=tuple(told))
