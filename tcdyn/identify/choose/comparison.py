@@ -106,7 +106,7 @@ def compare(
     (:func:`tcdyn.identify.choose.grow.grown`), each with the known part, the offset and the fixed gain of ``like``; of
     several inputs it finds those that matter.
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
-    scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
+    scores come from a second fit to the rest. ``options``, no ``start``, go to :func:`fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
     with their initial states estimated. Without ``noise`` and ``baseline`` the noise is white, unless the residuals of
     the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
