@@ -19,7 +19,9 @@ from calibration.words.sensor import SENSOR
 from calibration.words.traces import COMPENSATE, PIPELINE, TRACES
 
 # what sentences name as a caller in Python would write it; a command line puts its own options there
-SPOKEN = ("structure=", "loss=huber", "initial=", "models=", "narx=True", "gain=", "records=", "noise=", "baseline=")
+SPOKEN = (
+    "structure=", "loss=huber", "initial=", "models=", "narx=True", "gain=", "records=", "noise=", "baseline=", "hold=",
+)  # fmt: skip
 
 
 # a file from before findings were kept: the sentence as it stood there

@@ -170,6 +170,9 @@ IDENTIFY: dict[str, Words] = {
     "residuals.spikes": _spikes,
     "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
     "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
+    "record.hold": "Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and "
+    "rounded to them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half "
+    "a sample, {half_s:.3g} s: give hold=zoh if it was set, hold=foh if it was measured.",
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
     "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
     "rms: fit with initial=estimated.",

@@ -118,7 +118,7 @@ def rig(
 def transducer(
     table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
-    of: Annotated[str | None, typer.Option(help="load or friction: print only the lines for the rig file")] = None,
+    of: Annotated[str | None, typer.Option(help="load or friction: print only what the rig file takes")] = None,
     weights_rel: Annotated[
         float, bounded("--weights-rel", "relative standard uncertainty of all weights and the lever in common", 0, 0.5)
     ] = 0.001,
@@ -127,11 +127,11 @@ def transducer(
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
-    With --of friction its uncertainty as friction_rel, to which beta of a single disk is proportional; with --of load
-    what the load makes of the track's half width, its cube root. The zero is taken anew in each test. Exit code 1 where
-    the sessions' gains differ.
+    With --of friction its uncertainty as friction_rel, a key under [uncertainty] of the rig file, to which beta of a
+    single disk is proportional; with --of load what the load makes of the track's half width, its cube root. The zero
+    is taken anew in each test. Exit code 1 where the sessions' gains differ.
 
-    Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction >> rig.toml
+    Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction
     """
     if of is not None:
         check_choice("--of", of, ("load", "friction"))
@@ -145,10 +145,13 @@ def transducer(
         say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
     else:
         u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
-        keys = {"friction_rel": u} if of == "friction" else {}
-        said += [] if keys else [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
-        lines = [f"# {each}" for each in said] + ["[uncertainty]"] * len(keys)
-        lines += [f"{name} = {value:.3g}" for name, value in keys.items()]
+        keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
+        if of == "friction":
+            said += ["under [uncertainty] of the rig file, in place of the friction_rel that stands there:"]
+            lines = [*(f"# {each}" for each in said), f"friction_rel = {u:.3g}"]
+        else:
+            said += [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
+            lines = [f"# {each}" for each in said]
         say(dump(keys).rstrip() if json_ else "\n".join(lines), quiet)
     if line.findings:
         raise typer.Exit(1)

@@ -74,7 +74,7 @@ class NoiseGrid:
     def of(cls, slopes: Slopes, box: Array) -> NoiseGrid:
         """The grid within ``box``, drawn closer about what is likely; where the likelihood is flat it stays wide."""
         whole = widest(len(slopes.residual))
-        for _ in range(ZOOMS):
+        for zoom in range(ZOOMS):
             step = np.ptp(box, axis=1) / GRID
             places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(noise_of(*place) for place in places.tolist())
@@ -83,7 +83,7 @@ class NoiseGrid:
             kept = places[height > height.max() - DEEP]
             closer = np.column_stack([kept.min(axis=0) - step, kept.max(axis=0) + step])
             closer = np.clip(closer, whole[:, :1], whole[:, 1:])
-            if np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(np.ptp(box, axis=1)):
+            if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(np.ptp(box, axis=1)):
                 break
             box = closer
         return cls(box, places, noises, nodes)

@@ -39,6 +39,7 @@ class Identified(Dynamics, Result):
     """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
 
     ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation said.
+    Of a model that is of no record ``dt_s`` is 0.
     """
 
     model: Model
@@ -102,9 +103,11 @@ class Identified(Dynamics, Result):
         table = np.asarray(u, dtype=float).reshape(len(u), -1)
         if table.shape[1] != len(self.parts):
             raise InputError(f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}")
+        if not (dt := dt_s or self.dt_s):
+            raise InputError("the model is of no record", expected="the sampling interval", remedy="give dt_s=..")
         each = zip(self.parts.values(), table.T)
-        y = [simulate(m.rational, v, dt_s or self.dt_s, hold or self.hold, start) for m, v in each]
-        return np.asarray(np.sum(y, axis=0) + self.offset)
+        y = sum(simulate(m.rational, v, dt, hold or self.hold, start) for m, v in each)
+        return np.asarray(y + self.offset)
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
         """The model as a ``control.TransferFunction``, a row of one entry for each input; dead times by their Pade form
@@ -153,11 +156,12 @@ class Identified(Dynamics, Result):
         """The table people read: parameters, the lag, how well it fits, what validation said and was noticed."""
         m, s = self.model, self.statistics
         wide = max(5, *map(len, m.names)) + 2 * bool(m.inputs)
-        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {self.hold.upper()}, dt = {self.dt_s:g} s"]
+        how = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
+        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {how}"]
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
             lines.append(f"  {name:{wide}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
         lines += [f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
-        table = self.correlation.to_numpy()
+        table = self.correlation.to_numpy()[: len(m.free) * bool(self.covariance.any())]
         pairs = sorted(combinations(range(len(table)), 2), key=lambda ij: -abs(table[ij]))[:SHOWN]
         said = ", ".join(f"{m.free[i]}-{m.free[j]} {table[i, j]:.2f}" for i, j in pairs)
         lines += [f"  correlations {said}"] if said else []
@@ -254,8 +258,9 @@ def from_control(
     """A continuous ``control`` system of one output as an :class:`Identified`, without uncertainty.
 
     ``compare(data, from_control(g), "P2D")`` compares it as it stands; ``fit(data, g.model, start=g.theta)`` begins at
-    it. ``delay_s`` is the dead time behind each input, or behind all, which such a system does not hold. Raises
-    InputError for a discrete or unstable system, several outputs, or more zeros than poles.
+    it. ``delay_s`` is the dead time behind each input, or behind all, which such a system does not hold; inputs without
+    labels (u[0], u[1]) are those of the data by their place. Raises InputError for a discrete or unstable system,
+    several outputs, no static gain, or more zeros than poles.
     """
     import control
 
@@ -273,6 +278,8 @@ def from_control(
         one = system[0, k] if system.ninputs > 1 else system
         ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
         num, den = (np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
+        if not len(num) or abs(num[0]) < 1e-12 * np.max(np.abs(num)):
+            raise InputError(f"input {k + 1} has a static gain of zero", where=where, expected="a lag relative to it")
         integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
         den = den[1:] if integrates else den
         poles = np.polynomial.polynomial.polyroots(den)
@@ -289,6 +296,5 @@ def from_control(
     names = tuple(map(str, system.input_labels))
     model = parts[0] if len(parts) == 1 else several(parts, names)
     theta = {w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()}
-    size = len(model.free)
     estimates = {n: Estimate.normal(theta[n], 0.0) for n in model.free}
-    return Identified(model, theta, np.zeros((size, size)), estimates, input_name=", ".join(names))
+    return Identified(model, theta, np.zeros((len(theta),) * 2), estimates, dt_s=0.0, input_name=", ".join(names))

@@ -97,8 +97,12 @@ def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:
 def step_times(model: Dynamics, count: int = 1200) -> Array:
     """An even time grid [s] that holds the whole step response."""
     g = model.rational
-    slowest = max((float(1 / np.min(np.abs(f.poles.real))) for f in g.factors), default=1.0)
-    return np.linspace(0.0, g.delay_s + 8 * slowest, count + 1)
+    return np.linspace(0.0, g.delay_s + 8 * slowest_s(g), count + 1)
+
+
+def slowest_s(g: Rational) -> float:
+    """Time constant of the slowest pole [s]; 1 where there is none."""
+    return max((float(1 / np.min(np.abs(f.poles.real))) for f in g.factors), default=1.0)
 
 
 def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
@@ -133,14 +137,16 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
 
 
 def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
-    """Magnitude and phase with their bands; by default two decades either side of the slowest corner.
+    """Magnitude and phase with their bands; by default two decades either side of the slowest corner, and of a
+    model of a record to half its sampling rate.
 
     d(20 lg|G|) = 20/ln 10 Re(dG/G), d(phase) = Im(dG/G).
     """
     g = model.rational
     if frequency_Hz is None:
-        corner = 1 / (2 * np.pi * max(g.lag_s, model.dt_s)) if not g.integrators else 0.1 / model.dt_s
-        frequency_Hz = np.geomspace(corner / 100, min(corner * 100, 0.5 / model.dt_s), 200)
+        scale_s, top_Hz = (g.lag_s, 0.5 / model.dt_s) if model.dt_s else (slowest_s(g), np.inf)
+        corner = 0.1 / model.dt_s if g.integrators and model.dt_s else 1 / (2 * np.pi * max(scale_s, model.dt_s))
+        frequency_Hz = np.geomspace(corner / 100, min(corner * 100, top_Hz), 200)
     f = np.asarray(frequency_Hz, dtype=float)
     value = g.frequency_response(f)
     relative = model.model.chain_rule(model.theta).T @ (g.frequency_sensitivity(f) / value)

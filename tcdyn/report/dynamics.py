@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration.disk import Conditioning
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
-from tcdyn.identify import Comparison, IOData
+from tcdyn.identify import Comparison, Fit, IOData
 from tcdyn.identify.advice import COLUMNS, order_table
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
@@ -44,6 +44,22 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
     )
 
 
+def intervals_said(best: Fit) -> str:
+    """Where the intervals of the parameters come from (:func:`tcdyn.identify.fit`)."""
+    if best.loss != "linear":
+        return f"Intervals are quadratic, from the covariance of the robust loss ({best.loss})."
+    if best.noise.averaged:
+        return "Intervals are quadratic and hold what is not known of the noise: all first-order disturbances averaged."
+    return "Where the quadratic intervals are poor these are of the profile likelihood."
+
+
+def noise_said(best: Fit, record: IOData) -> str:
+    """What the fit took for the noise of each input."""
+    each = zip(record.input_names, record.input_units, best.problem.input_sds)
+    noisy = [f"{name} of sd {sd:.2g} {unit}".rstrip() for name, unit, sd in each if sd]
+    return f"is measured with noise ({', '.join(noisy)})" if noisy else "is known without error"
+
+
 def write_identify_report(
     path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = ""
 ) -> None:
@@ -57,7 +73,7 @@ def write_identify_report(
         Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
         Section(
             f"{model.model.name}: parameters",
-            f"Where the quadratic intervals are poor these are of the profile likelihood. {removal}",
+            f"{intervals_said(best)} {removal}",
             model.card(),
         ),
         Section(
@@ -89,7 +105,7 @@ def write_identify_report(
         findings=[*missed, *model.findings],
         assumptions=[
             f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
-            "is known without error, and the system is linear and does not change in time",
+            f"{noise_said(best, record)}, and the system is linear and does not change in time",
             *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
             *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
         ],

@@ -110,13 +110,17 @@ def test_a_transducers_gain_and_zero_are_printed_and_written(tmp_path, capsys):
 
 
 def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_path, capsys):
-    from calibration.rig import load_rig
+    from calibration.rig import load_rig, rig_toml
 
     volts, force, session = sessions(0)
     path, rig = tmp_path / "torque.csv", tmp_path / "rig.toml"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "--of", "friction", "--weights-rel", "0.002") == 0
-    rig.write_text(capsys.readouterr().out)
+    said = capsys.readouterr().out
+    assert "under [uncertainty]" in said
+    shown, new = rig_toml(load_rig()), said.splitlines()[-1]
+    assert shown.count("\nfriction_rel = ") == 1
+    rig.write_text("\n".join(new if line.startswith("friction_rel = ") else line for line in shown.splitlines()))
     line = fit_transducer(volts, force, session)
     expected = np.hypot(line.slope_N_V.u / line.slope_N_V.value, 0.002)
     assert load_rig(rig).disk_setup("fast") == load_rig().disk_setup("fast")
@@ -125,6 +129,8 @@ def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_pat
     said = capsys.readouterr().out
     assert "half_width_rel" in said
     assert all(each.startswith("# ") for each in said.splitlines())  # nothing of it changes a rig file
+    assert tcdyn("transducer", path, "--of", "load", "--weights-rel", "0.002", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"half_width_rel_by_load": pytest.approx(expected / 3)}
     assert tcdyn("transducer", path, "--of", "speed") == 2
     assert "load or friction" in capsys.readouterr().err
 

@@ -23,6 +23,7 @@ from tcdyn.fitting import (
     sandwich,
     wave_factor,
 )
+from tcdyn.fitting.average import GRID, ZOOMS, NoiseGrid, Slopes, widest
 
 
 def line(design: Array, y: Array) -> Evaluate:
@@ -246,3 +247,24 @@ def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     white = rng.standard_normal((5000, 3))
     assert wave_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
     assert wave_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50
+
+
+@pytest.mark.parametrize("width", [0.5, 0.05, 0.0005])
+def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_closer(width):
+    class Peaked(Slopes):
+        """ln likelihood that falls by 0.5 within ``width`` of one noise."""
+
+        def given(self, noise):
+            a, c = noise.ar[0], noise.ma[0]
+            asked.append((a, c))
+            return -0.5 * ((a + 0.8) ** 2 + (c + 0.3) ** 2) / width**2, np.zeros(1), np.eye(1)
+
+    asked: list[tuple[float, float]] = []
+    n = 2000
+    slopes = Peaked(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
+    grid = NoiseGrid.of(slopes, widest(n))
+    step = np.ptp(grid.box, axis=1) / GRID
+    assert np.allclose(grid.places.min(axis=0), grid.box[:, 0] + 0.5 * step)
+    assert np.allclose(grid.places.max(axis=0), grid.box[:, 1] - 0.5 * step)
+    assert len(grid.places) == len(grid.nodes) == GRID[0] * GRID[1]
+    assert (len(asked) == ZOOMS * len(grid.nodes)) == (width < 0.001)

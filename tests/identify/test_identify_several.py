@@ -14,7 +14,18 @@ from matplotlib.figure import Figure
 from scipy.signal import cont2discrete, lfilter
 
 from calibration.errors import InputError
-from tcdyn.identify import Identified, IOData, compare, fit, from_control, from_csv, from_frame, roots_of, several
+from tcdyn.identify import (
+    Identified,
+    IOData,
+    bode_band,
+    compare,
+    fit,
+    from_control,
+    from_csv,
+    from_frame,
+    roots_of,
+    several,
+)
 from tcdyn.identify.choose.grow import begin, successors
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
@@ -143,7 +154,14 @@ def test_a_control_system_is_compared_as_it_stands_and_begun_at():
     u, two = plant(6).runs[0].u, fit(plant(6), joined, intervals="quadratic", check=False).identified
     again = from_control(two.state_space(0), delay_s=[two.theta["Td.heat"], 0.0])
     assert np.allclose(again.simulate(u, DT, "zoh"), two.simulate(u) - two.offset, atol=1e-6)
+    unnamed = control.combine_tf([[control.tf([2.0], [8.0, 1.0]), control.tf([-1.0], [3.0, 1.0])]])
+    placed = compare(plant(6), from_control(unnamed, delay_s=[1.5, 0.0])).best.identified  # u[0], u[1]
+    assert placed.model.inputs == ("heat", "fan")
+    assert placed.theta["a1.fan"] == 3.0
+    assert "correlations" not in given.summary()
+    assert bode_band(from_control(control.tf([1.0], [1e-3, 1.0]))).magnitude_dB.x[-1] == pytest.approx(1e5 / 2 / np.pi)
     for system, words in (
+        (control.tf([1.0, 0.0], [1.0, 2.0, 1.0]), "static gain of zero"),
         (control.tf([1.0], [1.0, -0.5], DT), "discrete"),
         (control.tf([1.0], [1.0, -1.0]), "left half plane"),
         (control.tf([[[1.0]], [[1.0]]], [[[1.0, 1.0]], [[1.0, 1.0]]]), "2 outputs"),

@@ -19,7 +19,7 @@ from tcdyn.identify.choose.grow import Entry, Progress, Way, listed
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
-from tcdyn.identify.models import Model, process
+from tcdyn.identify.models import Model, bare, process
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import Validation, coloured, validate
 
@@ -102,16 +102,22 @@ def compare(
 
     ``models``, or one list of them, are models to be fitted by name or value, or those that are (a :class:`Fit`, an
     :class:`Identified`, also of :func:`tcdyn.identify.from_control`), which are compared as they stand but for their
-    offset. Without any they are the way of a search that grows from one lag on
+    offset; two of one name are numbered. Without any they are the way of a search that grows from one lag on
     (:func:`tcdyn.identify.choose.grow.grown`), each with the known part, the offset and the fixed gain of ``like``; of
     several inputs it finds those that matter.
     ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
-    scores come from a second fit to the rest. ``options`` go to :func:`tcdyn.identify.fit`; without ``initial`` the
+    scores come from a second fit to the rest. ``options``, no ``start``, go to :func:`fit`; without ``initial`` the
     runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
     with their initial states estimated. Without ``noise`` and ``baseline`` the noise is white, unless the residuals of
     the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
     recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
     """
+    if "start" in options:
+        raise InputError(
+            "start is given, but each search begins where a simpler model ended",
+            where="compare",
+            remedy="pass fit(data, model, start=..) as a model: it is compared as it stands",
+        )
     entries: list[Entry] = []
     for m in models:
         entries += [m] if isinstance(m, Entry) else m
@@ -219,7 +225,15 @@ def compared(
     if not fits:
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
-    return Comparison(table, fits, *recommend(table, overdamped(fits)), grown=any(refused for *_, refused in models))
+    chosen = recommend(table, overdamped(fits))
+    fits = {name: noted(found, data.findings) for name, found in fits.items()}
+    return Comparison(table, fits, *chosen, grown=any(refused for *_, refused in models))
+
+
+def noted(found: Fit, findings: tuple[Finding, ...]) -> Fit:
+    """``found`` with what was noticed in its data."""
+    told = replace(found.identified, findings=(*found.identified.findings, *findings))
+    return replace(found, identified=told) if findings else found
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:
@@ -241,7 +255,8 @@ def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapp
     for other in others.values():
         inside = set(other.problem.model.names) < set(model.names) and other.problem.model.kind == model.kind
         if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (1 - 1e-6):
-            extra = {n: 0.02 * abs(other.identified.lag_s.value) for n in model.names if n not in ("Tz", "Td")}
+            size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
+            extra = {n: size for n in model.names if bare(n) not in ("Tz", "Td")}
             start = {**extra, **other.identified.theta}
             again = fit(data, model, **{**options, "start": start})
             if again.identified.statistics["rms"] < found.identified.statistics["rms"]:

@@ -245,10 +245,15 @@ def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dic
 def entry(given: Entry, data: IOData) -> Model:
     """The model to be fitted: the one that was named, behind each input where there are several, or one that stands."""
     found = given.identified if isinstance(given, Fit) else given
-    if isinstance(found, Identified):
-        return replace(found.model, name=f"{found.model.name} as given", fixed=found.theta)
-    model = as_model(found)
     names = data.input_names
+    if isinstance(found, Identified):
+        model, theta = found.model, found.theta
+        if model.inputs == tuple(f"u[{k}]" for k in range(len(names))):  # control's own labels: by their place
+            model = several(model.parts, names)
+            own = (found.model.branch(k)[1] for k in range(len(names)))
+            theta = {f"{n}.{u}": theta[w] for u, named in zip(names, own) for n, w in named.items()}
+        return replace(model, name=f"{model.name} as given", fixed=theta)
+    model = as_model(found)
     return model if model.parts or len(names) == 1 else several([model] * len(names), names)
 
 
@@ -260,9 +265,15 @@ def listed(
     progress: Progress,
     options: Mapping[str, Any],
 ) -> Way:
-    """The ``models``, begun nowhere, or where there are none those of the way from one lag on."""
+    """The ``models`` under a name each, begun nowhere, or where there are none those of the way from one lag on."""
     if models:
-        return [(m, None if m.free else {}, False) for m in (entry(m, data) for m in models)]
+        named: dict[str, Model] = {}
+        for model in (entry(m, data) for m in models):
+            like_it = [n for n in named if re.fullmatch(re.escape(model.name) + r"(, \d+)?", n)]
+            if all(replace(named[n], name=model.name) != model for n in like_it):
+                name = f"{model.name}, {len(like_it) + 1}" if like_it else model.name
+                named[name] = replace(model, name=name)
+        return [(m, None if m.free else {}, False) for m in named.values()]
     train, test, from_s = divide(data, held_out)
     quick = {**options, "intervals": "quadratic", "check": False}
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.finding import Finding, once
 from calibration.result import Result
 
 Hold = Literal["zoh", "foh"]
@@ -58,6 +59,7 @@ class IOData(Result):
     input_units: tuple[str, ...] = ("",)
     output_units: tuple[str, ...] = ("",)
     name: str = ""
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
     def from_arrays(
@@ -103,7 +105,8 @@ class IOData(Result):
         """Names, runs, samples and what is missing."""
         said = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}: {len(self.runs)} run(s), "
         said += f"{self.n_samples} samples every {self.dt_s:g} s, input {self.hold.upper()}"
-        return said + (f", {self.missing} output values missing" if self.missing else "")
+        said += f", {self.missing} output values missing" if self.missing else ""
+        return "\n".join([said, *(f"  {f.sentence}" for f in self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
         """Names, units, sampling and length of each run; the samples are in ``runs``."""
@@ -115,6 +118,7 @@ class IOData(Result):
             "hold": self.hold,
             "runs": [{"name": r.name, "start_s": r.start_s, "samples": r.n} for r in self.runs],
             "missing": self.missing,
+            "findings": [f.to_dict() for f in self.findings],
         }
 
     @property
@@ -143,7 +147,8 @@ class IOData(Result):
                     expected=f"dt_s {self.dt_s}, hold {self.hold}, {self.input_names} -> {self.output_names}",
                     remedy="resample or rename one of them first",
                 )
-        return replace(self, runs=sum((o.runs for o in others), self.runs))
+        findings = tuple(once(f for each in (self, *others) for f in each.findings))
+        return replace(self, runs=sum((o.runs for o in others), self.runs), findings=findings)
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> IOData:
         """The samples with start_s <= time <= end_s of every run; runs left empty are dropped."""
@@ -176,6 +181,7 @@ class IOData(Result):
             output_names=tuple(self.output_names[k] for k in o),
             input_units=tuple(self.input_units[k] for k in i),
             output_units=tuple(self.output_units[k] for k in o),
+            findings=tuple(f for f in self.findings if f.subject in {self.input_names[k] for k in i}),
         )
 
     def times_s(self, index: int = 0) -> Array:

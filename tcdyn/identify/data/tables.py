@@ -15,13 +15,14 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.files import CsvTable, open_table, read_whole, text_of
 from calibration.files.dialect import CLOCK, TextColumn
-from calibration.finding import Place
+from calibration.finding import Place, look, note
 from tcdyn.identify.data.record import Hold, IOData, check_hold
 from tcdyn.identify.data.segments import REPEATED
 
 TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
 MOST_SAMPLES = 5e7  # of one run on an even grid
 JUMP = 0.05  # of its range, by which an input that was set moves; rounding makes smaller steps
+ALONE = 0.95  # share of the moves of a staircase before and after which it stays
 JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
 
 
@@ -41,9 +42,10 @@ def from_frame(
     column whose values name separate recordings.
 
     ``time`` is a column in seconds or of clock times (found by itself when called time_s, time, t or t_s); without one
-    give ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it, else "foh". Rows
-    missing from an even time grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by
-    straight lines. Raises InputError naming column, row and remedy.
+    give ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it, else "foh"; where
+    the input alone cannot tell (:func:`was_set`) the data's ``findings`` ask for it. Rows missing from an even time
+    grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by straight lines. Raises
+    InputError naming column, row and remedy.
 
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
@@ -103,19 +105,36 @@ def from_frame(
             )
         )
     data = parts[0].merge(*parts[1:])
-    held = all(was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs)))
-    return replace(data, hold=("zoh" if held else "foh") if hold == "auto" else check_hold(hold, where))
+    if hold != "auto":
+        return replace(data, hold=check_hold(hold, where))
+    asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
+    kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
+    told = [
+        (note if held else look)("record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2)
+        for name, (held, step) in zip(inputs, asked)
+        if step
+    ]
+    return replace(data, hold=kind, findings=tuple(told))
 
 
-def was_set(u: Array) -> bool:
-    """Whether a computer set the input ``u`` (N,): it mostly stays, and moves by a twentieth of its range or more."""
-    moved = np.abs(np.diff(u[np.isfinite(u)]))
-    jumps = moved[moved > 0]
-    return (
-        len(jumps) > 0
-        and len(jumps) < (1 - REPEATED) * len(moved)
-        and np.median(jumps) > JUMP * np.nanmax(np.ptp(u[np.isfinite(u)]))
-    )
+def was_set(u: Array) -> tuple[bool, float]:
+    """Whether a computer set the input ``u`` (N,), and its least step where that cannot be told from a measured input
+    that is rounded to it.
+
+    One that was set mostly stays, and moves by a twentieth of its range or more, or between two samples that stay. One
+    that is measured in steps moves, when slow, by one step at a time: so does a staircase of equal steps, which is
+    taken as set where a step is a twentieth of the range or more.
+    """
+    u = u[np.isfinite(u)]
+    moved = np.abs(np.diff(u))
+    at = np.flatnonzero(moved)
+    if not 0 < len(at) < (1 - REPEATED) * len(moved):
+        return False, 0.0
+    stays, step = np.concatenate([[True], moved == 0, [True]]), float(moved[at].min())
+    alone, large = float(np.mean(stays[at] & stays[at + 2])), bool(np.median(moved[at]) > JUMP * np.ptp(u))
+    if np.ptp(u) < 2.5 * step or np.mean(moved[at] < 1.5 * step) <= 0.5:
+        return large or alone > 0.5, 0.0
+    return large and alone > ALONE, step if large or alone > ALONE else 0.0
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:

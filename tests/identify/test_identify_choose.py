@@ -1,0 +1,84 @@
+"""Which models and which hold are compared: names, starts, inputs set in small steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import lfilter
+
+from calibration.errors import InputError
+from calibration.finding import Grade
+from tcdyn.identify import IOData, compare, fit, from_control, from_frame, process, several, simulate
+from tcdyn.identify.choose.comparison import not_worse
+from tcdyn.report.dynamics import intervals_said, noise_said
+from tests.identify.test_identify_several import plant
+
+LOOK, NOTE = Grade.LOOK, Grade.NOTE
+
+
+def test_an_input_set_in_small_steps_is_held_and_where_rounding_looks_alike_the_user_is_asked():
+    rng, t = np.random.default_rng(0), np.arange(800.0)
+    u = np.repeat(np.cumsum(rng.choice([-1, 1, 0.5], 80)), 10)
+    y = simulate(process("P1D").rational({"Kp": 1.0, "Tp1": 0.8, "Td": 0.13}), u, 0.1, "zoh")
+    each = {
+        "small": u,
+        "levels": np.repeat(rng.normal(size=80), 10),
+        "noisy": np.round(t / 40 + 0.2 * rng.normal(size=800)),
+    }
+    each |= {
+        "lagged": np.round(100 * lfilter([0.1], [1, -0.9], t % 200 > 99)),
+        "stairs": t // 10,
+        "ramp": np.round(t / 10),
+    }
+    frame = pd.DataFrame({"t": t / 10, "y": y + 0.01 * rng.normal(size=800), **each, "few": t // 200})
+    found = {name: from_frame(frame, input=name, output="y") for name in (*each, "few")}
+    assert [d.hold for d in found.values()] == ["zoh", "zoh", "foh", "foh", "foh", "foh", "zoh"]
+    asked = {name: [f.grade for f in d.findings] for name, d in found.items()}
+    assert asked == {**{name: [] for name in each}, "stairs": [LOOK], "ramp": [LOOK], "few": [NOTE]}
+    td = fit(found["small"], "P1D", intervals="quadratic").estimates["Td"]
+    assert td.value == pytest.approx(0.13, abs=4 * td.u)
+    told = compare(found["stairs"], "P1").summary()
+    assert "Input stairs moves by its least step of 1 only" in told
+    assert not from_frame(frame, input="stairs", output="y", hold="zoh").findings
+    both = from_frame(frame, input=["stairs", "ramp"], output="y")
+    assert [f.subject for f in both.select("ramp").findings] == ["ramp"]
+
+
+def test_models_of_one_name_are_told_apart_and_one_that_stands_twice_is_compared_once():
+    u = np.repeat(np.random.default_rng(1).choice([0.0, 1.0], 30), 20)
+    y = simulate(process("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13}), u, 0.1, "zoh")
+    data = IOData.from_arrays(u, y + 0.01 * np.random.default_rng(2).normal(size=600), 0.1, hold="zoh")
+    right = from_control(control.tf([2], [0.8, 1]), 0.13)
+    found = compare(data, right, from_control(control.tf([5], [3, 1]), 0.5), right)
+    assert set(found.fits) == set(found.table["model"]) == {"TF(0,1)D as given", "TF(0,1)D as given, 2"}
+    assert found.recommended == "TF(0,1)D as given"
+    assert found.best.identified.theta["a1"] == 0.8
+    with pytest.raises(InputError, match=r"start is given.*fit\(data, model, start"):
+        compare(data, "P1", start={"Kp": 1.0, "Tp1": 1.0})
+
+
+def test_a_larger_sum_that_ended_worse_is_begun_at_the_smaller_one():
+    data, small = plant(3), several(["P1D", "P1"], ["heat", "fan"])
+    others = {"small": fit(data, small, intervals="quadratic", check=False)}
+    options = {"intervals": "quadratic", "check": False}
+    large = fit(data, several(["P1D", "P2"], ["heat", "fan"]), **options)
+    worse = replace(large, identified=replace(large.identified, statistics={**large.identified.statistics, "rms": 9.0}))
+    again = not_worse(worse, others, data, options)
+    assert again.identified.statistics["rms"] <= others["small"].identified.statistics["rms"] * (1 + 1e-6)
+
+
+def test_the_page_says_where_intervals_come_from_and_what_was_taken_for_the_input_s_noise():
+    data = replace(plant(5, 200).select("heat"), input_units=("degC",))
+    plain, spiked, slow = (
+        fit(data, "P1D", intervals="quadratic", check=False, **how)
+        for how in ({"input_noise": 0.0}, {"loss": "huber", "input_noise": 0.02}, {"noise": "slow", "input_noise": 0.0})
+    )
+    assert "profile likelihood" in intervals_said(plain)
+    assert noise_said(plain, data) == "is known without error"
+    assert "robust loss (huber)" in intervals_said(spiked)
+    assert noise_said(spiked, data) == "is measured with noise (heat of sd 0.02 degC)"
+    assert "first-order disturbances averaged" in intervals_said(slow)
