@@ -83,7 +83,7 @@ def _disturbance(
 
 REMEDIES = {  # of what is wrong with the record from which a model was to be identified
     "record.off_equilibrium": "let the runs start off equilibrium (initial=estimated)",
-    "record.drift": "take the drift out of the output",
+    "record.drift": "fit with baseline=trend",
     "record.coarse": "log the output in finer steps",
     "record.feedback": "see whether the input answers the output (a closed loop)",
 }
@@ -158,9 +158,10 @@ IDENTIFY: dict[str, Words] = {
     "fit.open_interval": "the interval of {subject} is open: it reaches the search bound ({low95:.3g}..{high95:.3g})",
     "residuals.rounding": "{subject} repeats every reading to within half a step of the output's rounding: no test can "
     "say more.",
-    "residuals.follow_input": lambda subject, fit_percent, p_input, lag_s, **_: (
+    "residuals.follow_input": lambda subject, fit_percent, p_input, lag_s, input="", **_: (
         f"{subject} misses dynamics although it fits {fit_percent:.1f} %: its residuals still follow the input "
-        f"({chance(p_input)}, most at a lag of {lag_s:.3g} s); try another lag, a zero or a dead time."
+        f"{input and input + ' '}({chance(p_input)}, most at a lag of {lag_s:.3g} s); try another lag, a zero or a "
+        "dead time."
     ),
     "residuals.coloured": _coloured_residuals,
     "residuals.white": lambda subject, p_white, p_input, **_: (
@@ -176,8 +177,7 @@ IDENTIFY: dict[str, Words] = {
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
     "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
     "rms: fit with initial=estimated.",
-    "record.drift": "The residuals drift (correlation with time {correlation:.2f}): take the trend out of the output "
-    "first.",
+    "record.drift": "The residuals drift (correlation with time {correlation:.2f}): fit with baseline=trend.",
     "record.coarse": "The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include "
     "the rounding, which the tests cannot tell from dynamics.",
     "record.feedback": lambda p, **_: (

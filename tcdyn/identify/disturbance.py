@@ -78,14 +78,16 @@ def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed
     """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction error.
 
     ``estimate`` finds the noise from the problem, its x and its residuals (N,). Robust weights stay as ``optimum`` has
-    them."""
-    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
+    them, and where the noise is white so does ``optimum``."""
+    begun, root = optimum, 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
     model, cost = Noise(), np.inf
     for _ in range(ROUNDS):
         answer = posed.evaluate(optimum.theta)
         assert answer is not None
         r, j = answer[0] * root, (answer[1].T * root).T
         model = refined(posed.parts, r, j, estimate(posed, optimum.theta, r))
+        if model.white and begun.weights is not None:
+            return posed, begun, model
         optimum = search(posed, posed.core(model, root), optimum.theta)
         posed = replace(posed, noise_sd=rms(optimum, posed))
         if abs(cost - optimum.cost) < 1e-4 * optimum.cost:
@@ -225,12 +227,12 @@ def logarithms(posed: Posed) -> NDArray[np.bool_]:
 
 def plain(posed: Posed, x: Array) -> Array:
     """x (P,) with its logarithms taken back."""
-    return np.where(logarithms(posed), np.exp(x), x)
+    return np.where(logarithms(posed), natural(posed, x), x)
 
 
 def natural(posed: Posed, x: Array) -> Array:
     """Derivative (P,) of :func:`plain` by x."""
-    return np.where(logarithms(posed), np.exp(x), 1.0)
+    return np.asarray(np.exp(np.where(logarithms(posed), x, 0.0)))
 
 
 def slopes(posed: Posed, x: Array, root: Array | float) -> Slopes:

@@ -29,8 +29,8 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.search import Fit, first_moment, ordered, pose, rms, search
-from tcdyn.identify.start import alone, polished
+from tcdyn.identify.search import Fit, diverse, first_moment, ordered, pose, rms, search
+from tcdyn.identify.start import alone, polished, starts
 from tcdyn.identify.validate import ALARM, coloured, disturbed, undriven, validate, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
@@ -92,7 +92,8 @@ def fit(
     elif problem.input_sd:
         problem, optimum, model_noise = alternate(problem, optimum, through_model)
     found = assemble(data, problem, optimum, model_noise, loss, covariance)
-    found = with_noise(data, found, optimum, noise, baseline, covariance)
+    if (noise, baseline) != ("white", "none"):
+        found = with_noise(data, found, optimum, noise, baseline, covariance)
     plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
     return found if plain else profiled(found, intervals == "profile")
 
@@ -108,41 +109,74 @@ def with_noise(
     """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
 
     First-order disturbances of any time constant are averaged over (:mod:`tcdyn.fitting.average`); only what leaves
-    coloured innovations is sought among those of higher order, by BIC.
+    coloured innovations is sought among those of higher order, by BIC. What is asked for by name is never left out.
     """
     auto = "auto" in (noise, baseline) and noise != "slow"
-    if (noise, baseline) == ("white", "none") or (auto and not coloured(found)):
-        return found
-    begun, trended = [(found.problem, optimum)], replace(found.problem, trend=True)
-    if baseline in ("auto", "trend"):
-        longer = np.append(optimum.theta, np.zeros(trended.size - found.problem.size))
-        begun.append((trended, replace(search(trended, start=longer), weights=optimum.weights)))
-    if auto and not disturbed(found):  # of what the residuals have of the input only a drift may be the reason
-        plain = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
-        if not any(map(undriven, plain)):
-            return found
-    tried = [found] if auto else []
-    if noise in ("auto", "slow") and baseline != "walk":
-        kinds = begun[1:] if baseline == "trend" else begun
+    named, least = noise not in ("auto", "slow"), baseline if baseline != "auto" else "none"
+    begun = [(found.problem, optimum)]
+    if baseline == "trend" or (baseline == "auto" and (coloured(found) or not auto)):
+        begun.append(drifting(found.problem, optimum, found.loss))
+    weights = begun[-1][1].weights  # to a fit without it a drift is what stands out
+    spared = [(begun[0][0], replace(optimum, weights=weights)), *begun[1:]]
+
+    def given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
+        own = spared[0] if kind == "walk" else begun[kind == "trend"]
+        answer = alternate(*own, estimate(name, kind))
+        return assemble(data, *answer, found.loss, covariance, weights=own[1].weights)
+
+    base = found if not named and least == "none" else given(least, noise if named else "white")
+    seen = found if named else base
+    if (named and baseline != "auto") or (auto and not coloured(seen)):
+        return base
+    if auto and not disturbed(seen):  # of what the residuals have of the input only a drift may be the reason
+        line = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
+        if not any(map(undriven, line)):
+            return base
+    tried = [base] if auto else []
+    if not named and baseline != "walk":
+        kinds = spared[1:] if baseline == "trend" else spared
         mean = mixed([averaged(*each) for each in kinds])
-        problem, best, model_noise, cov_x = mean.found(optimum.weights)
-        slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x)
+        problem, best, model_noise, cov_x = mean.found(weights)
+        slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x, weights)
         told = replace(slow.identified, statistics={**slow.identified.statistics, "p_walk": mean.walks})
         slow = replace(slow, identified=told)
         if noise == "slow" or not coloured(slow):
             return slow
         tried.append(slow)
-    for kind in ("none", "trend", "walk") if baseline == "auto" else (baseline,):
-        answer = alternate(*begun[kind == "trend"], estimate("auto" if noise == "slow" else noise, kind))
-        tried.append(assemble(data, *answer, found.loss, covariance))
+    left: tuple[Baseline, ...] = ("none", "trend", "walk") if baseline == "auto" else (baseline,)
+    tried += [given(kind, "auto" if noise == "slow" else noise) for kind in left[named:]]
     return chosen(tried)
 
 
+def drifting(problem: Posed, optimum: Optimum, loss: Loss) -> tuple[Posed, Optimum]:
+    """``problem`` with a drift of each run and its optimum, sought from that without a drift and from its own starts,
+    with robust weights of its own."""
+    trended = replace(problem, trend=True)
+    longer = np.append(optimum.theta, np.zeros(trended.size - problem.size))
+    best = search(trended, start=[longer, *diverse(trended, starts(trended))])
+    if loss != "linear":
+        best = ordered(trended, minimise(best.problem, best.theta, loss=loss, tolerance=0.0))
+    return trended, best
+
+
 def chosen(fits: Sequence[Fit]) -> Fit:
-    """The least BIC; a random walk unless another is decisively better, for it claims less."""
-    best = min(fits, key=lambda f: f.identified.statistics["bic"])
-    limit = best.identified.statistics["bic"] + DECISIVE
-    return next((f for f in fits if f.noise.walks and f.identified.statistics["bic"] < limit), best)
+    """The least BIC within stretches; a random walk unless another is decisively better, for it claims less."""
+    scores = [within(f) for f in fits]
+    best = int(np.argmin(scores))
+    return next((f for f, score in zip(fits, scores) if f.noise.walks and score < scores[best] + DECISIVE), fits[best])
+
+
+def within(found: Fit) -> float:
+    """BIC of what the stretches without a gap tell beside the level of each after the first, which a random walk leaves
+    free: (n - L) ln |w|^2 + sum ln |l|^2 with l the whitened level of each of L stretches, w free of it."""
+    noise, parts, e, volume = found.noise, found.problem.parts, found.innovation.copy(), 0.0
+    for s in parts[1:]:
+        level = noise.whiten(found.root[s], [slice(0, s.stop - s.start)])
+        e[s] -= level * (level @ e[s]) / (level @ level)
+        volume += float(np.log(level @ level))
+    left = len(e) - len(parts) + 1
+    deviance = left * np.log(max(float(e @ e), 1e-300) / left) + volume + noise.log_spread(parts)
+    return float(deviance + found.identified.statistics["parameters"] * np.log(left))
 
 
 def assemble(
@@ -153,8 +187,10 @@ def assemble(
     loss: Loss,
     covariance: Covariance,
     cov_x: Array | None = None,
+    weights: Array | None = None,
 ) -> Fit:
-    """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum."""
+    """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum, whose rows hold
+    the roots of the robust ``weights`` (N,) already where it has none of its own."""
     n, model, x = problem.n_seen, problem.model, optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
@@ -162,7 +198,7 @@ def assemble(
     e, j = -optimum.residual * root, optimum.jacobian * root[:, None]
     robust = cov_x is not None
     if cov_x is None:
-        loss_of = loss if noise.white else "linear"
+        loss_of = loss if optimum.weights is not None else "linear"
         cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss_of)
     scale = problem.natural_scale(x)
     cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
@@ -183,10 +219,12 @@ def assemble(
         output_unit=data.output_units[0],
         findings=noticed(problem, optimum, theta, u),
     )
-    result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss)
+    used = weights if optimum.weights is None else optimum.weights
+    result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss, used)
     checked = validate(result)
     count = problem.size + 1 + noise.parameters
-    likelihood = n * np.log(max(sse, 1e-300) / n)
+    left = max(n - (len(problem.parts) - 1) * noise.walks, 1)  # after each gap one sample goes into its level
+    likelihood = n * np.log(max(sse, 1e-300) / left) + noise.log_spread(problem.parts)
     statistics = {
         "n": float(n),
         "parameters": float(count - 1),

@@ -29,7 +29,7 @@ class Fit(Result):
 
     ``residual`` (N,) is measured minus simulated at the measured samples, ``innovation`` (N,) the same after the noise
     model and the robust loss's weights, ``slopes`` (N, size) its negative Jacobian by x; ``optimum`` is that of the
-    innovation without those weights; ``covariance_x`` is that of the whole vector x.
+    innovation without those ``weights`` (N,); ``covariance_x`` is that of the whole vector x.
     """
 
     identified: Identified
@@ -41,11 +41,17 @@ class Fit(Result):
     covariance_x: Array
     noise: Noise
     loss: Loss = "linear"
+    weights: Array | None = None
 
     @property
     def x(self) -> Array:
         """All that was fitted: model parameters (positive ones as logarithms), offsets, initial states."""
         return self.optimum.theta
+
+    @property
+    def root(self) -> Array:
+        """The roots (N,) of the robust weights, ones where there are none."""
+        return np.ones(len(self.residual)) if self.weights is None else np.sqrt(self.weights)
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:

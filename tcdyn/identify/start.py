@@ -29,6 +29,18 @@ def filled(segment: Segment) -> Array:
     return np.interp(t, t[segment.seen], segment.y[segment.seen])
 
 
+def level_runs(problem: Posed) -> Posed:
+    """The problem with the straight line that fits each run's output best taken out, its level left."""
+    segments = []
+    for run in sorted(problem.begun_s):
+        own = [s for s in problem.segments if s.run == run]
+        times = [s.start_s + problem.dt_s * np.arange(len(s.y)) for s in own]
+        t, y = (np.concatenate([v[s.seen] for v, s in zip(each, own)]) for each in (times, [s.y for s in own]))
+        slope = float((t - t.mean()) @ y) / max(float(np.sum((t - t.mean()) ** 2)), 1e-300)
+        segments += [replace(s, y=s.y - slope * (v - t.mean())) for v, s in zip(times, own)]
+    return replace(problem, segments=tuple(segments))
+
+
 def stabilised(den: Array) -> Array:
     """Ascending denominator 1 + a1 s + .. with right-half-plane roots mirrored into the left."""
     roots = np.roots(den[::-1])
@@ -229,6 +241,7 @@ def starts(problem: Posed) -> list[Array]:
     """
     if problem.model.parts:
         return starts_of_several(problem)
+    whole, problem = problem, level_runs(problem) if problem.trend else problem
     model, seen = problem.model, one_lag_starts(problem)[:4]
     (tau, delay), process = seen[0], model.kind == "process"
     begun: list[dict[str, float]] = []
@@ -246,5 +259,5 @@ def starts(problem: Posed) -> list[Array]:
         for d, rate in product(delays, rates):
             if (answer := srivc(problem, zeros, model.order, d, rate, iterations)) is not None:
                 begun.append(from_poles(model, *answer, d))
-    pool = [polished(problem, theta) for theta in begun]
+    pool = [polished(whole, theta) for theta in begun]
     return [x for cost, x in sorted(pool, key=lambda item: item[0]) if np.isfinite(cost)]

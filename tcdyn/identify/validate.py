@@ -18,7 +18,7 @@ from scipy import stats
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal
+from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
 from tcdyn.identify.data import IOData
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, pose
@@ -80,8 +80,9 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
     behind = shifts(problem, fit.identified.longest_lag_s, lags)
+    root = fit.root[:, None] if fit.optimum.weights is None else 1.0  # scores are free of it
     u, ahead = (
-        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k), parts), parts)
+        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
@@ -103,7 +104,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     found += drift(problem, r) if coloured else ()
     if (rms := float(np.sqrt(np.mean(r**2)))) < problem.rounding_step:
         found.append(look("record.coarse", step=problem.rounding_step, rms=rms))
-    found += feedback(ew, jw, ahead, u[:, 1:])
+    found += feedback(ew, jw, ahead, np.delete(u, np.arange(len(problem.branches)) * len(behind), axis=1))
     return Validation(
         whiteness=white,
         input=cross,
@@ -119,7 +120,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     Offsets and initial states are the record's own; the parameters stay. Beside the tests, whose input correlation is
     beyond what errors of the parameters explain, the step d that the new data would take them, of covariance C, is
     held against that of the fit, C_0: d'(C + C_0)^-1 d, chi-squared with as many degrees as there are parameters.
-    Raises InputError for data that cannot be used, or whose sampling is not that of a noise model.
+    C is robust where residuals are coloured. Raises InputError for data that cannot be used, or whose sampling is not
+    that of a noise model.
     """
     old, model_noise = fit.problem, fit.noise
     if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
@@ -135,13 +137,18 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     x[k:] -= np.linalg.lstsq(answer[1][:, k:], answer[0], rcond=None)[0]
     (e, j), raw = core.evaluate(x) or answer, problem.evaluate(x)
     assert raw is not None
-    unit = inverse(j.T @ j)
-    covariance = float(e @ e) / (len(e) - problem.size) * unit[:k, :k] + fit.covariance_x[:k, :k]
-    step = (unit @ (j.T @ e))[:k]
     seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
-    there = replace(fit, problem=problem, optimum=seen, residual=-raw[0], innovation=-e, slopes=j)
-    p = float(stats.chi2.sf(step @ inverse(covariance) @ step, k))
+    there = replace(
+        fit, problem=problem, optimum=seen, residual=-raw[0], innovation=-e, slopes=j, loss="linear", weights=None
+    )
     tested = validate(there, lags)
+    if k == 0:
+        return tested
+    unit = inverse(j.T @ j)
+    white = tested.whiteness.p >= ALARM
+    own = float(e @ e) / (len(e) - problem.size) * unit if white else sandwich(j, e, problem.parts)
+    step, covariance = (unit @ (j.T @ e))[:k], own[:k, :k] + fit.covariance_x[:k, :k]
+    p = float(stats.chi2.sf(step @ inverse(covariance) @ step, k))
     moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
     return replace(tested, findings=tested.findings + moved)
 
@@ -154,8 +161,13 @@ def _verdict(
     if rounding:
         return note("residuals.rounding", subject=name)
     if cross.p < ALARM:
-        worst = float(cross.lags_s[int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))])
-        return look("residuals.follow_input", subject=name, fit_percent=percent, p_input=cross.p, lag_s=worst)
+        worst = int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))
+        inputs = fit.problem.model.inputs
+        which = inputs[worst * len(inputs) // len(cross.value)] if inputs else ""
+        lag = float(cross.lags_s[worst])
+        return look(
+            "residuals.follow_input", subject=name, fit_percent=percent, p_input=cross.p, lag_s=lag, input=which
+        )
     if coloured:
         return look(
             "residuals.coloured", subject=name, noise_model=not fit.noise.white, p_white=white.p, p_input=cross.p

@@ -135,7 +135,7 @@ def test_troubles_of_the_record_come_before_any_recommendation() -> None:
     for other in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
         table = pd.DataFrame([row("P1", 0.0, **other)])
         found = verdict(table, *recommend(table), troubles=("record.drift",))
-        assert "But first take the drift out of the output." in found.sentence
+        assert "But first fit with baseline=trend." in found.sentence
         assert found.code in ("models.provisional", "models.undetermined")
 
 

@@ -163,7 +163,7 @@ def test_a_drift_of_the_output_is_told():
     for slope in (0.0, 0.004):
         data = IOData.from_arrays(u, y + slope * np.arange(1500), 1.0, hold="zoh")
         v = validate(fit(data, "P1D", intervals="quadratic"))
-        assert ("take the trend out" in v.sentence) == (slope > 0)
+        assert ("fit with baseline=trend" in v.sentence) == (slope > 0)
         assert v.troubles == (("record.drift",) if slope else ())
 
 
