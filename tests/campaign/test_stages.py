@@ -55,6 +55,7 @@ def test_a_log_with_one_loading_keeps_its_name(made: tuple[StudyRig, StudyRig]) 
     assert stages(warm) == (warm,)  # the reader of events says what is missing
 
 
+@pytest.mark.slow
 def test_a_stage_gives_the_answer_of_its_own_log(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
     """Zero of the forces and noise level come from other stretches: beta moves by a small part of its u, 0.004."""
     for m, stage in zip(made, stages(joined_log)):

@@ -206,6 +206,7 @@ def test_a_lost_channel_is_left_out_with_a_finding(
     assert [given.disks[d].left_out for d in DISKS] == [(), (name[-1],)]
 
 
+@pytest.mark.slow
 def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(made: StudyRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """It rises by a sixth of what the others do: the reader lets it pass."""
     frame = made.log.frame.assign(fast_d_degC=25 + (made.log.frame["fast_d_degC"] - 25) / 6)

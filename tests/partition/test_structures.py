@@ -68,6 +68,7 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
     assert "structures.other" in [f.code for f in p.findings]
 
 
+@pytest.mark.slow
 def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
     """A bubble that doubles a junction's lag moves both disks by some 5 of their u; what is printed must say so."""
     made, p = of_world("bubble x2")
@@ -108,6 +109,7 @@ def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:
     assert below == pytest.approx([0.025, 0.975], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_withheld() -> None:
     """Before, beta 3.14 and h -728 came with exit code 0, or sound wiring was called swapped."""
     made = study_rig(SEED, disturbed=lambda log: log.assign(friction_N=log["friction_N"] / 4.448))
