@@ -19,6 +19,7 @@ from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
 from tcdyn.sensor.fits import averaged
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
+NO_LAG = 1e-6  # of the first lag: a second one below it is none
 SEGMENT_LAGS, LEAST_SEGMENTS, LEAST_LAGS = 60.0, 6, 300.0
 OVERLAP, TAPER = 36 / 38, 35 / 18  # of halves under Hann's window: their independence; bins that tell one thing
 BANDS = 12
@@ -77,7 +78,7 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
         weights = np.array([1.0, 0.0])
     lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
     best = fits[int(np.argmax(weights))]
-    taus = sorted(np.exp(best[2:]).tolist(), reverse=True)
+    taus = _lags(best)
     _enough(y, dt, lag, best)
     found = _conditions(y, power, w, dt, best, independent, column, len(taus))
     fit = {
@@ -151,8 +152,14 @@ def _covariance(theta: Array, power: Array, w: Array, dt: float, counts: float) 
 
 
 def _quantities(theta: Array) -> Array:
-    chain = Chain(np.exp(theta[2:]).tolist())
+    chain = Chain(_lags(theta))
     return np.array([chain.lag_s, *passes(chain)])
+
+
+def _lags(theta: Array) -> list[float]:
+    """The lags, largest first [s]; a second one that went to nothing is none."""
+    taus = np.exp(theta[2:])
+    return sorted(taus[taus > NO_LAG * taus.max()].tolist(), reverse=True)
 
 
 def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:

@@ -15,7 +15,7 @@ from tcdyn.sensor.current import MODES, current_sensor, cylinder
 from tcdyn.sensor.fluctuations import noise_sensor
 from tcdyn.sensor.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
-from tests.sensor.sensor_study import DRAWS
+from tests.sensor.sensor_study import DRAWS, noise
 from tests.sensor.sensor_world import FINE, Sheath, fluctuating, lagged, two_in_a_gas, write, written
 
 
@@ -95,6 +95,12 @@ def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -
     assert abs(cooling.value - both.value) < both.u
     with pytest.raises(InputError, match="does not switch"):
         current_sensor(t, y, np.ones(len(t)), "T")
+
+
+def test_a_second_lag_that_goes_to_nothing_is_none() -> None:
+    """Draw 62 of the study: the fit of two lags ends with 1e-95 s for one of them."""
+    [(lag, true)] = noise(62)
+    assert lag.covers(true)
 
 
 def test_noise_tells_when_its_conditions_do_not_hold() -> None:
