@@ -1,0 +1,57 @@
+"""Designed against fitted u of beta over drawn rigs and three layouts of the junctions.
+
+`python -m tests.campaign.design_study COUNT FOLDER` draws COUNT rigs with four tests each for Clarke's layout and for a
+row nearer to the surface, and takes the thesis's from the campaigns of sixteen tests that FOLDER keeps.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from calibration.rig import Rig, load_rig
+from tcdyn.campaign import solve
+from tcdyn.campaign.planned import predict_campaign
+from tests.campaign.rigs import DrawnCampaign, drawn
+from tests.campaign.test_planned import NEAR, layout, plan_of
+
+CORNERS = ("A1", "A4", "D1", "D4")
+
+
+def ratios(made: Iterable[DrawnCampaign], rig: Rig) -> pd.DataFrame:
+    """Designed over fitted u of each drawn rig, the median of its tests."""
+    rows, designed = [], {}
+    for one in made:
+        fitted = solve(one.kept)
+        if fitted.order not in designed:
+            designed[fitted.order] = predict_campaign(plan_of(fitted.order), rig).table()
+        table = designed[fitted.order]
+        alone = np.array([one.single[n][1] for n in fitted.order])
+        beta, within = (np.array([e[k].u for e in fitted.estimates]) for k in ("beta", "beta_within"))
+        rows.append(
+            {
+                "alone": np.median(table.u_beta_alone / alone), "absolute": np.median(table.u_beta / beta),
+                "within": np.median(table.u_beta_within / within), "widened": fitted.widened,
+            }
+        )  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def report(name: str, table: pd.DataFrame) -> None:
+    """How many rigs are within the bound, and how far the ratio goes."""
+    print(f"{name}: {len(table)} rigs")
+    told = table.describe().loc[["mean", "min", "max"]]
+    told.loc["within 20 %"] = [float(np.mean(abs(table[c] - 1) < NEAR)) for c in table]
+    print(told.round(3).to_string(), flush=True)
+
+
+if __name__ == "__main__":
+    count = int(sys.argv[1])
+    report("thesis", ratios(map(DrawnCampaign.read, sorted(Path(sys.argv[2]).glob("*.json"))), load_rig()))
+    for name in ("clarke", "nearer"):
+        rig = layout(name)
+        report(name, ratios((drawn(seed, CORNERS, rig=rig) for seed in range(5000, 5000 + count)), rig))
