@@ -97,8 +97,10 @@ def beta(
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
+            from tcdyn.report.sources import sources_of
 
-            write_beta_report(report, {run.log.path.stem: run.partition for run in runs})
+            tests = {run.log.path.stem: run.partition for run in runs}
+            write_beta_report(report, tests, sources=sources_of(runs))
     if json_:
         data = [run.to_dict() for run in runs]
         print(texts[0] if len(runs) == 1 else dump(data), end="")

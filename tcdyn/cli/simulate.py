@@ -205,6 +205,7 @@ def demo(
     """
     from tcdyn.pipeline import run_demo
     from tcdyn.report.beta import write_beta_report
+    from tcdyn.report.sources import sources_of
 
     with stages(quiet or json_, verbose) as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
@@ -213,7 +214,8 @@ def demo(
             name: float(run.comparison.query(f"quantity == '{name} beta, speed law'")["truth"].iloc[0])
             for name in run.tests
         }
-        report = write_beta_report(out / "report.html", {n: b.partition for n, b in run.tests.items()}, truths)
+        tests = {n: b.partition for n, b in run.tests.items()}
+        report = write_beta_report(out / "report.html", tests, truths, sources_of([*run.tests.values()]))
     if json_:
         print(dump({**run.to_dict(), "report": report}), end="")
     if quiet or json_:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -52,6 +52,7 @@ class BetaRun(Result):
     partition: Partition
     rig_sha256: str
     stages: int = 1
+    records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
@@ -248,7 +249,7 @@ def estimate_beta(
             found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
         except InputError as problem:
             raise problem.at(table.path.name) from None
-        return BetaRun(table, found, rig_fingerprint(rig, records), count)
+        return BetaRun(table, found, rig_fingerprint(rig, records), count, records)
 
     return without_lost(attempt, without, progress)
 

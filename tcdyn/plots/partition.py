@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -10,9 +12,11 @@ from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
 from tcdyn.partition.uneven import radial_shape
+from tcdyn.pipeline.tables import both_budget, met
 from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 SHOWN = ("e", "a", "b")
+LEAST_SHOWN = 5e-5  # a source of less is in the table only
 LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
 
 
@@ -35,6 +39,25 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     ax.set_title(f"{disk} disk", loc="left")
     return dressed(ax, "time from parting [s]", "temperature [°C]", legend=True)
+
+
+def draw_fit(p: Partition, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
+    """Block means of the readings and the joint fit's model about the parting, and below them the residuals [K]."""
+    m = met(p, disk)
+    near = np.abs(m.at_s) <= around_s
+    t = m.at_s[near]
+    band = 2 * np.nanmedian(m.sd[near], axis=1)
+    rest.fill_between(t, -band, band, color=PALE, step="mid", linewidth=0)
+    for k, (c, marker) in enumerate(zip(m.channels, ("o", "s", "^", "D", "v", "P"))):
+        if c in p.test.disks[disk].left_out:
+            continue
+        style: dict[str, Any] = {"color": DISK_COLOUR[disk], "marker": marker, "markersize": 2.5, "linestyle": ""}
+        whole.plot(t, m.measured[near, k], markerfacecolor="white", markeredgewidth=0.6, **style)
+        whole.plot(t, m.model[near, k], color=TRUTH, linewidth=0.9, linestyle=CHANNEL_STYLE[c])
+        rest.plot(t, (m.measured - m.model)[near, k], label=f"{c}", alpha=0.7, **style)
+    whole.set_title(f"{disk} disk", loc="left")
+    dressed(whole, "time from parting [s]", "temperature [°C]")
+    dressed(rest, "time from parting [s]", "reading less model [K]", ncols=3, loc="upper right")
 
 
 def draw_lines(p: Partition, ax: Axes) -> Axes:
@@ -105,19 +128,15 @@ def _way_words(name: str) -> str:
 
 
 def draw_budget(p: Partition, ax: Axes) -> Axes:
-    """Standard uncertainty of beta by source, steady and transient, largest on top; all together at the foot."""
-    rows = [("all together", *p.budget.together)]
-    rows += [(r.source, r.u_beta_steady, r.u_beta_transient) for r in reversed(p.budget.rows)]
-    y = np.arange(len(rows)) + np.where(np.arange(len(rows)) > 0, 0.5, 0.0)
-    ax.barh(y + 0.2, [r[1] for r in rows], height=0.38, color=DARK, label="speed law")
-    ax.barh(
-        y - 0.2, [r[2] for r in rows], height=0.38, color=PALE, edgecolor=DARK, hatch="////", linewidth=0.6,
-        label="cooling fit (the worse disk)",
-    )  # fmt: skip
+    """Standard uncertainty of the headline's beta by source, largest on top; all together at the foot."""
+    parts = {source: u for source, u in both_budget(p).items() if u >= LEAST_SHOWN}
+    together = sum(u**2 for u in parts.values()) ** 0.5
+    names = ["all together", *reversed(parts)]
+    y = np.arange(len(names)) + np.where(np.arange(len(names)) > 0, 0.5, 0.0)
+    ax.barh(y, [together, *reversed(parts.values())], height=0.6, color=DARK)
     ax.axhline(0.75, color=TRUTH, linewidth=0.8)
-    ax.set_yticks(y, [r[0] for r in rows])
-    ax.set_xlabel("standard uncertainty of β [1]")
-    ax.legend(frameon=False, fontsize=8, loc="center right")
+    ax.set_yticks(y, names)
+    ax.set_xlabel("standard uncertainty of β by the joint fit of both disks [1]")
     return ax
 
 

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from calibration.disk import DISKS
+from calibration.estimate import rounded
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.uneven import harmonic_K
-from tcdyn.pipeline.around import around_disk
 from tcdyn.pipeline.tables import (
+    both_budget,
     budget_table,
     cooling_by_window,
     interval_table,
     junctions_table,
     referee_table,
+    residuals_table,
     structures_table,
     test_table,
     ways_table,
 )
 from tcdyn.plots import partition as draw
-from tcdyn.plots.around import draw_round, draw_round_surface
 from tcdyn.plots.style import TRUTH, figure
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
-from tcdyn.report.page import Section, write_page
+from tcdyn.report.around import around_section, uneven_section
+from tcdyn.report.page import Answer, Section, write_page
 
 ASSUMED = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "
@@ -39,23 +40,42 @@ ASSUMED = (
 
 
 def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[Section]:
-    """Sections for one test, most wanted first."""
-    return [
-        *answer_sections(p, name, truth),
+    """Sections for one test, most wanted first; what few ask for is folded."""
+    appendix = [
         structure_section(p, name),
-        *uncertainty_sections(p, name),
-        uneven_section(p, name),
         around_section(p, name),
         *transient_sections(p, name),
         profile_section(p, name),
         *test_sections(p, name),
     ]
+    shown = [*answer_sections(p, name, truth), fit_section(p, name), *uncertainty_sections(p, name)]
+    shown.append(uneven_section(p, name))
+    folded = [s for s in shown if s.folded] + [replace(s, folded=True) for s in appendix]
+    return [s for s in shown if not s.folded] + folded
+
+
+def lead(p: Partition, truth: float | None) -> Section:
+    """The one picture of a page's head: beta by every way."""
+    ways, (ax,) = figure(height_in=2.8)
+    draw.draw_ways(p, ax, truth)
+    return Section("β by every way", figure=ways, caption="β by every way, the recommended one on top; 95 % intervals.")
+
+
+def answer(p: Partition, name: str) -> Answer:
+    """beta of both disks with its interval, or that none is given."""
+    if p.status == "withheld":
+        return Answer(f"{name}no β", "what the fit of both disks finds is impossible", p.status)
+    beta, s = p.both.estimates["beta"], p.structures
+    low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
+    return Answer(
+        f"{name}β = {beta}",
+        f"95 %: {low} to {high}; over {len(s.tried) - 1} other structures of the test {s.low95:.3f} to {s.high95:.3f}",
+        p.status,
+    )
 
 
 def answer_sections(p: Partition, name: str, truth: float | None) -> list[Section]:
     """Every way to beta, the traces at the unloading, and the steady lines with the points on them."""
-    ways, (ax,) = figure(height_in=3.2)
-    draw.draw_ways(p, ax, truth)
     unloading, axes = figure(1, 2, height_in=4.6)
     for disk, ax in zip(DISKS, axes):
         draw.draw_unloading(p, disk, ax)
@@ -71,8 +91,6 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
             "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk from its "
             "compensated traces after the parting. Joint fit: β, h and lag together from the traces as logged.",
             table=ways_table(p),
-            figure=ways,
-            caption="Bars are 95 % intervals.",
         ),
         Section(
             f"{name}: the unloading, as logged and compensated",
@@ -85,8 +103,26 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
             figure=lines,
             caption="Steady running leaves a line for each disk; each way picks a point on it. Bars are 95 %. Markers "
             "of different size, so that equal answers stay visible.",
+            folded=True,
         ),
     ]
+
+
+def fit_section(p: Partition, name: str) -> Section:
+    """Measured against modelled at the junctions that the rim model predicts, by the joint fit of both disks."""
+    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
+    for k, disk in enumerate(DISKS):
+        draw.draw_fit(p, disk, axes[k], axes[2 + k])
+    return Section(
+        f"{name}: does the model meet the readings?",
+        "The joint fit of both disks predicts the row near the surface from the readings of the inner row, the logged "
+        "friction and the chain; what nobody measured (depths, steel, static lines) may move within what is stated of "
+        "it. A way that fits leaves residuals about as large as their noise, without a course in time.",
+        table=residuals_table(p),
+        figure=picture,
+        caption="Above: block means of the readings (points) and the model (lines). Below: reading less model; the "
+        "band is two standard deviations of a block mean.",
+    )
 
 
 def structure_section(p: Partition, name: str) -> Section:
@@ -105,21 +141,21 @@ def structure_section(p: Partition, name: str) -> Section:
 
 def uncertainty_sections(p: Partition, name: str) -> list[Section]:
     """Budget, influence of the exponent, and the error maps that the steady lines come from."""
-    budget, (ax,) = figure(height_in=4.4)
+    budget, (ax,) = figure(height_in=3.8)
     draw.draw_budget(p, ax)
     exponent, (ax,) = figure(height_in=3.4)
     draw.draw_exponent(p, ax)
     maps, axes = figure(1, 2, height_in=4.0)
     for disk, ax in zip(DISKS, axes):
         draw.draw_map(p, disk, ax)
-    steady = max(p.budget.rows, key=lambda r: r.u_beta_steady).source
-    transient = max(p.budget.rows, key=lambda r: r.u_beta_transient).source
+    most = ", ".join(list(both_budget(p))[:3])
+    draws = len(next(iter(p.budget.draws.values())))
     return [
         Section(
             f"{name}: where the uncertainty comes from",
-            f"Largest source: {steady} for the speed law, {transient} for the cooling fit. Each row is one source "
-            f"alone, by Monte Carlo of {len(next(iter(p.budget.draws.values())))} draws; the last row is all sources "
-            "drawn together.",
+            f"Most of β's uncertainty by the fit of both disks comes from {most}. Each row is one source alone; the "
+            "last row is all together, the root of the sum of squares. That of speed law and cooling fit is by Monte "
+            f"Carlo of {draws} draws.",
             table=budget_table(p),
             figure=budget,
         ),
@@ -127,8 +163,14 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
             f"{name}: how much the exponent matters",
             figure=exponent,
             caption="The joint fit of both disks assumes no speed law and so estimates the exponent. Bars are 95 %.",
+            folded=True,
         ),
-        Section(f"{name}: error maps of the steady stretch", figure=maps, caption="The valley is the steady line."),
+        Section(
+            f"{name}: error maps of the steady stretch",
+            figure=maps,
+            caption="The valley is the steady line.",
+            folded=True,
+        ),
     ]
 
 
@@ -156,49 +198,6 @@ def transient_sections(p: Partition, name: str) -> list[Section]:
             "traces against the joint fit on lagged ones, which needs no inverse.",
         )
     ]
-
-
-def uneven_section(p: Partition, name: str) -> Section:
-    """What the bore contact makes of the temperature round each disk, and what was subtracted."""
-    picture, axes = figure(1, 2, height_in=4.0)
-    for disk, ax in zip(DISKS, axes):
-        draw.draw_uneven(p, disk, ax)
-    found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
-    rows = [
-        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+.2f}"}
-        for d in DISKS
-        for (c, j), more in zip(
-            sorted(p.test.disks[d].setup.junctions.items()),
-            harmonic_K(p.both.uneven[d], p.test.disks[d].setup, np.zeros(1))[0],
-        )
-    ]
-    return Section(
-        f"{name}: are the disks even round their bores?",
-        (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
-        + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
-        "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
-        "budget.",
-        table=pd.DataFrame(rows),
-        figure=picture,
-        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
-    )
-
-
-def around_section(p: Partition, name: str) -> Section:
-    """The temperature round each disk at the end of the load."""
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for disk, whole, surface in zip(DISKS, axes[:2], axes[2:]):
-        around = around_disk(p, disk)
-        draw_round(around, whole)
-        draw_round_surface(around, surface)
-    return Section(
-        f"{name}: the temperature round the disks",
-        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
-        "first harmonic that was found. Nothing is measured deeper than the junctions d, b, f.",
-        figure=picture,
-        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
-        "across the running surface with its 95 % band.",
-    )
 
 
 def profile_section(p: Partition, name: str) -> Section:
@@ -246,7 +245,7 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
 
 def verdict(p: Partition) -> str:
     """The answer first, then whether the ways to it agree."""
-    return f"{p.headline.sentence.replace('beta =', 'β =', 1)} {p.crosscheck.sentence}"
+    return f"{p.headline.sentence.replace('beta =', 'β =', 1)}\n\n{p.crosscheck.sentence}"
 
 
 def assumed(p: Partition) -> list[str]:
@@ -262,16 +261,25 @@ def assumed(p: Partition) -> list[str]:
 
 
 def write_beta_report(
-    path: str | Path, tests: dict[str, Partition], truths: dict[str, float] | None = None, extra: Sequence[Section] = ()
+    path: str | Path,
+    tests: Mapping[str, Partition],
+    truths: Mapping[str, float] | None = None,
+    sources: pd.DataFrame | None = None,
 ) -> Path:
-    """One page for one test or several."""
+    """One page for one test or several; ``sources``: the files they come from; ``truths``: of simulated ones."""
     sections: list[Section] = []
     found: list[Finding] = []
+    one, truths = len(tests) == 1, truths or {}
     for name, p in tests.items():
-        sections += beta_sections(p, name, (truths or {}).get(name))
+        shown = lead(p, truths.get(name))
+        sections += [] if one else [replace(shown, title=f"{name}: β by every way")]
+        sections += beta_sections(p, name, truths.get(name))
         # the verdict stands above
-        found += p.noticed if len(tests) == 1 else [f.at(name) for f in p.noticed]
-    said = "\n\n".join(verdict(p) if len(tests) == 1 else f"{name}: {verdict(p)}" for name, p in tests.items())
-    title = "Heat partition: " + ", ".join(tests)
-    told = list(dict.fromkeys(line for p in tests.values() for line in assumed(p)))
-    return write_page(path, title, [*extra, *sections], verdict=said, findings=found, assumptions=told)
+        found += p.noticed if one else [f.at(name) for f in p.noticed]
+    return write_page(
+        path, "Heat partition: " + ", ".join(tests), sections,
+        verdict="\n\n".join(verdict(p) if one else f"{name}: {verdict(p)}" for name, p in tests.items()),
+        findings=found, assumptions=list(dict.fromkeys(line for p in tests.values() for line in assumed(p))),
+        answers=[answer(p, "" if one else f"{name}: ") for name, p in tests.items()],
+        lead=shown if one else None, sources=sources, simulated=bool(truths),
+    )  # fmt: skip

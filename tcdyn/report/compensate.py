@@ -25,6 +25,7 @@ from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
 from tcdyn.plots.style import BAND, GREY, SLOW, figure
 from tcdyn.report.page import Section, write_page
+from tcdyn.report.sources import log_row, record_rows, table
 from tcdyn.traces import record_chains
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
@@ -42,7 +43,7 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
     for disk, result in done.disks.items():
         sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
     notes = pd.DataFrame([{"key": k, "value": v} for k, v in done.metadata.items()])
-    sections.append(Section("The output's own notes", table=notes))
+    sections.append(Section("The output's own notes", table=notes, folded=True))
     return write_page(
         path,
         f"Compensated traces: {done.raw.path.name}",
@@ -50,6 +51,7 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
         verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
         findings=done.findings,
         assumptions=assumed(records),
+        sources=table([log_row(done.raw), *record_rows(records)]),
     )
 
 

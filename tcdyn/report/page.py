@@ -11,16 +11,18 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import resources
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from calibration.estimate import Estimate, with_u
 from calibration.files.write import write_text
 from calibration.finding import Finding, doubts, notes, sentences
+from tcdyn.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +65,15 @@ class Section:
         return "" if self.figure is None else figure_data_uri(self.figure)
 
 
+@dataclass(frozen=True)
+class Answer:
+    """What a page says first, in large type: a number, what it rests on, and whether it can be used as it stands."""
+
+    value: str
+    detail: str = ""
+    status: str = ""
+
+
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     """The figure as a ``data:`` address, so that the page needs no other file."""
     buffer = io.BytesIO()
@@ -77,9 +88,16 @@ def render_page(
     verdict: str = "",
     findings: Sequence[Finding] = (),
     assumptions: Sequence[str] = (),
+    answers: Sequence[Answer] = (),
+    lead: Section | None = None,
+    sources: pd.DataFrame | None = None,
+    simulated: bool = False,
     footer: str = "",
 ) -> str:
-    """The page as HTML text; of ``findings`` the notes stand apart."""
+    """The page as HTML text; of ``findings`` the notes stand apart.
+
+    ``answers`` and the picture of ``lead`` stand before all else; ``sources``: the files that the numbers come from.
+    """
     import jinja2
 
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
@@ -92,24 +110,18 @@ def render_page(
         warnings=sentences(doubts(findings)),
         notes=sentences(notes(findings)),
         assumptions=list(assumptions),
-        footer=footer,
+        answers=answers,
+        lead=lead,
+        sources="" if sources is None else table_html(sources),
+        simulated=simulated,
+        footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
     )
 
 
-def write_page(
-    path: str | Path,
-    title: str,
-    sections: Sequence[Section],
-    *,
-    verdict: str = "",
-    findings: Sequence[Finding] = (),
-    assumptions: Sequence[str] = (),
-    footer: str = "",
-) -> Path:
-    """Write the page beside and rename it into place; returns its path."""
-    page = render_page(title, sections, verdict=verdict, findings=findings, assumptions=assumptions, footer=footer)
-    return write_text(path, page)
+def write_page(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> Path:
+    """Write the page of ``render_page``, ``more`` as there, beside and rename it into place; returns its path."""
+    return write_text(path, render_page(title, sections, **more))
 
 
 def typeset(text: str) -> str:
@@ -137,8 +149,11 @@ def table_html(table: pd.DataFrame) -> str:
     columns = [[cell(v) for v in table.iloc[:, k]] for k in range(table.shape[1])]
     kinds = [_kind(cells) for cells in columns]
     head = "".join(f'<th class="{k}">{_heading(str(name))}</th>' for name, k in zip(table.columns, kinds))
+    names = [html.escape(typeset(str(name))) for name in table.columns]
     rows = (
-        "<tr>" + "".join(f'<td class="{k}">{html.escape(c)}</td>' for c, k in zip(row, kinds)) + "</tr>"
+        "<tr>"
+        + "".join(f'<td class="{k}" data-name="{n}">{html.escape(c)}</td>' for c, k, n in zip(row, kinds, names))
+        + "</tr>"
         for row in zip(*columns)
     )
     short = ' class="short"' if len(table) <= SHORT else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import hypot
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
@@ -14,6 +15,7 @@ from tcdyn.pipeline import tables
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import assumed, verdict, write_beta_report
+from tcdyn.report.page import typeset
 
 
 def decimals(text: str) -> int:
@@ -24,7 +26,9 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
     table = tables.budget_table(partition)
     assert table["source"].iloc[-1] == "all together"
     steady, cooling = partition.budget.together
-    assert float(table.iloc[-1, 1]) == pytest.approx(steady, abs=5e-5)
+    both = partition.both.estimates["beta"].u
+    assert hypot(*tables.both_budget(partition).values()) == pytest.approx(both, rel=1e-9)
+    assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx([both, steady, cooling], abs=5e-5)
     # independent sources in a nearly linear model: 4000 draws know each spread to 1.1 %, and none is above the sum
     assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(steady, rel=0.06)
     # the worse disk of each source: never below the worse disk of all
@@ -58,6 +62,34 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
     assert said not in kept["warnings"]
     page = write_beta_report(tmp_path / "x.html", {"B3": partition}).read_text(encoding="utf-8")
     assert page.count(said.partition(",")[0]) == 1
+
+
+def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
+    for disk in DISKS:
+        m = tables.met(partition, disk)
+        assert m.at_s[0] < -60
+        assert m.at_s[-1] > 5
+        under_load = m.measured[m.at_s < 0].mean(axis=0) - m.model[m.at_s < 0].mean(axis=0)
+        assert abs(under_load).max() < 0.03  # K: what nobody measured has moved the model onto the readings
+        z = (m.measured - m.model) / m.sd
+        assert 0.7 < float((z**2).mean()) < 2.0
+    rows = tables.residuals_table(partition)
+    assert len(rows) == 6
+    assert (rows["rms over noise [1]"].astype(float) < 2).all()
+
+
+def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(partition: Partition, tmp_path: Path) -> None:
+    sources = pd.DataFrame({"what": ["log"], "file": ["B3.csv"]})
+    page = write_beta_report(tmp_path / "x.html", {"B3": partition}, {"B3": 0.7}, sources).read_text(encoding="utf-8")
+    head = page[page.index("<h1>") : page.index("<section>")]
+    assert '<span class="simulated">' in head
+    assert typeset(f"<b>β = {partition.both.estimates['beta']}</b>") in head
+    assert '<span class="status sound">' in head
+    assert "B3.csv" in head
+    assert head.count("<img") == 1
+    plain = write_beta_report(tmp_path / "y.html", {"B3": partition}).read_text(encoding="utf-8")
+    assert '<span class="simulated">' not in plain
+    assert page.count("<details>") > page.count("<section>")
 
 
 def test_disks_differ_in_tone_line_and_marker() -> None:

@@ -26,11 +26,15 @@ def test_cells_are_set_by_what_they_hold() -> None:
             }
         )
     )
-    assert '<td class="words">speed law</td><td class="number">0.710 ± 0.009</td><td class="number">745.9</td>' in html
-    assert '<td class="number"></td><td class="prose">a &lt; b &amp; c</td>' in html
+    assert (
+        '<td class="words" data-name="way">speed law</td><td class="number" data-name="β [1]">0.710 ± 0.009</td>'
+        in html
+    )
+    assert '<td class="number" data-name="h">745.9</td>' in html  # the name is shown where a row becomes a card
+    assert '<td class="number" data-name="h"></td><td class="prose" data-name="why">a &lt; b &amp; c</td>' in html
     assert '<th class="prose">why</th>' in html
     assert '<th class="number">β <span class="unit">[1]</span></th>' in html
-    assert '<td class="long">0123456789abcdef0123456789abcdef</td>' in html
+    assert '<td class="long" data-name="sha">0123456789abcdef0123456789abcdef</td>' in html
 
 
 def test_a_value_is_rounded_to_its_uncertainty() -> None:

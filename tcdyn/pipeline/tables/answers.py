@@ -22,6 +22,7 @@ from tcdyn.partition.sensors import SensorCheck
 from tcdyn.partition.sensors.faults import DepthTest
 from tcdyn.partition.statement.surface import log_h_prior
 from tcdyn.partition.window import stretch_of
+from tcdyn.pipeline.tables.both import both_budget
 
 SCHEMA = "tcdyn.beta/1"
 NOTHING: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))  # an estimate that is withheld
@@ -34,6 +35,7 @@ HEADINGS = {
     "exponent": "exponent n [1]",
 }
 LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+BY_WAY = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0
 
 
@@ -77,15 +79,18 @@ def structures_table(p: Partition) -> pd.DataFrame:
 
 
 def budget_table(p: Partition) -> pd.DataFrame:
-    """Source, and its standard uncertainty of beta by the speed law and by the cooling fit; last, all together."""
+    """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the speed law and by the
+    cooling fit; the headline's largest first, last all together."""
     speed, cooling = p.budget.together
-    rows = [(r.source, r.u_beta_steady, r.u_beta_transient) for r in p.budget.rows]
-    return pd.DataFrame(
-        [
-            {"source": source, "u(β) [1], speed law": _u(a), "u(β) [1], cooling fit of the worse disk": _u(b)}
-            for source, a, b in [*rows, ("all together", speed, cooling)]
-        ]
-    )
+    both, by_way = both_budget(p), {r.source: r for r in p.budget.rows}
+    rows = sorted({*both, *by_way}, key=lambda source: -both.get(source, 0.0))
+    total = sum(u**2 for u in both.values()) ** 0.5
+    table = [[both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BY_WAY)] for x in rows]
+    heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
+    columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
+    rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
+    told = [(source, *map(_u, parts)) for source, parts in zip(rows, table)]
+    return pd.DataFrame(told, columns=columns)
 
 
 def _u(u: float) -> str:
@@ -231,8 +236,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 
     A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
     """
-    test = p.test
-    gone = p.withheld
+    test, gone, by_source = p.test, p.withheld, both_budget(p)
     a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
     both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
     return {
@@ -270,7 +274,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "status": p.status,
         "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
         "crosscheck": p.crosscheck.to_dict(),
-        "budget": [asdict(row) for row in p.budget.rows],
+        "budget": [{**asdict(row), "u_beta_both": by_source.get(row.source, 0.0)} for row in p.budget.rows],
         "surface": {
             "fast_max_degC": a["surface fast"],
             "slow_max_degC": a["surface slow"],

@@ -1,0 +1,58 @@
+"""How hot each disk is round its bore: what the press fit makes of it, and the temperature at the end of the load."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from calibration.disk import DISKS
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.uneven import harmonic_K
+from tcdyn.pipeline.around import around_disk
+from tcdyn.plots import partition as draw
+from tcdyn.plots.around import draw_round, draw_round_surface
+from tcdyn.plots.style import figure
+from tcdyn.report.page import Section
+
+
+def uneven_section(p: Partition, name: str) -> Section:
+    """What the bore contact makes of the temperature round each disk, and what was subtracted."""
+    picture, axes = figure(1, 2, height_in=4.0)
+    for disk, ax in zip(DISKS, axes):
+        draw.draw_uneven(p, disk, ax)
+    found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
+    rows = [
+        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+.2f}"}
+        for d in DISKS
+        for (c, j), more in zip(
+            sorted(p.test.disks[d].setup.junctions.items()),
+            harmonic_K(p.both.uneven[d], p.test.disks[d].setup, np.zeros(1))[0],
+        )
+    ]
+    return Section(
+        f"{name}: are the disks even round their bores?",
+        (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
+        + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
+        "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
+        "budget.",
+        table=pd.DataFrame(rows),
+        figure=picture,
+        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
+    )
+
+
+def around_section(p: Partition, name: str) -> Section:
+    """The temperature round each disk at the end of the load."""
+    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
+    for disk, whole, surface in zip(DISKS, axes[:2], axes[2:]):
+        around = around_disk(p, disk)
+        draw_round(around, whole)
+        draw_round_surface(around, surface)
+    return Section(
+        f"{name}: the temperature round the disks",
+        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
+        "first harmonic that was found. Nothing is measured deeper than the junctions d, b, f.",
+        figure=picture,
+        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
+        "across the running surface with its 95 % band.",
+    )
