@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from tcdyn.pipeline.campaign.table import trend_table
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import figure
 from tcdyn.report.beta import ASSUMED
-from tcdyn.report.joined import joined_sections, joined_verdict
+from tcdyn.report.joined import joined_answer, joined_sections
 from tcdyn.report.page import Section, pm, write_page
+from tcdyn.report.sources import table as sources
 
 WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
@@ -36,36 +38,44 @@ WAYS = (
 
 
 def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
-    """Write the page of ``run``; a campaign in which every log failed has its table of errors only."""
+    """Write the page of ``run``; a campaign in which every log failed has its table of errors only.
+
+    Where all tests make one measurement, what each tells alone is folded.
+    """
     table = run.table
     good = table[table["error"] == ""]
-    sections = []
+    sections, each = [], []
+    together = run.joined if run.joined is not None and len(run.joined.posterior.tests) > 1 else None
     if run.failed:
         lost = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
         sections.append(Section("Logs that could not be analysed", table=lost))
-    if run.joined is not None and len(run.joined.posterior.tests) > 1:
-        sections += joined_sections(run.joined)
+    if together is not None:
+        sections += joined_sections(together)
     if len(good):
-        sections += [
+        each += [
             Section("β of each test, by every way", WAYS, partition_table(good)),
             Section("Heat transfer, lags and exponent of each test", table=heat_transfer_table(good)),
         ]
     if len(good) > 1:
-        sections += campaign_pictures(table)
+        each += campaign_pictures(table)
     if len(good):
-        sections += [
+        each += [
             Section("Conditions", DELTA_T_US if len(good) == 1 else "", condition_table(good)),
             Section("Temperatures", "a and bulk (mean of a to f): steady stretch.", temperature_table(good)),
         ]
     lines = trend_words(table) if len(good) else pd.DataFrame()
     if len(lines):
         told = "Least squares; the slope's uncertainty is that of the scatter about the line."
-        sections.append(Section("Trend lines, where three set points or more make one", told, lines))
+        each.append(Section("Trend lines, where three set points or more make one", told, lines))
     elif len(good) > 1:
-        sections.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
+        each.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
+    if made := [("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]:
+        each.append(Section("What it was made of", table=sources(made), folded=True))
     return write_page(
-        path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}", sections,
+        path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}",
+        [*sections, *(replace(s, folded=s.folded or together is not None) for s in each)],
         verdict=campaign_verdict(run), findings=run.findings, assumptions=ASSUMED,
+        answers=() if together is None else (joined_answer(together),),
     )  # fmt: skip
 
 
@@ -112,14 +122,11 @@ def campaign_verdict(run: CampaignRun) -> str:
     low, high = ranked[0], ranked[-1]
     said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
     shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
-    whole = (
-        f"{joined_verdict(run.joined)}\n\n" if run.joined is not None and len(run.joined.posterior.tests) > 1 else ""
-    )
     apart = [str(t) for t in good["test"][good["agree"] != "yes"]]
     agree = f"in {len(good) - len(apart)} of {len(good)} tests" + (f", not in {', '.join(apart)}" if apart else "")
     lost = f" {len(run.failed)} of {len(table)} logs could not be analysed." if run.failed else ""
     return (
-        f"{whole}β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
+        f"β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
         f"The ways to β agree {agree}.{lost}"
     )
 

@@ -9,7 +9,7 @@ from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
 from tcdyn.plots import joined as draw
 from tcdyn.plots.style import figure
-from tcdyn.report.page import Section, pm
+from tcdyn.report.page import Answer, Section, pm
 
 BOTH = (
     "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. Two uncertainties "
@@ -63,17 +63,18 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
     return [*sections, last]
 
 
-def joined_verdict(joined: JoinedCampaign) -> str:
-    """Range of beta over the tests with both uncertainties, and n, in a sentence."""
+def joined_answer(joined: JoinedCampaign) -> Answer:
+    """Range of beta over the tests with both uncertainties, and n."""
     p = joined.posterior
     order = sorted(zip(p.estimates, p.order), key=lambda one: one[0]["beta"].value)
     (low, first), (high, last) = order[0], order[-1]
     inside, whole = (max(e[k].u for e in p.estimates) for k in ("beta_within", "beta"))
     ends = [rounded(e["beta"].value, e["beta_within"].u)[0] for e in (low, high)]
-    return (
-        f"All {len(p.tests)} tests as one: β = {ends[0]} ({first.removeprefix('EHL_')}) to {ends[1]} "
-        f"({last.removeprefix('EHL_')}), u {inside:.4f} at most within the campaign, {whole:.4f} absolute; exponent of "
-        f"the speed law n = {with_u(joined.law.exponent.value, joined.law.exponent.u)}."
+    n = joined.law.exponent
+    return Answer(
+        f"β = {ends[0]} to {ends[1]}",
+        f"{first.removeprefix('EHL_')} and {last.removeprefix('EHL_')} of {len(p.tests)} tests; u {inside:.4f} at most "
+        f"within the campaign, {whole:.4f} absolute; exponent of the speed law n = {with_u(n.value, n.u)}",
     )
 
 
