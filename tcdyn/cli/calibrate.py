@@ -142,7 +142,7 @@ def hole(
 
         picture, (ax,) = figure(height_in=4.5)
         draw_holes(found, ax)
-        sections = [Section("Extra lag of each hole", table=found.table()), Section("The record", figure=picture)]
+        sections = [Section("Extra lag of each hole", table=found.card()), Section("The record", figure=picture)]
         write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), findings=noticed)
     if json_:
         print(dump(content), end="")

@@ -79,8 +79,17 @@ class HoleComparison(Result):
         return {"holes": jsonable(self.table()), "limit_s": self.limit_s, "warnings": list(self.warnings)}
 
     def card(self) -> pd.DataFrame:
-        """One row a hole."""
-        return self.table()
+        """One row a hole, as people read it."""
+        return pd.DataFrame(
+            {
+                "hole": h.name,
+                "diameter [mm]": h.diameter_mm,
+                "extra lag [s]": h.extra_lag_s,
+                "95 % interval [s]": f"{h.extra_lag_s.low95:.3f} to {h.extra_lag_s.high95:.3f}",
+                "verdict": h.verdict,
+            }
+            for h in self.holes
+        )
 
 
 def compare_holes(

@@ -53,3 +53,11 @@ def test_any_names_serve_when_the_ideal_ones_are_given() -> None:
     result = compare_holes(frame, ideal=("x", "ideal_2"))
     assert {h.name for h in result.holes} == {"d1p3", "d2p2", "big"}
     assert np.isfinite(result.fitted_degC).all()
+
+
+def test_its_card_speaks_words_and_units() -> None:
+    card = compare_holes(simulate_hole(1)[0]).card()
+    assert not [c for c in card.columns if "_" in c]
+    row = card.iloc[0]
+    low, high = (float(x) for x in row["95 % interval [s]"].split(" to "))
+    assert low < row["extra lag [s]"].value < high
