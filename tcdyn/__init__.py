@@ -9,6 +9,7 @@ The names below read as the workflow; each is imported when it is first used, so
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -72,7 +73,13 @@ __all__ = [
 ]
 
 
+_ROOMS = ("campaign", "chain", "compensate", "conduction", "contact", "design", "identify", "partition", "pipeline",
+          "plots", "plunge", "sensor", "simulate", "verify")  # fmt: skip
+
+
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return import_module(f"tcdyn.{name}")
     home = _HOMES.get(name)
     if home is None:
         raise AttributeError(f"module 'tcdyn' has no attribute {name!r}")
@@ -80,4 +87,13 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, *_ROOMS])
+
+
+def _card(result: Any) -> Any:
+    """A result as a notebook shows it, with its picture."""
+    return import_module("tcdyn.report.notebook").card_html(result)
+
+
+if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:
+    _shell.display_formatter.formatters["text/html"].for_type_by_name("calibration.result", "Result", _card)

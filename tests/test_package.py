@@ -56,6 +56,34 @@ def overload(node: ast.AST) -> bool:
     return isinstance(node, Function) and any("overload" in ast.dump(d) for d in node.decorator_list)
 
 
+def test_rooms_are_reached_without_another_import_and_told_by_tab_completion() -> None:
+    said = (
+        "import tcdyn; print(tcdyn.plots.draw.__name__, tcdyn.partition.__name__, {'plots', 'fit'} <= set(dir(tcdyn)))"
+    )
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["draw", "tcdyn.partition", "True"]
+
+
+def test_in_a_notebook_a_result_shows_its_picture() -> None:
+    said = """
+import sys, types
+asked = {}
+class Html:
+    def for_type_by_name(self, module, name, show): asked[module, name] = show
+html = Html()
+shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters={"text/html": html}))
+sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
+import tcdyn
+del sys.modules["IPython"]
+show = asked["calibration.result", "Result"]
+card = show(tcdyn.Chain([0.7]))
+print(card.count("data:image/png"), card.startswith(tcdyn.Chain([0.7])._repr_html_()))
+print(show(tcdyn.load_rig()).count("<img"))
+"""
+    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1", "True", "0"]
+
+
 def test_quantities_are_given_with_their_unit_by_name_or_in_the_docstring() -> None:
     """An argument called ``time_s`` says its unit; one called ``time`` has it in the docstring."""
     found = []
