@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Hashable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from typing import Literal
 
-from calibration.disk import CHANNELS, DISKS, MOST_LEFT_OUT
+from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 
 Kind = Literal["oven", "immersion", "ehl", "hole"]
@@ -22,14 +22,30 @@ class Layout:
     columns: tuple[str, ...]
     optional: tuple[str, ...] = ()
 
+    def holding(self, couples: Collection[str]) -> Layout:
+        """The same log of a rig whose junctions' columns are ``couples``."""
+        known = {*DISK_CHANNELS, *EHL_CHANNELS}
+        at = next((k for k, c in enumerate(self.columns) if c in known), len(self.columns))
+        kept = [tuple(c for c in part if c not in known) for part in (self.columns[:at], self.columns[at:])]
+        return replace(self, columns=(*kept[0], *couples, *kept[1])) if len(self.columns) > at else self
+
     @property
     def required(self) -> tuple[str, ...]:
         """The columns that must be there."""
         return tuple(c for c in self.columns if c not in self.optional)
 
 
-DISK_CHANNELS = tuple(f"{c}_degC" for c in CHANNELS)
-EHL_CHANNELS = tuple(f"{disk}_{c}_degC" for disk in DISKS for c in CHANNELS)
+def couples(channels: Iterable[str], disk: str = "") -> tuple[str, ...]:
+    """The columns of a disk's junctions: in EHL logs after the disk's name.
+
+    >>> couples("ab"), couples(["t1"], "fast")
+    (('a_degC', 'b_degC'), ('fast_t1_degC',))
+    """
+    return tuple(f"{disk}_{c}_degC" if disk else f"{c}_degC" for c in channels)
+
+
+DISK_CHANNELS = couples(CHANNELS)  # of the thesis's disks
+EHL_CHANNELS = tuple(name for disk in DISKS for name in couples(CHANNELS, disk))
 SWITCHES = ("switch", "contact")
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
@@ -57,6 +73,7 @@ LAYOUTS: dict[str, Layout] = {
     ),
 }
 FEW = 3  # names that a question may hold; more stand in the lines to write only
+NOT_JUNCTIONS = (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
 KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
 
 
@@ -66,7 +83,12 @@ def is_couple(name: str) -> bool:
     >>> is_couple("fast_a_degC"), is_couple("oil_degC")
     (True, False)
     """
-    return name.endswith("_degC") and not is_air(name) and name not in ("prt_degC", "setpoint_degC")
+    return name.endswith("_degC") and not is_air(name) and name not in NOT_JUNCTIONS
+
+
+def couples_in(columns: Iterable[Hashable]) -> list[str]:
+    """The junctions' columns among those of a log."""
+    return [name for name in map(str, columns) if is_couple(name)]
 
 
 def is_air(name: str) -> bool:
@@ -99,7 +121,7 @@ def in_other_units(names: Iterable[str]) -> tuple[str, ...]:
     )
 
 
-def recognise(names: Iterable[str]) -> str | None:
+def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> str | None:
     """The kind of log that these column names make, or None; the hole kind is never guessed.
 
     >>> recognise(["repeat", "prt_degC", "a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC"])
@@ -107,9 +129,10 @@ def recognise(names: Iterable[str]) -> str | None:
     """
     have = set(names)
     for kind in ("ehl", "oven", "immersion"):
-        if set(LAYOUTS[kind].required) <= have:
+        if set(layouts[kind].required) <= have:
             return kind
-    signs = {"ehl": {"load_N", "friction_N", "contact", "fast_a_degC"}, "oven": {"prt_degC", "setpoint_degC"}}
+    first = next((c for c in layouts["ehl"].columns if c.startswith("fast_")), "")
+    signs = {"ehl": {"load_N", "friction_N", "contact", first}, "oven": {"prt_degC", "setpoint_degC"}}
     signs["immersion"] = {"switch", "fluid_degC", "probe_degC"}
     score = {kind: len(sign & have) for kind, sign in signs.items()}
     best = max(score, key=lambda kind: score[kind])
@@ -124,6 +147,7 @@ def match_columns(
     without: Collection[str] = (),
     stated: Collection[str] = (),
     air: Mapping[str, str] | None = None,
+    layouts: Mapping[str, Layout] = LAYOUTS,
 ) -> dict[str, str]:
     """Canonical name -> name in the file, in canonical order.
 
@@ -131,11 +155,11 @@ def match_columns(
     itself is there; a temperature may be there in another unit. ``without``: columns that are left unread. ``stated``:
     columns that need not be there; ``air``: name -> name in the file of channels that must be there, too. Where an EHL
     log has no friction a shaft's torque stands for it, under its own name. For the hole kind every further column
-    ending in ``_degC`` is a channel.
+    ending in ``_degC`` is a channel. ``layouts``: of the rig's logs, see ``Layout.holding``.
 
     Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
     """
-    layout, mapping = LAYOUTS[kind], mapping or {}
+    layout, mapping = layouts[kind], mapping or {}
     for key in mapping:
         if key not in KNOWN and not key.endswith(tuple(f"_{unit}" for unit in ("degC", *UNITS))):
             close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
@@ -174,7 +198,7 @@ def match_columns(
         for torque in torques["friction_N" not in chosen :]:
             del chosen[torque]
     if missing:
-        raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping)
+        raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping, layouts)
     channels = [c for c in chosen if c.endswith("_degC") and c not in layout.columns]
     if kind == "hole" and len(channels) < 2:
         raise InputError(
@@ -226,11 +250,12 @@ def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
 
 
 def _missing(
-    missing: list[str], names: tuple[str, ...], have: set[str], kind: str, where: str, mapping: Mapping[str, str]
-) -> InputError:
-    layout = LAYOUTS[kind]
-    looks = recognise(have)
-    if looks is not None and looks != kind and (len(missing) >= 2 or set(LAYOUTS[looks].required) <= have):
+    missing: list[str], names: tuple[str, ...], have: set[str], kind: str, where: str, mapping: Mapping[str, str],
+    layouts: Mapping[str, Layout],
+) -> InputError:  # fmt: skip
+    layout = layouts[kind]
+    looks = recognise(have, layouts)
+    if looks is not None and looks != kind and (len(missing) >= 2 or set(layouts[looks].required) <= have):
         lacks = ", ".join(missing[:FEW]) + (f" and {len(missing) - FEW} more" if len(missing) > FEW else "")
         return InputError(
             f"this looks like {LAYOUTS[looks].name} (it lacks {lacks})",
@@ -238,7 +263,7 @@ def _missing(
             expected=layout.name,
             remedy=f"give {layout.name} here",
         )
-    free = [n for n in names if n not in KNOWN or n not in layout.columns]
+    free = [n for n in names if n not in layout.columns]
     near: dict[str, str] = {}
     for m in missing:
         like = suggestion(m, (n for n in free if n not in near.values()))
@@ -259,5 +284,5 @@ def _missing(
         remedy += f"; the file has {', '.join(map(repr, names))}"
     is_are = "column is" if len(missing) == 1 else "columns are"
     what = f"{', '.join(missing)}: {is_are} missing" + (f" ({'; '.join(mapped)})" if mapped else "")
-    alone = len(missing) <= MOST_LEFT_OUT and not near and all(m in EHL_CHANNELS for m in missing)
+    alone = not near and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
     return InputError(what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else "")

@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import Finding, doubts, look, note, once, sentences
 from calibration.lines.static import apply_static, line_doubts, outside_range, static_u
@@ -122,7 +121,7 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
     found = list(doubts(record.findings))
     for c, line in record.static.items():
         found += line_doubts(c, line)
-    if missing := [c for c in CHANNELS if c not in record.static]:
+    if missing := [c for c in sorted(record.setup.thermocouples) if c not in record.static]:
         found.append(look("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):
         found.append(look("record.future", created=record.created))

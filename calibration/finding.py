@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -12,7 +13,7 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from calibration import Array
-from calibration.disk import CHANNELS
+from calibration.stated.layout import NAME
 from calibration.words import WORDS, told
 
 
@@ -189,8 +190,8 @@ def channel_of(subject: str) -> str:
     >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
     ['e', 'e', 'e', 'e', '', '', '']
     """
-    last = subject.removesuffix("_degC").rpartition("_")[2]
-    return last if last in CHANNELS else ""
+    last = re.sub("^(fast|slow)_", "", subject.removesuffix("_degC"))
+    return last if NAME.fullmatch(last) else ""
 
 
 def _plain(value: Any) -> Any:

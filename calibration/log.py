@@ -15,7 +15,7 @@ from calibration import Array, Flags
 from calibration.checks.clock import Sampling, check_time, moved, weighed
 from calibration.checks.kind import check_kind
 from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck
-from calibration.columns import LAYOUTS, SWITCHES, Kind, is_couple
+from calibration.columns import LAYOUTS, SWITCHES, Kind, couples_in
 from calibration.errors import InputError
 from calibration.files import Table, read_whole, sha256
 from calibration.files.table import PIECE_ROWS
@@ -56,7 +56,7 @@ class Log(Result):
     @property
     def channels(self) -> tuple[str, ...]:
         """The junctions' columns."""
-        return tuple(n for n in self.frame.columns if is_couple(n))
+        return tuple(couples_in(self.frame))
 
     def summary(self) -> str:
         """File, kind, length, sampling and warnings."""

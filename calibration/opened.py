@@ -11,17 +11,17 @@ import numpy as np
 
 from calibration import Array
 from calibration.columns import (
-    KNOWN,
     LAYOUTS,
     TORQUES,
     UNITS,
+    Layout,
     in_other_units,
     is_couple,
     match_columns,
     named,
     recognise,
 )
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
 from calibration.finding import Finding, look, note
@@ -30,6 +30,16 @@ from calibration.record import DiskRecord
 from calibration.rig import Rig, load_rig
 
 COMPENSATED = "compensated"
+
+
+def layouts_of(rig: Rig, disk: str | None) -> dict[str, Layout]:
+    """The logs of a rig, those of an oven or a bath of its ``disk``."""
+    return {kind: layout.holding(rig.couples(kind, disk)) for kind, layout in LAYOUTS.items()}
+
+
+def known_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
+    """Every canonical column of these logs, temperatures in every unit."""
+    return in_other_units(dict.fromkeys(name for layout in layouts.values() for name in layout.columns))
 
 
 def missing_and_unused(
@@ -52,7 +62,8 @@ def open_log(
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
     used = rig or load_rig()
     mapping, air = used.columns(disk), used.air_columns() if kind == "ehl" else {}
-    table = open_table(file, (*in_other_units(KNOWN), *mapping.values(), *air.values()))
+    layouts = layouts_of(used, disk)
+    table = open_table(file, (*known_names(layouts), *mapping.values(), *air.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
             "is compensated already",
@@ -60,7 +71,7 @@ def open_log(
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    names = match_columns(table.names, kind, table.where, mapping, without, used.stated(), air)
+    names = match_columns(table.names, kind, table.where, mapping, without, used.stated(), air, layouts)
     how = as_logged(names, table.names, used, disk or "", mapping)
     names = {"friction_N" if name in TORQUES else name: own for name, own in names.items()}
     return converted(table, how), names
@@ -68,8 +79,8 @@ def open_log(
 
 def columns_not_there(file: str | Path, rig: Rig, disk: str) -> list[str]:
     """The junctions' columns of a disk, where the file of an EHL log holds none of them; else nothing."""
-    mapping, wanted = rig.columns(), [f"{disk}_{c}_degC" for c in CHANNELS]
-    names = open_table(Path(file), (*in_other_units(KNOWN), *mapping.values())).names
+    mapping, wanted = rig.columns(), [n for n in rig.couples("ehl") if n.startswith(f"{disk}_")]
+    names = open_table(Path(file), (*known_names(layouts_of(rig, disk)), *mapping.values())).names
     return [] if any(named(c, mapping, names) for c in wanted) else wanted
 
 
@@ -101,8 +112,9 @@ def log_kind(
 
     Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
     """
-    mapped = rig.columns(next(iter(records))).values()
-    return kind_of_columns(open_table(log, (*in_other_units(KNOWN), *mapped)).names, rig, records, shown(Path(log)))
+    disk = next(iter(records))
+    known = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
+    return kind_of_columns(open_table(log, known).names, rig, records, shown(Path(log)))
 
 
 def kind_of_columns(
@@ -110,8 +122,10 @@ def kind_of_columns(
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
     """``log_kind`` for names that are read already."""
     disk = next(iter(records))
-    mapped = {canonical for canonical in KNOWN if named(canonical, rig.columns(disk), names)}
-    if recognise({*names, *mapped}) != "immersion":
+    layouts = layouts_of(rig, disk)
+    every = {c for layout in layouts.values() for c in layout.columns}
+    mapped = {canonical for canonical in every if named(canonical, rig.columns(disk), names)}
+    if recognise({*names, *mapped}, layouts) != "immersion":
         return "ehl", None
     if len(records) > 1:
         raise InputError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import getpass
 import json
-from collections.abc import Collection
 from contextlib import suppress
 from copy import deepcopy
 from datetime import UTC, datetime
@@ -15,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from calibration.disk import CHANNELS, STRICT, Conditioning, DiskSetup
+from calibration.disk import STRICT, Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.write import write_text
@@ -64,7 +63,7 @@ class ChannelChain(RecordPart):
 
 
 class ChainRecord(RecordPart):
-    """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order a to f."""
+    """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order of their names."""
 
     structure: str = Field(min_length=1, max_length=40)
     channels: dict[str, ChannelChain]
@@ -74,7 +73,8 @@ class ChainRecord(RecordPart):
 
     @model_validator(mode="after")
     def _sound(self) -> ChainRecord:
-        _known(self.channels, "channels")
+        if not self.channels:
+            raise ValueError("channels: holds no channel")
         if set(self.differential_lag_s) != set(self.channels):
             raise ValueError("differential_lag_s: must name the channels of the chain")
         matrix = square_matrix(self.covariance, len(self.channels))
@@ -118,7 +118,12 @@ class DiskRecord(Result, RecordPart):
 
     @model_validator(mode="after")
     def _sound(self) -> DiskRecord:
-        _known(self.static, "static")
+        for key, names in (("static", self.static), ("chain.channels", self.chain.channels if self.chain else {})):
+            if not names and key == "static":
+                raise ValueError(f"{key}: holds no channel")
+            if strange := sorted(set(names) - set(self.setup.thermocouples)):
+                known = sorted(self.setup.thermocouples)
+                raise ValueError(f"{key}.{strange[0]}: no such channel; they are {known[0]} to {known[-1]}")
         try:
             moment(self.created)
         except ValueError:
@@ -268,13 +273,6 @@ def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if names.count(key) > 1:
             raise ValueError(f"key {key!r} stands twice")
     return dict(pairs)
-
-
-def _known(names: Collection[str], key: str) -> None:
-    if not names:
-        raise ValueError(f"{key}: holds no channel")
-    for name in sorted(set(names) - set(CHANNELS)):
-        raise ValueError(f"{key}.{name}: no such channel; they are a to f")
 
 
 def _agrees(stated: Estimate, found_s: float, words: str) -> None:

@@ -9,34 +9,29 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, model_validator
 
-from calibration.columns import DISK_CHANNELS, EHL_CHANNELS
-from calibration.disk import (
-    CHANNELS,
-    INNER_ROW,
-    OUTER_ROW,
-    Conditioning,
+from calibration.columns import couples
+from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
+from calibration.errors import InputError
+from calibration.result import Result
+from calibration.stated.fit import NO_FIT, PressFit
+from calibration.stated.layout import CHANNELS, DEFAULT_LAYOUT, NAME, OWN_LAYOUT, inner_row, layout_junctions
+from calibration.stated.running import AmbientChannels, Constant, ConstantName, air_columns
+from calibration.stated.steel import SteelSlopes
+from calibration.stated.surface import NO_FLUX, SurfaceFlux
+from calibration.stated.tables import (
     ContactTable,
-    DiskSetup,
     DiskTable,
-    Junction,
     JunctionTable,
     LoggerTable,
     RigTable,
     UncertaintyTable,
     WasherTable,
 )
-from calibration.errors import InputError
-from calibration.result import Result
-from calibration.stated.fit import NO_FIT, PressFit
-from calibration.stated.layout import DEFAULT_LAYOUT, layout_junctions
-from calibration.stated.running import AmbientChannels, Constant, ConstantName, air_columns
-from calibration.stated.steel import SteelSlopes
-from calibration.stated.surface import NO_FLUX, SurfaceFlux
 from calibration.traceability import TraceabilityTable
 
-SUPPORTED = "a disk has six, a to f, of which up to two may be left out (without=); their names in logs go to [columns]"
+__all__ = ["Rig", "RigTables", "UncertaintyTable", "changed_keys", "load_rig", "parse_rig", "rig_toml"]
 
 
 class RigTables(RigTable):
@@ -63,15 +58,21 @@ class RigTables(RigTable):
     def _fill_junctions(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(data.get("thermocouples"), dict):
             said = dict(data["thermocouples"])
-            places = layout_junctions(said.pop("layout", DEFAULT_LAYOUT))
+            others = set(said) - {"layout", *CHANNELS}
+            places = layout_junctions(said.pop("layout", OWN_LAYOUT if others else DEFAULT_LAYOUT))
             data = {**data, "thermocouples": _merge(places, said)}
         return data
 
     @model_validator(mode="after")
     def _junctions_inside(self) -> RigTables:
-        unknown = sorted(set(self.thermocouples) - set(CHANNELS))
-        if unknown:
-            raise ValueError(f"thermocouples: unknown channel {unknown[0]!r}; {SUPPORTED}")
+        if not self.thermocouples:
+            raise ValueError("thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }")
+        for name in self.thermocouples:
+            if not NAME.fullmatch(name):
+                raise ValueError(
+                    f"thermocouples: {name!r} is no name of a junction; expected a letter, or letters and a number, "
+                    "such as t1; what it is called in logs goes to [columns]"
+                )
         self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
@@ -79,27 +80,13 @@ class RigTables(RigTable):
                 raise ValueError(f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore")
             if junction.z_mm >= self.disk.width_mm:
                 raise ValueError(f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width")
-        # what the rim model would refuse in the middle of an analysis: its edge is the row d, b, f
-        j = self.thermocouples
-        zs = [j[name].z_mm for name in INNER_ROW]
-        if not zs[0] < zs[1] < zs[2]:
-            raise ValueError(
-                f"thermocouples: z_mm of d, b, f is {', '.join(f'{z:g}' for z in zs)}; expected to rise in this order: "
-                "z_mm counts from the face next to d"
-            )
-        for name in OUTER_ROW:
-            if j[name].depth_mm > j["b"].depth_mm:
-                raise ValueError(
-                    f"thermocouples.{name}: depth_mm is {j[name].depth_mm:g}; expected at most that of b, "
-                    f"{j['b'].depth_mm:g}: a, c, e lie between the running surface and the row d, b, f"
-                )
         return self
 
     @model_validator(mode="after")
     def _a_column_for_each(self) -> RigTables:
-        for junctions in (EHL_CHANNELS, DISK_CHANNELS):
+        for prefixes in (DISKS, ("",)):
             taken: dict[str, str] = {}
-            for name in junctions:
+            for name in (n for prefix in prefixes for n in couples(self.thermocouples, prefix)):
                 other = taken.setdefault(self.columns.get(name, name), name)
                 if other != name:
                     raise ValueError(
@@ -108,9 +95,16 @@ class RigTables(RigTable):
                     )
         return self
 
+    @field_serializer("thermocouples")
+    def _all_there_are(self, junctions: dict[str, JunctionTable]) -> dict[str, Any]:
+        """A table of others than a to f says that it lists all."""
+        told = {c: j.model_dump() for c, j in junctions.items()}
+        return told if set(told) == set(CHANNELS) else {"layout": OWN_LAYOUT, **told}
+
     def setup(self, name: str) -> DiskSetup:
         """The disk in SI units."""
         d, w, j = self.disk, self.washer, self.thermocouples
+        junctions = {k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)}
         return DiskSetup(
             name=name,
             outer_radius_m=d.outer_radius_mm * 1e-3,
@@ -122,7 +116,8 @@ class RigTables(RigTable):
             specific_heat_J_kgK=d.specific_heat_J_kgK,
             washer_conductivity_W_mK=w.conductivity_W_mK,
             washer_thickness_m=w.thickness_mm * 1e-3,
-            junctions={k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)},
+            junctions=junctions,
+            inner=inner_row({c: x.depth_m for c, x in junctions.items()}, {c: x.z_m for c, x in junctions.items()}),
             conditioning=self.conditioning,
             flux=self.contact.flux,
             surface=self.surface,
@@ -181,9 +176,20 @@ class Rig(Result, BaseModel):
         """Name in a log that was read -> name in the file, of the columns that tell the air about either disk."""
         return air_columns([self.fast.ambient, self.slow.ambient])
 
+    def couples(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
+        """The junctions' columns of a log of ``kind``: those of both disks in an EHL log, else those of ``disk``."""
+        if kind == "ehl":
+            return tuple(n for d in DISKS for n in couples(sorted(self.tables(d).thermocouples), d))
+        return couples(sorted(self.tables(disk or "").thermocouples))
+
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
         return self.tables(disk).setup(disk)
+
+    @property
+    def setups(self) -> dict[str, DiskSetup]:
+        """Both disks in SI units."""
+        return {d: self.disk_setup(d) for d in DISKS}
 
 
 def load_rig(path: str | Path | None = None) -> Rig:
@@ -222,7 +228,10 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
                 f"[{name}.constants]: a test has one set of constants", where=where, remedy="write [constants]"
             )
         try:
-            built[name] = RigTables.model_validate(_merge(common, override))
+            own = override.get("thermocouples")
+            listed = isinstance(own, dict) and own.get("layout") == OWN_LAYOUT  # in place of the common ones
+            base = {k: v for k, v in common.items() if not (listed and k == "thermocouples")}
+            built[name] = RigTables.model_validate(_merge(base, override))
         except ValidationError as problem:
             first = problem.errors()[0]
             place = [*([] if name == "common" else [name]), *(str(part) for part in first["loc"])]
@@ -282,6 +291,7 @@ def rig_toml(rig: Rig) -> str:
         for table, values in own.items():
             changed = {k: v for k, v in values.items() if body[table].get(k) != v}
             if changed:
+                changed = values if "layout" in values else changed
                 lines += _toml_table(f"{disk}.{table}", changed)
     return "\n".join(lines) + "\n"
 

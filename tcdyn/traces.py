@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup, left_out_of
+from calibration.columns import couples
+from calibration.disk import DISKS, DiskSetup, left_out_of
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
@@ -33,9 +34,9 @@ FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is l
 
 @dataclass(frozen=True)
 class DiskChannels:
-    """How the thermocouples a..f of a disk are read, as its record knows it.
+    """How the C thermocouples of a disk are read, as its record knows it.
 
-    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (6, 6), of the lags; ``split_u_s`` (6,):
+    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (C, C), of the lags; ``split_u_s`` (C,):
     standard uncertainty of how much of each is its largest lag's.
     """
 
@@ -46,24 +47,23 @@ class DiskChannels:
     split_u_s: Array
 
     def static_u(self, temperature_degC: Array) -> Array:
-        """Standard uncertainty [K] of each line at temperatures (N, 6) or (6,) [degC], same shape."""
+        """Standard uncertainty [K] of each line at temperatures (N, C) or (C,) [degC], same shape."""
         t = np.asarray(temperature_degC, dtype=float)
         return np.stack([static_u(line, t[..., i]) for i, line in enumerate(self.lines)], axis=-1)
 
 
 @dataclass(frozen=True)
 class DiskTraces(DiskChannels):
-    """One disk in one log: static-corrected readings (N, 6) in the order a..f [degC], and how they were measured.
+    """One disk in one log: static-corrected readings (N, C) of its channels [degC], and how they were measured.
 
     Noise that the conditioning filter coloured was made white, see :mod:`tcdyn.chain.noise`: readings and ``chains``
-    went through the same A/N. ``missing`` (N, 6): where a spike or a gap was bridged by a straight line; ``noise``:
-    what it was; ``rounding_K`` (6,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (6,):
+    went through the same A/N. ``missing`` (N, C): where a spike or a gap was bridged by a straight line; ``noise``:
+    what it was; ``rounding_K`` (C,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (C,):
     standard uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody
-    measured, rig.toml's for this disk; ``inner_K`` (N, 3): what d, b and f would read more if they lay as deep as b
-    (see :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of the
-    channels' lags, with its standard uncertainty ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns, here
-    and in ``setup``, others stand in, known to ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient.
-    """
+    measured, rig.toml's for this disk; ``inner_K`` (N, k): what the inner row would read more if it lay at the rim's
+    edge (see :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of
+    the channels' lags, with its standard uncertainty ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns,
+    here and in ``setup``, others stand in, known to ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient."""
 
     name: str
     setup: DiskSetup
@@ -86,29 +86,30 @@ class DiskTraces(DiskChannels):
 
     @property
     def out(self) -> NDArray[np.bool_]:
-        """Which channels are left out (6,)."""
-        return np.isin(CHANNELS, self.left_out)
+        """Which channels are left out (C,)."""
+        return np.isin(self.setup.channels, self.left_out)
 
     @property
     def depth_u_m(self) -> Array:
-        """Standard uncertainty (6,) of the depths [m], for an inner channel left out of its stand-in."""
-        inner = np.isin(CHANNELS, INNER_ROW) & self.out
+        """Standard uncertainty (C,) of the depths [m], for an inner channel left out of its stand-in."""
+        inner = np.isin(self.setup.channels, self.setup.inner) & self.out
         return np.where(inner, STAND_IN_M, self.uncertainty.depth_mm * 1e-3)
 
     @property
     def drives(self) -> Array:
-        """By how much each of d, b, f errs with d, b, f of the rim's edge, (3, 3): itself, and where it stands in."""
-        inner = [CHANNELS.index(c) for c in INNER_ROW]
+        """By how much each of the inner row errs with those at the rim's edge, (k, k): itself, and where it stands
+        in."""
+        inner = self.setup.places(self.setup.inner)
         return np.asarray(self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner]))
 
     @property
     def noise_K(self) -> Array:
-        """Standard deviation (6,) of a sample's noise, which is white [K]."""
+        """Standard deviation (C,) of a sample's noise, which is white [K]."""
         return self.noise.level_K
 
     @property
     def measured_degC(self) -> Array:
-        """Readings (N, 6) with NaN where they are missing."""
+        """Readings (N, C) with NaN where they are missing."""
         return np.where(self.missing, np.nan, self.readings_degC)
 
     @property
@@ -122,8 +123,8 @@ class DiskTraces(DiskChannels):
 
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
         """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
-        named = {c: y for c, y in zip(CHANNELS, self.measured_degC[rows].T) if c not in self.left_out}
-        return tuple(extrapolated(where, named, dict(zip(CHANNELS, self.lines))))
+        named = {c: y for c, y in zip(self.setup.channels, self.measured_degC[rows].T) if c not in self.left_out}
+        return tuple(extrapolated(where, named, dict(zip(self.setup.channels, self.lines))))
 
 
 def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
@@ -167,29 +168,33 @@ def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
     return Rig(common=common, fast=own["fast"], slow=own["slow"])
 
 
-def disk_channels(record: DiskRecord, setup: DiskSetup, prefix: str = "", lag: bool = True) -> DiskChannels:
-    """Lines and chains of the record for the log's columns ``{prefix}a_degC`` and so on; empty chains if no ``lag``.
+def disk_channels(record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True) -> DiskChannels:
+    """Lines and chains of the record for the columns of a log in which ``disk`` is named; empty chains if no ``lag``.
 
-    Raises InputError for a record without one of the six channels; where the lag is asked for, also for one without a
-    chain, and when ``setup`` (rig.toml) states another filter than the record, whose lags were found with its own.
+    Raises InputError for a record without one of the disk's channels; where the lag is asked for, also for one without
+    a chain, and when ``setup`` (rig.toml) states another filter than the record, whose lags were found with its own.
     """
     if lag and record.chain is None:
         raise InputError(f"the record of the {record.disk} disk holds no chain", remedy="calibrate it with plunge logs")
-    known = set(record.chain.channels) if lag and record.chain else set(CHANNELS)
-    if absent := [ch for ch in CHANNELS if ch not in record.static or ch not in known]:
-        raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy="calibrate all six")
-    covariance = record.chain.covariance if lag and record.chain else np.zeros((len(CHANNELS), len(CHANNELS)))
+    names, chain = setup.channels, record.chain if lag else None
+    if absent := [c for c in names if c not in record.static or not (chain is None or c in chain.channels)]:
+        remedy = f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]"
+        raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy=remedy)
+    covariance = np.zeros((len(names), len(names)))
+    if chain is not None:
+        kept = [sorted(chain.channels).index(c) for c in names]
+        covariance = np.array(chain.covariance, dtype=float)[np.ix_(kept, kept)]
     return DiskChannels(
-        tuple(f"{prefix}{ch}_degC" for ch in CHANNELS),
-        tuple(record.static[ch] for ch in CHANNELS),
-        record_chains(record, setup) if lag else (NO_CHAIN,) * len(CHANNELS),
-        np.array(covariance, dtype=float),
-        np.array([record.chain.channels[c].split_u_s if lag and record.chain else 0.0 for c in CHANNELS]),
+        couples(names, disk),
+        tuple(record.static[c] for c in names),
+        record_chains(record, setup) if lag else (NO_CHAIN,) * len(names),
+        covariance,
+        np.array([chain.channels[c].split_u_s if chain else 0.0 for c in names]),
     )
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
-    """The chains of channels a..f as the record states them, conditioning filter included.
+    """The chains of a disk's channels as the record states them, conditioning filter included.
 
     Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
     """
@@ -204,7 +209,7 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             parameters=("rig=rig.toml",),
         )
     kept = record.chain.channels
-    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own) for c in CHANNELS)
+    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own) for c in setup.channels)
 
 
 def disk_traces(
@@ -213,7 +218,7 @@ def disk_traces(
     rig: Rig,
     record: DiskRecord,
     *,
-    prefix: str | None = None,
+    named: bool = True,
     rows: Rows = slice(None),
     where: str = "",
     lag: bool = True,
@@ -221,19 +226,20 @@ def disk_traces(
 ) -> DiskTraces:
     """Readings of one disk in ``frame`` (a log's) through static lines, spikes bridged, with their noise.
 
-    ``prefix`` of its columns, ``{disk}_`` unless told; ``rows``: where the static lines' uncertainty is stated;
+    ``named``: whether the disk's name stands in its columns; ``rows``: where the static lines' uncertainty is stated;
     ``lag``: False for readings whose lag does not matter, the record's chain and filter with it; ``left_out``: channels
     whose columns are not looked at and need not be there.
     Raises InputError for the record of another disk, and as :func:`disk_channels` does.
     """
-    left_out = left_out_of(f"{disk}_{c}" for c in left_out)[disk]
-    setup = rig.disk_setup(disk).with_stand_ins(left_out)
+    setup = rig.disk_setup(disk)
+    left_out = left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk]
+    setup = setup.with_stand_ins(left_out)
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
-    channels = disk_channels(record, setup, f"{disk}_" if prefix is None else prefix, lag)
+    channels = disk_channels(record, setup, disk if named else "", lag)
     found: list[Finding] = []
     columns, marks, rounding = [], [], []
-    used = ~np.isin(CHANNELS, left_out)
+    used = ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
@@ -244,12 +250,12 @@ def disk_traces(
         marked = ~np.isfinite(values)
         columns.append(bridged(values, ~marked))
         marks.append(marked)
-    if coarse := [ch for ch, error in zip(compress(CHANNELS, used), rounding) if error > 0]:
+    if coarse := [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]:
         found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
     y, missing = np.column_stack(columns), np.column_stack(marks)
     dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
-    chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(CHANNELS)
+    chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
     noise, [(y, moved)] = noise_and_white(
         [np.where(missing, np.nan, y)], [dt_s], setup.conditioning, white_K, [*compress(chains, used)], SPIKES["traces"]
     )
@@ -279,7 +285,7 @@ def disk_traces(
         rounding_K=np.array(rounding),
         static_u_K=np.where(used, static_u_K, STAND_IN_K),
         uncertainty=rig.tables(disk).uncertainty,
-        inner_K=np.zeros((len(y), len(INNER_ROW))),
+        inner_K=np.zeros((len(y), len(setup.inner))),
         findings=tuple(found),
         left_out=left_out,
     )

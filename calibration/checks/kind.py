@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from calibration import Array, Flags
-from calibration.columns import ROOM_AND_BATH, is_couple
-from calibration.disk import CHANNELS, DISKS
+from calibration.columns import ROOM_AND_BATH, couples_in
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import white_noise_sd
@@ -42,11 +42,11 @@ def check_kind(
         found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
-    couples = [str(n) for n in course if is_couple(str(n))]
+    couples = couples_in(course)
     if kind != "ehl":
         found += _group(course[couples], place, max(bath) if bath else None)
     if kind == "immersion":
-        mean = course[[f"{c}_degC" for c in CHANNELS]].mean(axis=1).to_numpy()
+        mean = course[couples].mean(axis=1).to_numpy()
         start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
         if end - start > 10.0:
             rise = (mean - start) / (end - start)
@@ -264,7 +264,7 @@ def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -
     """
     if hot.sum() < 20:
         return []
-    there = [c for c in CHANNELS if f"{prefix}{c}_degC" in course]
+    there = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in course]
     depth_mm = {c: tables.thermocouples[c].depth_mm for c in there}
     readings = course[[f"{prefix}{c}_degC" for c in there]].set_axis(there, axis=1)
     lead = (readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()).to_dict()

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from calibration import Array
 from calibration.checks.trace import ColumnCheck
-from calibration.disk import CHANNELS
+from calibration.columns import couples_in
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, look, note
 from calibration.lines.linefit import fit_line
@@ -59,7 +59,7 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
     keys = ["repeat", "setpoint_degC"]
     if not frame.duplicated(keys).any():
         return frame.reset_index(drop=True)
-    names = [f"{c}_degC" for c in CHANNELS if f"{c}_degC" in frame]
+    names = couples_in(frame)
     offset = frame[names].sub(frame["prt_degC"], axis=0)
     grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby([frame[k] for k in keys], sort=False)
     means = grouped.mean()
@@ -79,7 +79,7 @@ def steady_minutes(
     Raises InputError when no plateau is steady.
     """
     time = frame["time_s"].to_numpy(dtype=float)
-    names = ["prt_degC", *(f"{c}_degC" for c in CHANNELS)]
+    names = ["prt_degC", *couples_in(frame)]
     block = ((time - time[0]) // minute_s).astype(int)
     grouped = frame[names].groupby(block)
     full = grouped.size() >= 0.8 * float(grouped.size().median())
@@ -145,7 +145,8 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
     if empty.any():
         first = place.of(int(np.argmax(empty)))
         found.append(look("oven.no_prt", subject="prt_degC", count=int(empty.sum()), **first))
-    for name in (f"{c}_degC" for c in CHANNELS):
+    junctions = couples_in(columns)
+    for name in junctions:
         gaps = ~np.isfinite(checked[name]) & ~empty
         if gaps.any():
             first = place.of(int(np.argmax(gaps)))
@@ -175,14 +176,14 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
         number = dict(zip(first_of["hold"], first_of.groupby("at").cumcount() + 1.0))
         frame["repeat"] = hold.map(number).astype(float)
         found.append(note("oven.no_repeat", subject="repeat"))
-    return frame[["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in CHANNELS)]], found
+    return frame[["repeat", "setpoint_degC", "prt_degC", *junctions]], found
 
 
 def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
     """Oven rows: enough of them, and every channel follows the PRT. Raises InputError."""
     prt = frame["prt_degC"].to_numpy()
     found: list[Finding] = []
-    for name in [f"{c}_degC" for c in CHANNELS]:
+    for name in couples_in(frame):
         y = frame[name].to_numpy()
         ok = np.isfinite(y) & np.isfinite(prt)
         if ok.sum() < 3 or np.ptp(prt[ok]) < 5.0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, model_validator
 
 from calibration import Array, Flags
+from calibration.columns import couples_in
 from calibration.disk import CHANNELS, STRICT
 from calibration.errors import InputError
 from calibration.estimate import Estimate
@@ -113,7 +114,7 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     """
     frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)
-    names = [c for c in CHANNELS if f"{c}_degC" in frame]
+    names = [n.removesuffix("_degC") for n in couples_in(frame)]
     lines: dict[str, StaticLine] = {}
     residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
     found: list[Finding] = []
@@ -160,13 +161,13 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
     return line, [*line_doubts(channel, line), *found]
 
 
-def unit_lines(u_K: float) -> dict[str, StaticLine]:
-    """Lines T = logged of every channel, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
+def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
+    """Lines T = logged of the ``channels``, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
 
     It is the same at every temperature of ``WIRE_RANGE_DEGC``, and of each channel by itself.
     """
     known = {"covariance": ((0.0, 0.0), (0.0, u_K**2)), "range_degC": WIRE_RANGE_DEGC}
-    return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in CHANNELS}  # type: ignore[arg-type]
+    return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in channels}  # type: ignore[arg-type]
 
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:

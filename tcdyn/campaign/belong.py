@@ -10,30 +10,22 @@ import numpy as np
 from scipy import stats
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from tcdyn.campaign.posterior import Posterior, Reduced, reduced, solve
 
 FALSE_ALARM = 0.02  # chance that a sound campaign names a test at all
 LEAST_TESTS = 4
-CAUSES = (
-    "friction",
-    "half-width",
-    "ambient",
-    "parting",
-    *(f"lag {d}" for d in DISKS),
-    *(f"static {c} {d}" for d in DISKS for c in CHANNELS),
-)
+CAUSES = ("friction", "half-width", "ambient", "parting", *(f"lag {d}" for d in DISKS))  # and every static line
 
 
 @dataclass(frozen=True)
 class Stranger:
     """A test that does not belong to its campaign.
 
-    ``cause``: one of ``CAUSES``, what in this test alone would explain most of it, ``size`` of that (a share of
-    friction or half-width, K, s), ``z`` in its standard uncertainties; ``chi2`` on ``freedom`` degrees of the whole
-    test against all others, ``left`` of it when the cause is taken away.
-    """
+    ``cause``: one of ``CAUSES`` or a static line, what in this test alone would explain most of it, ``size`` of that (a
+    share of friction or half-width, K, s), ``z`` in its standard uncertainties; ``chi2`` on ``freedom`` degrees of the
+    whole test against all others, ``left`` of it when the cause is taken away."""
 
     name: str
     cause: str
@@ -77,7 +69,8 @@ def strangers(posterior: Posterior, most: int | None = None) -> tuple[Stranger, 
 def _worst(posterior: Posterior, before: Sequence[Stranger]) -> Stranger | None:
     tests = [against_the_rest(posterior, i) for i in range(len(posterior.tests))]
     worst = max(tests, key=lambda s: abs(s.z))
-    trials = len(tests) * len(CAUSES)
+    lines = {name for t in posterior.tests for name in t.names if name.startswith("static ")}
+    trials = len(tests) * (len(CAUSES) + len(lines))
     return worst if abs(worst.z) > float(stats.norm.isf(0.5 * FALSE_ALARM / trials)) else None
 
 
@@ -88,7 +81,8 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     alone has the size x'V^-1 d / x'V^-1 x.
     """
     kept = posterior.tests[i]
-    causes = [c for c in CAUSES if c in kept.names or c.startswith("lag ")]
+    lines = sorted((n for n in kept.names if n.startswith("static ")), key=lambda n: n.split()[::-1])
+    causes = [*(c for c in CAUSES if c in kept.names or c.startswith("lag ")), *lines]
     own = reduced(kept, causes)
     count = len(own.shared) - len(causes)
     found, covariance = without(posterior, posterior.reduced[i])

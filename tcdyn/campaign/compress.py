@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS, OUTER_ROW
+from calibration.disk import DISKS
 from tcdyn.campaign.kept import ANSWERS, KeptTest, Loading
 from tcdyn.campaign.noise import slow_waves, whole_noise, zero_u
 from tcdyn.partition.analyse import Partition
@@ -159,10 +159,10 @@ def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
     traces, (kind, _, place) = test.disks[disk], what.name.partition(" ")
     u = traces.uncertainty
     if kind == "static":
-        model = MODEL_K if place in OUTER_ROW else 0.0
-        return float(np.hypot(traces.static_u_K[CHANNELS.index(place)], model))
+        model = MODEL_K if place in traces.setup.outer else 0.0
+        return float(np.hypot(traces.static_u_K[traces.setup.channels.index(place)], model))
     if kind == "depth":
-        return float(traces.depth_u_m[CHANNELS.index(place)])
+        return float(traces.depth_u_m[traces.setup.channels.index(place)])
     return {
         "conductivity": u.conductivity_rel, "heat capacity": u.heat_capacity_rel, "washer": u.washer_rel,
         "half-width": u.half_width_rel, "ambient": u.ambient_K, "parting": test.events.unload_u_s,
@@ -173,8 +173,8 @@ def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
 def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
     """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0) dg, the two parts
     independent about y0 = -cov(g, o)/var(g)."""
-    traces, at = test.disks[disk], CHANNELS.index(channel)
-    model = MODEL_K if channel in OUTER_ROW else 0.0
+    traces = test.disks[disk]
+    at, model = traces.setup.channels.index(channel), MODEL_K if channel in traces.setup.outer else 0.0
     total = float(np.hypot(traces.static_u_K[at], model))
     line = traces.lines[at]
     steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)

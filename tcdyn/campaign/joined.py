@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
@@ -174,9 +174,10 @@ def junctions(posterior: Posterior) -> tuple[dict[str, dict[str, Estimate]], dic
     units = {name: size for t in posterior.tests for name, size in t.units.items()}
     for d in DISKS:
         deeper[d], pulls[d] = {}, {}
-        for c in CHANNELS:
-            name = f"depth {c} {d}"
-            if name in posterior.shared and name in units:
+        for name in sorted(posterior.shared):
+            kind, _, place = name.partition(" ")
+            c, _, disk = place.partition(" ")
+            if (kind, disk) == ("depth", d) and name in units:
                 k = posterior.shared.index(name)
                 x, variance = float(posterior.found[k]), float(posterior.shared_covariance[k, k])
                 mm, wider = 1e3 * units[name], float(np.sqrt(posterior.widened))

@@ -1,6 +1,6 @@
 """Noise that reaches the fit through what drives the model: inner row, friction and ambient of one test.
 
-The fits weigh readings of the outer row by their own noise. What d, b, f, friction and ambient scatter moves the
+The fits weigh readings of the outer row by their own noise. What inner row, friction and ambient scatter moves the
 prediction of all of them, slowly and together; it hardly counts against depths and steel, but between the tests of a
 campaign nothing else is left.
 """
@@ -13,26 +13,25 @@ import numpy as np
 from scipy import fft, ndimage
 
 from calibration import Array
-from calibration.disk import INNER_ROW
 from calibration.noise import white_noise_sd
 from tcdyn.contact import SETTLE_S, line_length
 from tcdyn.fitting import wave_factor
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, Side
-from tcdyn.partition.window import INNER, between, steady_start_s
+from tcdyn.partition.window import between, steady_start_s
 from tcdyn.traces import NOISE_ORDER
 
 HIGHEST_Hz = 12.0  # the rim lets nothing faster through
 PADDING_S = 20.0
-INPUTS = ("power", *INNER_ROW, "ambient")
 
 
 def input_noise(test: EhlTest, side: Side) -> Array:
-    """Standard deviation of a sample's white noise of power as logged [W], d, b, f [K] and ambient [K], (5,)."""
+    """Standard deviation of a sample's white noise of power as logged [W], inner row [K] and ambient [K], (k + 2,)."""
     loaded = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], NOISE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
-    return np.array([power, *test.disks[side.disk].noise_K[INNER], ambient])
+    disk = test.disks[side.disk]
+    return np.array([power, *disk.noise_K[disk.setup.places(disk.setup.inner)], ambient])
 
 
 def unsmoothed(test: EhlTest, toward: Array, time_s: Array) -> Array:
@@ -76,16 +75,18 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     share, h = float(theta[SHARE]), float(np.exp(theta[LOG_H]))
     gains, sd = window.rim.gains(h), input_noise(test, side)
     sd[0] *= share
-    each = toward.reshape(len(window.at_s), 3, -1) * window.weight[:, :, None]
+    each = toward.reshape(*window.y.shape, -1) * window.weight[:, :, None]
     length = fft.next_fast_len(len(window.time_s) + int(PADDING_S / dt), real=True)
     f = fft.rfftfreq(length, dt)
     kept = f < HIGHEST_Hz
     rates = gains.rates / (gains.rates + 2j * np.pi * f[kept, None])
     weights = np.where(f[kept] == 0, 1.0, 2.0) / length
-    seen = [fft.rfft(window.blocks.T @ each[:, p], n=length, axis=0)[kept] for p in range(3)]
+    seen = [fft.rfft(window.blocks.T @ each[:, p], n=length, axis=0)[kept] for p in range(each.shape[1])]
     out = np.zeros((toward.shape[1],) * 2)
     for i, sigma in enumerate(sd):
-        through = sum(np.conj(gains.direct[i, p] + rates @ gains.gains[i, p])[:, None] * seen[p] for p in range(3))
+        through = sum(
+            np.conj(gains.direct[i, p] + rates @ gains.gains[i, p])[:, None] * seen[p] for p in range(each.shape[1])
+        )
         if i == 0:
             whole = np.zeros((len(f), toward.shape[1]), dtype=complex)
             whole[kept] = through
@@ -112,13 +113,13 @@ def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Arra
 
 def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array, sums: int = 25) -> float:
     """Slow waves in a side's residual (m,) over what its own noise and its inputs' make of it; never below one."""
-    rows = residual.reshape(-1, 3)
+    rows = residual.reshape(side.window.y.shape)
     m = max(len(rows) // sums, 1)
     used = np.flatnonzero(rows.any(axis=0))
     starts = np.arange(0, len(rows) - m + 1, m)[:-1]
     if not len(used):
         return 1.0
-    toward = np.zeros((len(rows), 3, len(starts) * len(used)))
+    toward = np.zeros((*rows.shape, len(starts) * len(used)))
     for k, (start, column) in enumerate((s, c) for s in starts for c in used):
         toward[start : start + m, column, k] = 1 / np.sqrt(m)
     expected = 1 + float(np.mean(np.diag(driven_noise(test, side, theta, toward.reshape(rows.size, -1)))))

@@ -17,7 +17,8 @@ import pandas as pd
 from scipy import stats
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS, INNER_ROW
+from calibration.columns import couples
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files import read_numbers
@@ -254,16 +255,17 @@ def _traces(
     excess = power_W / out_W_K * fall
     chain = Chain(LAGS_S, conditioning=setup.conditioning)
     seen = chain.response(excess, 1 / logging.rate_Hz)
-    y = np.empty((len(t), len(CHANNELS)))
-    for k, c in enumerate(CHANNELS):
-        part = EDGES if c in INNER_ROW and c != "b" else 1.0
+    count = len(setup.channels)
+    y = np.empty((len(t), count))
+    for k, c in enumerate(setup.channels):
+        part = EDGES if c in setup.inner and c != setup.edge else 1.0
         y[:, k] = logging.ambient_degC + part * seen + logging.noise_K * _noise(len(t), k + 10 * len(disk))
-    level = np.full(len(CHANNELS), logging.noise_K)
+    level = np.full(count, logging.noise_K)
     noise = LoggerNoise(np.zeros_like(level), level, level, setup.conditioning, rate_Hz=logging.rate_Hz)
     return DiskTraces(
-        columns=tuple(f"{disk}_{c}_degC" for c in CHANNELS), lines=(LINE,) * len(CHANNELS),
-        chains=(chain,) * len(CHANNELS), lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(len(CHANNELS)),
-        split_u_s=np.zeros(len(CHANNELS)), name=disk, setup=setup, readings_degC=y,
-        missing=np.zeros(y.shape, dtype=bool), noise=noise, rounding_K=np.zeros(len(CHANNELS)),
-        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])), uncertainty=u, inner_K=np.zeros((len(t), 3)),
+        columns=couples(setup.channels, disk), lines=(LINE,) * count, chains=(chain,) * count,
+        lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(count), split_u_s=np.zeros(count), name=disk, setup=setup,
+        readings_degC=y, missing=np.zeros(y.shape, dtype=bool), noise=noise, rounding_K=np.zeros(count),
+        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])), uncertainty=u,
+        inner_K=np.zeros((len(t), len(setup.inner))),
     )  # fmt: skip

@@ -174,7 +174,7 @@ def campaign(
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     rolling = read_bearing(bearing) if bearing else None
-    left_out_of(without or ())
+    left_out_of(without or (), own_rig.setups)
     settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), quiet or json_) as progress:

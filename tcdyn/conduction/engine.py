@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from calibration import Array
 from calibration.errors import InputError
-from tcdyn.conduction.modal import INPUTS, Spectrum, forcing, rim_gains, spectrum
+from tcdyn.conduction.modal import Spectrum, forcing, inputs_of, rim_gains, spectrum
 from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, Switch, cardinal, lag_bank, node_rates
 
 
@@ -77,7 +77,7 @@ def map_beta_h(
     out = np.empty((len(hs), len(shares), len(points), len(u)))
     base = out[:, -1]  # what the share does not change stands where its last value will
     base[:] = (still.T @ u.T).reshape(base.shape)
-    for k in range(1, len(INPUTS)):
+    for k in range(1, len(weights)):
         base += (weights[k] @ drive.bank(k, rates).T).reshape(base.shape)
     heat = (weights[0] @ drive.bank(0, rates).T).reshape(base.shape)  # the power moves no point at once
     for b, s in enumerate(shares[:-1]):
@@ -102,10 +102,10 @@ def fields_at(
     """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
     rates, at = node_rates(drive.dt_s), np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
-    banks = np.stack([drive.bank(k, rates)[at] for k in range(len(INPUTS))])  # (I, S, K)
+    banks = np.stack([drive.bank(k, rates)[at] for k in range(drive.inputs.shape[1])])  # (I, S, K)
     banks[0] *= share
     weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
-    amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(INPUTS), -1), banks @ weights.T)
+    amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(banks), -1), banks @ weights.T)
     inner = drive.inputs[at] @ s.boundary
     return _nodal(s, amplitude.reshape(len(at), *s.rates.shape), inner)
 
@@ -126,9 +126,9 @@ def step_fields(
     T(t) = T_after + sum over modes of (X_before - X_after) exp(-lambda t), from the steady state of ``before``:
     the scheme without any error in time, for studies of mesh and order.
     """
-    if len(before) != len(INPUTS) or len(after) != len(INPUTS):
-        raise InputError(f"step_fields: five inputs are needed, in the order {', '.join(INPUTS)}")
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
+    if len(before) != len(s.boundary) or len(after) != len(s.boundary):
+        raise InputError(f"step_fields: needed are, in this order, {', '.join(inputs_of(len(rim.boundary_z_m)))}")
     old, new = (np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after))
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)

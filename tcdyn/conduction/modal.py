@@ -14,21 +14,34 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import eigh_tridiagonal
 
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.flux import TrackFlux
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal, told_by
 
-INPUTS = ("power_W", "d", "b", "f", "ambient")
-SPLIT_INPUTS = ("power_W", "d", "b", "f", "ambient_rim", "ambient_d_side", "ambient_f_side")
-# every separable source of heat is a forcing in r times one in z (rows of Spectrum.force_r, force_z) and belongs to an
-# input of SPLIT_INPUTS; sources 1 to 5 are the profile's: each shape along R_i leans on d, b, f or a face's air
-SOURCE_R = np.array([0, 1, 1, 1, 1, 1, 3, 2, 2])
-SOURCE_INPUT = np.array([0, 1, 2, 3, 5, 6, 4, 5, 6])
+
+def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
+    """Names of what drives a rim with ``k`` junctions in its inner row: power, these, and the air.
+
+    >>> inputs_of(3)
+    ('power_W', 'inner 1', 'inner 2', 'inner 3', 'ambient')
+    """
+    air = ("ambient_rim", "ambient_low_side", "ambient_high_side") if split else ("ambient",)
+    return ("power_W", *(f"inner {i + 1}" for i in range(k)), *air)
+
+
+def sources_of(k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Every separable source of heat is a forcing in r times one in z: rows of ``Spectrum.force_r``, and whose input of
+    ``inputs_of(k, True)`` each is. Sources 1 to k + 2 are the profile's: each shape along R_i leans on a junction of
+    the inner row or on a face's air."""
+    own = np.arange(1, k + 1)
+    return np.concatenate([[0], 0 * own + 1, [1, 1, 3, 2, 2]]), np.concatenate(
+        [[0], own, k + np.array([2, 3, 1, 2, 3])]
+    )
 
 
 @dataclass(frozen=True)
@@ -51,12 +64,11 @@ class RimGains:
 class Spectrum:
     """The rim's modes: rates lam_r (m,), lam_z (n,) [1/s], their nodal values, and what drives them.
 
-    shape_r (nr-1, m) and shape_z (nz, n) are nodal values of modes of unit norm in the scheme's inner product.
-    rates (m, n) of every mode, lam_r + lam_z. force_r (4, m): power at R_o, temperature at R_i, everywhere, ambient at
-    R_o. force_z (9, n), by source: flux, the five shapes of ``profile``, one, face d, face f. profile (5, nz):
-    temperature along R_i for a unit of d, b, f and of the air behind either washer; boundary (I, nz): the same for a
-    unit of every input. collect (I, 9): which sources belong to which input.
-    """
+    shape_r (nr-1, m) and shape_z (nz, n) are nodal values of modes of unit norm in the scheme's inner product. rates
+    (m, n) of every mode, lam_r + lam_z. force_r (4, m): power at R_o, temperature at R_i, everywhere, ambient at R_o.
+    force_z (S, n), by source: flux, the shapes of ``profile``, one, both faces. profile (k + 2, nz): temperature along
+    R_i for a unit of each of the inner row and of the air behind either washer; boundary (I, nz): the same for a unit
+    of every input. collect (I, S): which sources belong to which input; source_r (S,): rows of force_r."""
 
     lam_r: Array
     lam_z: Array
@@ -68,6 +80,7 @@ class Spectrum:
     profile: Array
     boundary: Array
     collect: Array
+    source_r: NDArray[np.int64]
 
 
 def outer_source(rim: Rim, n: int) -> float:
@@ -93,7 +106,7 @@ def spectrum(
 ) -> Spectrum:
     """Modes and projections of the scheme at the surface's ``h`` [W/m2K], with the contact's ``half_width`` [m].
 
-    Five inputs, or seven where the air has three temperatures (``split``).
+    Two inputs more where the air has three temperatures (``split``).
     """
     n, ri, ro, alpha = mesh.nr, rim.inner_radius_m, rim.outer_radius_m, rim.diffusivity_m2_s
     dr = rim.thickness_m / (n - 1)
@@ -108,17 +121,19 @@ def spectrum(
     inner = alpha * half[0] / (r[0] * dr**2)  # heating rate of node 1 by a unit temperature of node 0
     force_r = np.stack([last * outer / (2 * np.pi * ro), first * inner, scale @ v, last * outer * h])
     lam_z, shape_z, force_z, basis = _axial(rim, half_width, profile, flux, mesh)
-    whose = SOURCE_INPUT if split else np.minimum(SOURCE_INPUT, 4)
-    collect: Array = np.asarray(np.arange(7 if split else 5)[:, None] == whose, dtype=float)
+    k = len(rim.boundary_z_m)
+    source_r, whose = sources_of(k)
+    whose = whose if split else np.minimum(whose, k + 1)
+    collect: Array = np.asarray(np.arange(len(inputs_of(k, split)))[:, None] == whose, dtype=float)
     return Spectrum(
         lam_r, lam_z, lam_r[:, None] + lam_z, v / scale[:, None], shape_z, force_r, force_z, basis,
-        collect[:, 1:6] @ basis, collect,
+        collect[:, 1 : k + 3] @ basis, collect, source_r,
     )  # fmt: skip
 
 
 @lru_cache(maxsize=256)
 def _axial(rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh) -> tuple[Array, Array, Array, Array]:
-    """z-modes, nodal shapes (nz, n), forcings (9, n) and the boundary's shapes (5, nz): nothing here knows h."""
+    """z-modes, nodal shapes (nz, n), forcings (S, n) and the boundary's shapes (k + 2, nz): nothing here knows h."""
     n, w, alpha, k = mesh.nz, rim.width_m, rim.diffusivity_m2_s, rim.conductivity_W_mK
     dz = w / (n - 1)
     ends = np.zeros(n)
@@ -162,13 +177,12 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
     return np.asarray(np.diff(total) / cells)
 
 
-def profile_basis(
-    kind: Profile, z: Array, at: tuple[float, float, float], width: float, lowest: Array, reading: Array
-) -> Array:
-    """Shapes (3, nz) along r = R_i that are one at d, b or f and zero at the other two; ``width`` in m.
+def profile_basis(kind: Profile, z: Array, at: Sequence[float], width: float, lowest: Array, reading: Array) -> Array:
+    """Shapes (k, nz) along r = R_i of a unit at each junction ``at`` z of the inner row, none at the others [m].
 
+    Three places tell three shapes, of more they are fitted by least squares; fewer tell as many of the modal ones.
     "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions
-    of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (3, nz).
+    of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (k, nz).
     """
 
     def shapes(t: Array) -> Array:
@@ -179,11 +193,13 @@ def profile_basis(
 
     if kind not in ("modal", "quadratic", "quartic"):
         raise InputError(f"profile {kind!r} is unknown", expected="quadratic, quartic or modal")
-    if kind == "modal":
-        free, seen = lowest, reading @ lowest
-    else:
+    free, seen = lowest, reading @ lowest
+    told = list(told_by(tuple(at), width))
+    if kind != "modal" and len(told) == 3:
         free, seen = shapes(z / width), shapes(np.asarray(at) / width)
-    return np.asarray((free @ np.linalg.inv(seen)).T)
+    free, seen = free[:, told], seen[:, told]
+    square = seen.shape[0] == seen.shape[1]
+    return np.asarray((free @ (np.linalg.inv(seen) if square else np.linalg.pinv(seen))).T)
 
 
 @lru_cache(maxsize=16)
@@ -215,7 +231,7 @@ def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Ar
 
 def forcing(s: Spectrum) -> Array:
     """Steady amplitude (I, m, n) of every mode for a unit of every input."""
-    sources = s.force_r[SOURCE_R][:, :, None] * s.force_z[:, None, :]
+    sources = s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]
     return np.asarray(np.tensordot(s.collect, sources, axes=1) / s.rates)
 
 
@@ -230,11 +246,11 @@ def rim_gains(
     mesh: Mesh = MESH_IV,
     split_ambient: bool = False,
 ) -> RimGains:
-    """The rim's answer at ``points`` (depth, z) [m] to power, d, b, f and ambient, on the lags of ``rates``.
+    """The rim's answer at ``points`` (depth, z) [m] to power, inner row and ambient, on the lags of ``rates``.
 
     Equation: (3.28) with (3.31)-(3.34) and washers, in the scheme (3.30) on ``mesh``. h_W_m2K >= 0 is the film
     coefficient of the running surface, half_width_m the contact's half-width b, profile the shape along r = R_i.
-    ``split_ambient`` gives seven inputs, with the air at the running surface and behind each washer apart.
+    ``split_ambient`` gives two inputs more, with the air at the running surface and behind each washer apart.
     Raises InputError for points outside the rim or a rim slower than the bank.
 
     >>> from calibration.rig import load_rig
@@ -257,13 +273,13 @@ def rim_gains(
             remedy="give node_rates a smaller slowest_per_s",
         )
     m, n = np.nonzero(lam < rates[-1])
-    slow = collect @ (s.force_r[SOURCE_R][:, m] * s.force_z[:, n])
+    slow = collect @ (s.force_r[s.source_r][:, m] * s.force_z[:, n])
     slow = slow[:, None, :] * (at_r[:, m] * at_z[:, n] / lam[m, n])
     gains = slow @ cardinal(rates, np.log(lam[m, n]))
     # what the modes beyond the bank add to the steady answer belongs to its fastest lag
     steady = (at_r * s.force_r[:, None, :]) @ (1 / lam) * at_z
-    whole = collect @ np.einsum("spn,sn->sp", steady[SOURCE_R], s.force_z)
+    whole = collect @ np.einsum("spn,sn->sp", steady[s.source_r], s.force_z)
     gains[:, :, -1] += whole - slow.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    inputs = SPLIT_INPUTS if split_ambient else INPUTS
+    inputs = inputs_of(len(rim.boundary_z_m), split_ambient)
     return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)

@@ -10,9 +10,9 @@ import numpy as np
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.modal import (
-    INPUTS,
     RimGains,
     forcing,
+    inputs_of,
     outer_source,
     readings,
     rim_gains,
@@ -84,7 +84,7 @@ def rim_gains_nonuniform(
     varying = outer_source(rim, mesh.nr) * (film - mean)
     coupling = unit.T @ (varying[:, None] * unit)  # between z-modes (n, n) [1/s]
     rows = forcing(s) * lam  # (I, m, n) [1/s]
-    rows[4] += np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
+    rows[-1] += np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
     surface = s.shape_r[-1] * np.sqrt(last)  # last entry v of each unit-norm r-mode
     # steady: (lam + v v' x C) x = rows, so c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam
     free = rows / lam
@@ -102,7 +102,7 @@ def rim_gains_nonuniform(
     gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    return RimGains(INPUTS, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
+    return RimGains(inputs_of(len(rim.boundary_z_m)), tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
 
 
 @lru_cache(maxsize=2048)
@@ -127,13 +127,16 @@ def cached_gains(
             return varied
         whole = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
         parts = ("gains", "direct", "static")
-        rows = (np.concatenate([getattr(varied, x), getattr(whole, x)[len(INPUTS) :]]) for x in parts)
+        rows = (np.concatenate([getattr(varied, x), getattr(whole, x)[len(varied.inputs) :]]) for x in parts)
         return RimGains(whole.inputs, tuple(points), whole.rates, *rows)
     split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
     if not film:
         return split
+    air = len(rim.boundary_z_m) + 1
     gains, direct, static = (
-        np.concatenate([x[:4], x[4:].sum(axis=0, keepdims=True), x[[4, 4]]])
+        np.concatenate([x[:air], x[air:].sum(axis=0, keepdims=True), x[[air, air]]])
         for x in (split.gains, split.direct, split.static)
     )
-    return RimGains((*INPUTS, "film", "film by n"), tuple(points), split.rates, gains, direct, static)
+    return RimGains(
+        (*split.inputs[:air], "ambient", "film", "film by n"), tuple(points), split.rates, gains, direct, static
+    )

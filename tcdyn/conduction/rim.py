@@ -3,7 +3,7 @@ the bank of lags that a record is filtered by once: every rim's output is a weig
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
@@ -23,6 +23,8 @@ Flux = Literal["hertz", "uniform"] | TrackFlux | Callable[[Array], Array]
 MAX_LENGTH_M = 10.0
 SLOWEST_PER_S = 0.3  # below the slowest mode of a 6 mm rim of steel (0.7 1/s)
 NODES = 40  # of the bank
+SHAPES_TOLD = ((0, 1, 2), (0, 2), (0, 1), (0,))  # of the three along R_i: the most that an inner row tells apart
+WORST_TOLD = 15.0  # condition of its readings; 1.4 of d, b, f
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ MESHES = {"I": Mesh(9, 13), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": MESH_
 
 @dataclass(frozen=True)
 class Rim:
-    """The rim ``R_i <= r <= R_o``, ``0 <= z <= w``, its steel, and where along z junctions d, b and f sit.
+    """The rim ``R_i <= r <= R_o``, ``0 <= z <= w``, its steel, and where along z the junctions of the inner row sit.
 
     ``washer_W_m2K`` is K_c / w_c, the washers' conductance (section 3.4.4.3); ``thickness_m`` R_o - R_i and
     ``diffusivity_m2_s`` alpha = K / (rho c) follow.
@@ -60,7 +62,7 @@ class Rim:
     density_kg_m3: float
     specific_heat_J_kgK: float
     washer_W_m2K: float
-    boundary_z_m: tuple[float, float, float]
+    boundary_z_m: tuple[float, ...]
     thickness_m: float = field(init=False)
     diffusivity_m2_s: float = field(init=False)
 
@@ -69,12 +71,8 @@ class Rim:
             raise InputError(
                 f"Rim: the inner radius {self.inner_radius_m} m must be below the outer {self.outer_radius_m} m"
             )
-        zd, zb, zf = self.boundary_z_m
-        if not 0 <= zd < zb < zf <= self.width_m:
-            raise InputError(
-                f"Rim: d, b, f must lie in this order across the width {self.width_m} m; got {self.boundary_z_m}",
-                remedy="z_mm counts from the face next to d",
-            )
+        if not self.boundary_z_m or not 0 <= min(self.boundary_z_m) <= max(self.boundary_z_m) <= self.width_m:
+            raise InputError(f"Rim: the inner row must lie within the width {self.width_m} m; got {self.boundary_z_m}")
         for name in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK"):
             if not getattr(self, name) > 0:
                 raise InputError(f"Rim: {name} must be positive; got {getattr(self, name)}")
@@ -84,24 +82,41 @@ class Rim:
         object.__setattr__(self, "thickness_m", self.outer_radius_m - self.inner_radius_m)
         object.__setattr__(self, "diffusivity_m2_s", self.conductivity_W_mK / heat)
 
+    @property
+    def unseen_z_m(self) -> float | None:
+        """Where a further junction would tell what the inner row leaves open along z; None where it tells all [m]."""
+        w, at = self.width_m, np.array(self.boundary_z_m)
+        if len(told_by(self.boundary_z_m, w)) == 3:
+            return None
+        return float(max((0.5 * w, *(w - at)), key=lambda z: np.abs(at - z).min()))
+
     @classmethod
     def from_setup(cls, setup: DiskSetup, **changes: Any) -> Rim:
-        """The rim of a disk: everything outside junction b; ``changes`` override any field."""
-        junctions = setup.junctions
+        """The rim of a disk: everything outside its inner row; ``changes`` override any field."""
         fields: dict[str, Any] = {
-            "inner_radius_m": round(setup.outer_radius_m - junctions["b"].depth_m, 12),
+            "inner_radius_m": round(setup.outer_radius_m - setup.edge_m, 12),
             "outer_radius_m": setup.outer_radius_m,
             "width_m": setup.width_m,
             "conductivity_W_mK": setup.conductivity_W_mK,
             "density_kg_m3": setup.density_kg_m3,
             "specific_heat_J_kgK": setup.specific_heat_J_kgK,
             "washer_W_m2K": setup.washer_conductivity_W_mK / setup.washer_thickness_m,
-            "boundary_z_m": tuple(junctions[name].z_m for name in ("d", "b", "f")),
+            "boundary_z_m": tuple(setup.junctions[c].z_m for c in setup.inner),
         }
         return cls(**{**fields, **changes})
 
 
-def points_of(setup: DiskSetup, names: str = "ace") -> tuple[Point, ...]:
+def told_by(at_m: tuple[float, ...], width_m: float) -> tuple[int, ...]:
+    """Which of the slab's three lowest shapes, cos(n pi z/w), the readings at these places tell apart.
+
+    >>> [told_by(z, 9.53) for z in ((2.0, 4.765, 7.53), (2.0, 4.765), (2.0, 7.53), (4.0, 4.0))]
+    [(0, 1, 2), (0, 2), (0, 1), (0,)]
+    """
+    seen = np.cos(np.pi / width_m * np.outer(at_m, range(3)))
+    return next(s for s in SHAPES_TOLD if len(s) <= len(seen) and np.linalg.cond(seen[:, s]) < WORST_TOLD)
+
+
+def points_of(setup: DiskSetup, names: Iterable[str]) -> tuple[Point, ...]:
     """(depth, z) of the named junctions, e.g. ``points_of(setup, "ace")`` [m]."""
     return tuple((setup.junctions[n].depth_m, setup.junctions[n].z_m) for n in names)
 

@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.special import erfc
 
 from calibration import Array
-from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
+from calibration.disk import DiskSetup
 from immersion.correlations import correlation as find_correlation
 from immersion.cylinder import Cylinder
 from immersion.events import EntryEvent
@@ -62,9 +62,9 @@ def predict_plunges(
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
     (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
     """
-    layout = PlungeParameters(len(plans), CHANNELS, structure)
+    layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
-    planned = [_planned(plan) for plan in plans]
+    planned = [_planned(plan, setup.channels) for plan in plans]
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
     mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
     nominal = np.where(layout.mask("lag"), lag_s, mean)
@@ -89,16 +89,16 @@ def predict_plunges(
     return from_covariances(label, "plunge", lags, {"u_h_rel": float(u_h), "u_ln_burst": float(u_burst)})
 
 
-def _planned(plan: PlungePlan) -> tuple[PlungeRun, PlungeBlocks]:
+def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
     substance = fluid(plan.fluid) if isinstance(plan.fluid, str) else plan.fluid
     dt = 1 / plan.rate_Hz
     t = np.asarray(np.arange(-plan.before_s, plan.duration_s, dt), dtype=float)
-    flat = np.full((len(t), len(CHANNELS)), plan.initial_degC)
+    flat = np.full((len(t), len(channels)), plan.initial_degC)
     event = EntryEvent(0.0, plan.entry_u_s, None, None, "planned")
-    run = PlungeRun(t, flat, CHANNELS, substance, np.full(len(t), plan.bath_degC), event)
+    run = PlungeRun(t, flat, channels, substance, np.full(len(t), plan.bath_degC), event)
     time, mean, count = make_averages(t, flat, dt, 2.0)
     bath_t = np.array([0.0, plan.duration_s])
-    noise = np.full(len(CHANNELS), plan.noise_K)
+    noise = np.full(len(channels), plan.noise_K)
     return run, PlungeBlocks(time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0)
 
 
@@ -138,15 +138,17 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
     rates = node_rates(dt)
     banks = [lag_bank(on, dt, rates, hold="zoh", switches=(Switch(before - 1, 1.0, first, last),))]
     banks += [lag_bank(x, dt, rates) for x in inputs.T[1:]]
-    nominal = points_of(setup, "".join(OUTER_ROW))
+    nominal = points_of(setup, setup.outer)
+    n, p = len(setup.channels), len(setup.outer)
+    inner, outer = setup.places(setup.inner), setup.places(setup.outer)
 
     @cache
     def parts(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
-        """True outer traces (N, 3): the share of the power, and that of every boundary reading (3, N, 3)."""
+        """True outer traces (N, P): the share of the power, and that of every boundary reading (k, N, P)."""
         rim = Rim.from_setup(setup, conductivity_W_mK=setup.conductivity_W_mK * float(np.exp(ln_k)))
         points = [(depth + more, z) for (depth, z), more in zip(nominal, deeper_m)]
         g = rim_gains(rim, plan.h_W_m2K * float(np.exp(ln_h)), points, plan.half_width_m, rates, mesh=Mesh(33, 53))
-        each = np.array([banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i] for i in range(4)])
+        each = np.array([banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i] for i in range(1 + len(inner))])
         return plan.power_W * each[0], each[1:]
 
     def chained(x: Array, lag: float = lag_s, split: float = logit) -> Array:
@@ -154,40 +156,40 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
         return Chain(taus, delay_s=delay, conditioning=setup.conditioning).response(x, dt)
 
     def readings(theta: Array) -> Array:
-        """Readings of a, c, e, one after the other (3 N,)."""
-        lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(theta, [6, 11, 14])
+        """Readings of the outer row, one after the other (P N,)."""
+        lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(theta, [n, n + 5, n + 5 + p])
         power, rows = parts(float(ln_h), float(ln_k), *map(float, depths))
         power, row = power * (1 + ln_power), rows.sum(axis=0)
         # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
-        shift = -instant * power + np.tensordot([lags[CHANNELS.index(c)] - lag_s for c in INNER_ROW], rows, axes=1)
+        shift = -instant * power + np.tensordot(lags[inner] - lag_s, rows, axes=1)
         out = np.gradient(chained(shift), dt, axis=0) + offsets
-        for k, channel in enumerate(OUTER_ROW):  # a split common to all channels acts on the power's share alone
-            lag = float(lags[CHANNELS.index(channel)])
+        for k, at in enumerate(outer):  # a split common to all channels acts on the power's share alone
+            lag = float(lags[at])
             out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
         return np.asarray(out.T.ravel())
 
-    at = np.concatenate([np.full(6, lag_s), [logit], np.zeros(10)])
-    steps = np.array([*[1e-3] * 8, 0.02, 0.02, 1e-3, *[2e-5] * 3, *[1e-3] * 3])
+    start = np.concatenate([np.full(n, lag_s), [logit], np.zeros(4 + 2 * p)])
+    steps = np.array([*[1e-3] * (n + 2), 0.02, 0.02, 1e-3, *[2e-5] * p, *[1e-3] * p])
     prior = np.array(
         [
-            *[np.inf] * 6,
+            *[np.inf] * n,
             *(SPLIT_SD, plan.power_log_u, plan.h_log_u, plan.conductivity_log_u, plan.instant_u_s),
-            *[plan.depth_u_m] * 3,
-            *[plan.offset_K] * 3,
+            *[plan.depth_u_m] * p,
+            *[plan.offset_K] * p,
         ]
     )
-    alike = np.eye(6, len(at))  # rows added to the data: channels of one disk are much alike
-    alike[:, :6] -= 1 / 6
-    c = covariance(np.vstack([slopes(readings, at, steps) / plan.noise_K, alike / plan.alike_s]), prior)
-    others = {"u_power_rel": float(np.sqrt(c[7, 7])), "u_h_rel": float(np.sqrt(c[8, 8]))}
+    alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
+    alike[:, :n] -= 1 / n
+    c = covariance(np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior)
+    others = {"u_power_rel": float(np.sqrt(c[n + 1, n + 1])), "u_h_rel": float(np.sqrt(c[n + 2, n + 2]))}
     label = f"{plan.kind}, {plan.power_W:g} W, {plan.window_s:g} s"
-    return from_covariances(label, plan.kind, [c[:6, :6]], others)
+    return from_covariances(label, plan.kind, [c[:n, :n]], others)
 
 
 def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
-    """Inner row d, b, f (N, 3) about the surroundings: steady then cooling, or cold then warming [K]."""
+    """Inner row (N, k) about the surroundings: steady then cooling, or cold then warming [K]."""
     flux = plan.power_W / (2 * np.pi * setup.outer_radius_m * setup.width_m)
-    depths = [setup.junctions[c].depth_m for c in INNER_ROW]
+    depths = [setup.junctions[c].depth_m for c in setup.inner]
     rise = simulate_plunge_model(
         Cylinder.from_setup(setup),
         depths,
@@ -270,7 +272,7 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65, l
         chain = Chain((*taus, float(np.exp(ln_onset))), delay_s=delay, conditioning=setup.conditioning)
         return chain.response(np.exp(ln_flux) * (begun - ended), dt) + offset
 
-    depths = [setup.junctions[channel].depth_m for channel in CHANNELS]
+    depths = [junction.depth_m for junction in setup.junctions.values()]
     each = [slopes(partial(reading, depth), at, steps) / plan.noise_K for depth in depths]
     own = len(table) - 2
     rows = np.hstack([block_diag(*(j[:, :own] for j in each)), np.vstack([j[:, own:] for j in each])])

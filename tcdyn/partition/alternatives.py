@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from calibration import Array
@@ -123,7 +122,8 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     """
     ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
     columns, none = structures(test, joint, both.theta), np.zeros((ends[-1], 0))
-    solve = Linear.at(both.optimum, ends)
+    points = tuple(joint[d].side.window.y.shape[1] for d in DISKS)
+    solve = Linear.at(both.optimum, ends, points)
     waves = solve(np.hstack([*columns.values()]), solve.waves(both.optimum.residual)).waves
     log_ratio = float(np.log(test.speed_ratio))
     toward = np.zeros((2, len(both.optimum.theta)))
@@ -136,7 +136,7 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     tried = []
     for name, found in first.items():
         if name in likeliest and found.log_odds > SETTLED_LOG_ODDS:
-            found = _settled(test, joint, both, name, found, waves, ends)
+            found = _settled(test, joint, both, name, found, solve, waves)
         wide = found.covariance(max(found.waves, waves)) if found.sizes else usual
         beta, n = (
             Estimate.normal(e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w)))
@@ -155,10 +155,11 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
 
 
 def _settled(
-    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: Refit, waves: float,
-    ends: NDArray[np.int64],
+    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: Refit, about: Linear,
+    waves: float,
 ) -> Refit:  # fmt: skip
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
+    ends = about.ends
     theta, best, sides = both.theta + found.step[:8], both.optimum, [joint[d].side for d in DISKS]
     for _ in range(ROUNDS):
         late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
@@ -172,7 +173,7 @@ def _settled(
         theta = again.theta[:8]
         own = [problem.names.index(what.name) for what in extra]
         order = np.array([problem.names.index(x) for x in best.problem.names])
-        solve = Linear.at(again, ends, order)
+        solve = Linear.at(again, ends, about.points, order)
         there = solve(again.jacobian[: ends[-1], own], waves)
         sizes = tuple(Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes))
         found = replace(there, step=again.theta[order] - best.theta, sizes=sizes, waves=solve.waves(again.residual))

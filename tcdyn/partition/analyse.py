@@ -44,7 +44,6 @@ from tcdyn.partition.sensors import SensorCheck, cables_exchanged, check_sensors
 from tcdyn.partition.statement.fit import stated_round
 from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import (
-    EQUAL_WEIGHTS,
     DiskLine,
     SpeedLawPoint,
     at_one_radius,
@@ -138,7 +137,7 @@ def analyse(
     *,
     window_s: float = WINDOW_S,
     profile: Profile = "modal",
-    weights: NDArray[np.float64] = EQUAL_WEIGHTS,
+    weights: NDArray[np.float64] | None = None,
     seed: int = 0,
     sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,

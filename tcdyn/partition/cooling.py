@@ -18,14 +18,13 @@ from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.surface import still
 from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine, surface_degC
-from tcdyn.partition.window import OUTER, REST, DiskWindow, disk_window, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01
 LEAST_SPEED = 0.01  # of that under load
-AMBIENT = 4  # of the rim's inputs
 
 
 def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
@@ -48,7 +47,9 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
     known = still(test, disk)
-    warmer = surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, AMBIENT] - window.blocks @ known[rows, 0]
+    warmer = (
+        surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, window.rim.ambient] - window.blocks @ known[rows, 0]
+    )
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
     return known + np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
@@ -80,8 +81,8 @@ class Cooled:
 class CoolingFit:
     """h [W/m2K] and share of one disk from its cooling; ``misfit_K`` is the rms over the window.
 
-    ``by_effect`` (R, 3): change of the fitted h by what the model's prediction of each mean changes by [W/m2K per K];
-    ``power`` (R, 3): the model's answer to a share of one; ``h_noise``: standard uncertainty of h from the compensated
+    ``by_effect`` (R, P): change of the fitted h by what the model's prediction of each mean changes by [W/m2K per K];
+    ``power`` (R, P): the model's answer to a share of one; ``h_noise``: standard uncertainty of h from the compensated
     traces' noise alone.
     """
 
@@ -124,7 +125,7 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
 def compensated(
     test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float, profile: Profile = "modal"
 ) -> Cooled:
-    """The six traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
+    """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
     start, end = test.time_s[rows][[0, -1]]
     done = smooth(
         disk.measured_degC[rows],
@@ -140,13 +141,16 @@ def compensated(
         disk_window(test, disk, done.temperature + longer_s * done.lag_sensitivity, rows, disk.noise_K, profile)
         for longer_s in (0.0, LAG_STEP_S)
     )
-    return Cooled(test, disk, done, window, late, float(np.median(done.sd_noise[:, OUTER])))
+    return Cooled(
+        test, disk, done, window, late, float(np.median(done.sd_noise[:, disk.setup.places(disk.setup.outer)]))
+    )
 
 
 def cooling_errors(cooled: Cooled, share: float, h_W_m2K: float) -> tuple[Effects, Array]:
     """What may be wrong with the window about a point of the plane: effects of what nobody measured, and predicted
-    less compensated outer row per second of compensated lag too long, (R, 3)."""
-    predicted = cooled.late.rim.through(REST, h_W_m2K) - cooled.window.rim.through(REST, h_W_m2K)
+    less compensated outer row per second of compensated lag too long, (R, P)."""
+    late_rim, rim = cooled.late.rim, cooled.window.rim
+    predicted = late_rim.through(rim.rest, h_W_m2K) - rim.through(rim.rest, h_W_m2K)
     late = (predicted - (cooled.late.y - cooled.window.y)) / LAG_STEP_S
     return effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
 

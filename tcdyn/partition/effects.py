@@ -9,23 +9,13 @@ import numpy as np
 from scipy import ndimage, signal
 
 from calibration import Array
-from calibration.disk import CHANNELS, OUTER_ROW
+from calibration.disk import DiskSetup
 from tcdyn.chain import discretised
 from tcdyn.conduction.rim import lag_bank
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement import statement_effects
 from tcdyn.partition.uneven import Unmeasured, round_effects
-from tcdyn.partition.window import (
-    FILM_BY_N,
-    INNER,
-    OUTER,
-    ROWS,
-    DiskWindow,
-    Perturbation,
-    inner_gradient,
-    known_round,
-    sampled,
-)  # fmt: skip
+from tcdyn.partition.window import DiskWindow, Perturbation, inner_gradient, known_round, sampled
 from tcdyn.traces import DiskTraces
 
 AMBIENT = -1  # of what ``stated_effects`` gives
@@ -36,20 +26,31 @@ SMOOTH_RATE_S = 0.5
 SPLIT_SD_S = 0.03  # a plunge hardly tells how a channel's lag is split in two
 MODEL_K = 0.03  # what rim and mesh leave unexplained at a junction, against whole-disk solutions
 
-STATED = (
-    *(Unmeasured(f"static {c}", "static lines") for c in ROWS),
-    *(Unmeasured(f"depth {c}", "junction depth") for c in ROWS),
-    *(Unmeasured(f"lag {c}", "chain") for c in ROWS),
-    *(Unmeasured(name, name, True) for name in ("conductivity", "heat capacity", "washer", "half-width", "ambient")),
-)
 AIR = Unmeasured("air", "ambient")  # of one disk, as far as its channels differ
-OWN = (
-    Unmeasured("parting", "parting", True),
-    Unmeasured("friction", "friction", True),
-    *(Unmeasured(f"split {c}", "chain") for c in OUTER_ROW),
-    Unmeasured("film exponent", "film exponent", True),
-    AIR,
-)
+
+
+def stated(disk: DiskSetup) -> tuple[Unmeasured, ...]:
+    """What is stated of a disk and its surroundings: of each junction, the outer row first, then of the steel."""
+    return (
+        *(Unmeasured(f"static {c}", "static lines") for c in disk.rows),
+        *(Unmeasured(f"depth {c}", "junction depth") for c in disk.rows),
+        *(Unmeasured(f"lag {c}", "chain") for c in disk.rows),
+        *(
+            Unmeasured(name, name, True)
+            for name in ("conductivity", "heat capacity", "washer", "half-width", "ambient")
+        ),
+    )
+
+
+def of_test(disk: DiskSetup) -> tuple[Unmeasured, ...]:
+    """What a test adds to that."""
+    return (
+        Unmeasured("parting", "parting", True),
+        Unmeasured("friction", "friction", True),
+        *(Unmeasured(f"split {c}", "chain") for c in disk.outer),
+        Unmeasured("film exponent", "film exponent", True),
+        AIR,
+    )
 
 
 @dataclass(frozen=True)
@@ -61,39 +62,46 @@ class Effects:
 
 
 def stated_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
-    """Standard uncertainty of everything in ``STATED``, (Q,): static lines (6,) of a..f as given; lags by how well the
+    """Standard uncertainty of everything ``stated``, (Q,): static lines (C,) as given; lags by how well the
     record tells each from the mean of all, and by ``other_lags_s`` where they may be another channel's."""
-    u, order = disk.uncertainty, [*OUTER, *INNER]
-    centre = np.eye(len(CHANNELS)) - 1.0 / len(CHANNELS)
+    u, order = disk.uncertainty, disk.setup.places(disk.setup.rows)
+    centre = np.eye(len(order)) - 1.0 / len(order)
     apart = np.clip(np.diag(centre @ disk.lag_covariance_s2 @ centre.T), 0.0, None)
     lag_u_s = np.hypot(np.sqrt(apart), other_lags_s)
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
     return np.concatenate([static_u_K[order], disk.depth_u_m[order], lag_u_s[order], steel])
 
 
-def departures(depth_step_m: float) -> list[tuple[Perturbation, float]]:
+def departures(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
     """What ``stated_effects`` asks the answer to, each with its size: every junction deeper, steel, washer, width."""
-    deeper = [(Perturbation(deeper_m=tuple(row)), depth_step_m) for row in depth_step_m * np.eye(len(ROWS))]
+    deeper = [(Perturbation(deeper_m=tuple(row)), depth_step_m) for row in depth_step_m * np.eye(len(disk.rows))]
     return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
 
 
 def stated_effects(moved: Array, driven: Array, lasts: Array, rates_K_s: Array, drives: Array) -> Array:
-    """What R means of a, c, e (or a, c, e, d, b, f) show more by a unit of everything in ``STATED``, (Q, R, P).
+    """What R means of the P outer junctions (or of these and the k inner) show more by a unit of everything ``stated``.
 
-    ``moved`` (10, R, P): what they show more by a unit of each of the ``departures``; ``driven`` (10, R, 3): what the
-    outer row answers to an input that is higher by a lasting kelvin, by its rise of temperature with radius, and by its
-    rate, each for d, b, f, and to a kelvin of ambient; ``lasts`` (R,): how much of a lasting error the means show;
-    ``rates_K_s`` (R, P): how fast each rises; ``drives`` (3, 3): which inputs d, b, f each errs with. A junction of the
-    inner row that reads too high drives the prediction up, one that lies deeper reads too low for its inner radius.
-    """
-    place = np.eye(len(ROWS))[:, None, : moved.shape[2]]
-    static, lag, depth = place * lasts[:, None], -place * rates_K_s, moved[: len(ROWS)].copy()
-    static[3:, :, :3] -= np.tensordot(drives, driven[:3], 1)
-    depth[3:, :, :3] += np.tensordot(drives, driven[3:6], 1)
-    lag[3:, :, :3] += np.tensordot(drives, driven[6:9], 1)
+    (Q, R, P or P + k). ``moved`` (P + k + 4, R, ...): what they show more by a unit of each of the ``departures``;
+    ``driven`` (3 k + 1, R, P): what the outer row answers to an input that is higher by a lasting kelvin, by its rise
+    of temperature with radius, and by its rate, each for the inner row, and to a kelvin of ambient; ``lasts`` (R,): how
+    much of a lasting error the means show; ``rates_K_s`` (R, ...): how fast each rises; ``drives`` (k, k): which inputs
+    each of the inner row errs with. A junction of the inner row that reads too high drives the prediction up, one that
+    lies deeper reads too low for its inner radius."""
+    k, p = len(drives), driven.shape[2]
+    place = np.eye(p + k)[:, None, : moved.shape[2]]
+    static, lag, depth = place * lasts[:, None], -place * rates_K_s, moved[: p + k].copy()
+    static[p:, :, :p] -= np.tensordot(drives, driven[:k], 1)
+    depth[p:, :, :p] += np.tensordot(drives, driven[k : 2 * k], 1)
+    lag[p:, :, :p] += np.tensordot(drives, driven[2 * k : 3 * k], 1)
     ambient = np.zeros_like(moved[:1])
-    ambient[0, :, :3] = driven[9]
-    return np.concatenate([static, depth, lag, moved[len(ROWS) :], ambient])
+    ambient[0, :, :p] = driven[3 * k]
+    return np.concatenate([static, depth, lag, moved[p + k :], ambient])
+
+
+def by_inputs(setup: DiskSetup, static: Array) -> Array:
+    """Steady answers of ``static`` (I, P) in the order of ``driven``, see ``stated_effects``: (3 k + 1, P)."""
+    k = len(setup.inner)
+    return np.concatenate([static[1 : k + 1]] * 3 + [static[k + 1 : k + 2]])
 
 
 def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float) -> Effects:
@@ -103,17 +111,18 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     moved from its first lag to its second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading loses
     (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
     """
-    rim, blocks, dt = window.rim, window.blocks, test.dt_s
+    rim, blocks, dt, setup = window.rim, window.blocks, test.dt_s, disk.setup
+    inner, outer = setup.places(setup.inner), setup.places(setup.outer)
     rest, power = rim.answer(h_W_m2K)
     base, g = rest + share * power, rim.gains(h_W_m2K)
-    there = [(*rim.answer(h_W_m2K, p), size) for p, size in departures(DEPTH_STEP_M)]
+    there = [(*rim.answer(h_W_m2K, p), size) for p, size in departures(setup, DEPTH_STEP_M)]
     moved = np.array([(rest + share * power - base) / size for rest, power, size in there])
     width = max(int(round(SMOOTH_RATE_S / dt)), 1)
-    smooth = ndimage.uniform_filter1d(window.readings[:, INNER], width, axis=0, mode="nearest")
+    smooth = ndimage.uniform_filter1d(window.readings[:, inner], width, axis=0, mode="nearest")
     errors = np.hstack([inner_gradient(window, share, h_W_m2K), np.gradient(smooth, dt, axis=0)])
-    driven = np.repeat(g.static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4]][:, None], len(base), axis=1)
-    for k, error in enumerate(errors.T, start=3):
-        i = 1 + k % 3
+    driven = np.repeat(by_inputs(setup, g.static)[:, None], len(base), axis=1)
+    for k, error in enumerate(errors.T, start=len(inner)):
+        i = 1 + k % len(inner)
         bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
         driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
     rates = np.gradient(base, window.at_s, axis=0)
@@ -124,17 +133,17 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     b, a = discretised([tau1 - tau2, 0.0, 0.0], np.polymul([tau1, 1.0], [tau2, 1.0]), dt)
     whole = sampled(window, base)
     lost = signal.lfilter(b, a, whole, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * whole[0])[0]
-    split = -np.eye(3)[:, None] * (blocks @ lost)
+    split = -np.eye(len(outer))[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
-    static[OUTER] = np.hypot(static[OUTER], MODEL_K)
-    film = rim.through(FILM_BY_N, h_W_m2K)
-    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * 3, float(film.any())]
+    static[outer] = np.hypot(static[outer], MODEL_K)
+    film = rim.through(rim.film_by_n, h_W_m2K)
+    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * len(outer), float(film.any())]
     own += [test.air[disk.name].own_u_K if disk.name in test.air else 0.0]
     u = np.concatenate([stated_u(disk, static), own])
     change = np.concatenate([known, [late, share * power], split, [film, known[AMBIENT]]])
     asked = np.flatnonzero(u > 0)
-    of, since_s = tuple((*STATED, *OWN)[q] for q in asked), window.at_s - test.events.unload_s
+    of, since_s = tuple((*stated(setup), *of_test(setup))[q] for q in asked), window.at_s - test.events.unload_s
     more_of, more = statement_effects(disk, window, share, h_W_m2K)
     of, change = (*of, *more_of), np.concatenate([u[asked, None, None] * change[asked], more])
     uneven = known_round(test, disk.name)
-    return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[1:4], since_s))
+    return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[rim.inner], since_s))

@@ -26,7 +26,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
-from tcdyn.partition.window import POWER, REST, DiskWindow, RimMeans, disk_window, known_round, power_seen, stretch_of
+from tcdyn.partition.window import POWER, DiskWindow, RimMeans, disk_window, known_round, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -131,8 +131,8 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     def heated(taus_s: tuple[float, ...]) -> RimMeans:
         power, _ = power_seen(test, rows, with_lags(like, taus_s))
         bank = lag_bank(power, test.dt_s, rim.rates_1_s)
-        inputs = np.column_stack([blocks @ power, rim.inputs[:, REST]])
-        return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[REST]]))
+        inputs = np.column_stack([blocks @ power, rim.inputs[:, rim.rest]])
+        return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[rim.rest]]))
 
     def model(p: Array) -> tuple[Array, Array] | None:
         """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),
@@ -237,7 +237,8 @@ def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array)
     (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
     noise, per_sd = told(best, sides)
     ends = np.cumsum([len(s.y) for s in sides])
-    inflation = max(wave_factor(r.reshape(-1, 3)) for r in np.split(best.residual[: ends[-1]], ends[:-1]))
+    parts = zip(sides, np.split(best.residual[: ends[-1]], ends[:-1]))
+    inflation = max(wave_factor(r.reshape(s.window.y.shape)) for s, r in parts)
     return inflation, inflation * noise[np.ix_(index, index)] * np.outer(scale, scale), scale[:, None] * per_sd[index]
 
 
@@ -269,7 +270,9 @@ def joint_fits(
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
-    pulls = tuple((*of, z) for of, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if of[0] not in ROUND)
+    pulls = tuple(
+        (*of, z) for of, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if of[0].source not in ROUND
+    )
     left = best.theta[8:], best.covariance[8:, 8:], unknown
     known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
     uneven = {of[0]: found_in(*left, *of) for of in known}

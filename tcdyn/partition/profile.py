@@ -25,7 +25,7 @@ from calibration.finding import note
 from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
 from tcdyn.fitting import crossing, least, minimise, profile
 from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
-from tcdyn.partition.window import POWER, REST
+from tcdyn.partition.window import POWER
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
 REACH_FOLD = 8.0  # but no farther than this factor
@@ -51,7 +51,7 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     nodes_sum = log_nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
     nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
     weight = side.window.weight
-    rest = (side.window.rim.through(REST, nodes_h) * weight).reshape(H_NODES, -1)
+    rest = (side.window.rim.through(side.window.rim.rest, nodes_h) * weight).reshape(H_NODES, -1)
     power = np.empty((H_NODES, len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):

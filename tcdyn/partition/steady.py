@@ -16,12 +16,11 @@ from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.steel import follows_temperature, linear_about
 from tcdyn.partition.uneven import Unmeasured
-from tcdyn.partition.window import OUTER, DiskWindow, inner_gradient, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, inner_gradient, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
-EQUAL_WEIGHTS = np.ones(3)  # (7.1); (7.2) doubles the first
 END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
 LEAST_H_W_M2K, START_H_W_M2K = 50.0, 400.0
 LEVELLED_S = 20.0  # of cooling that any fit looks at
@@ -177,11 +176,12 @@ class DiskLine:
 
 
 def disk_line(
-    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal", weights: Array = EQUAL_WEIGHTS
+    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> DiskLine:
-    """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (3,) of a, c, e."""
+    """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (P,) of the outer row, equal
+    (7.1) unless given; (7.2) doubles that of a."""
     window = lagged_window(test, disk, rows, profile)
-    weights = weights * window.used
+    weights = (1.0 if weights is None else weights) * window.used.astype(float)
     steady = window.at_s < test.events.unload_s - END_GAP_S
     rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
@@ -202,7 +202,7 @@ def disk_line(
 
 
 def steady_lines(
-    test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array = EQUAL_WEIGHTS
+    test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
     """Steady line of each disk from the lagged readings, and the speed law's point on both; of one disk a start."""
     lines = {d: disk_line(test, disk, rows, profile, weights) for d, disk in test.disks.items()}
@@ -213,13 +213,13 @@ def steady_lines(
 
 
 def at_one_radius(test: EhlTest) -> EhlTest:
-    """The test with ``inner_K`` of both disks set: radial gradient times how much deeper than b a junction lies.
+    """The test with ``inner_K`` of both disks set: radial gradient times how much deeper than its edge a junction lies.
 
-    The rim begins at the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where rig.toml
-    states another depth, the gradient of the model itself, at the speed law's share and h, tells what they would read.
-    First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay untouched.
-    """
-    off = {d: disk.setup.deeper_than_b_m for d, disk in test.disks.items()}
+    The rim begins at its edge, the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where
+    rig.toml states another depth, the gradient of the model itself, at the speed law's share and h, tells what they
+    would read. First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay
+    untouched."""
+    off = {d: disk.setup.deeper_than_edge_m for d, disk in test.disks.items()}
     if not any(np.any(o) for o in off.values()):
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
@@ -250,7 +250,7 @@ def _linear(test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[floa
     window = lagged_window(test, test.disks[d], rows)
     to_parting = window.at_s - test.events.unload_s
     last = (to_parting >= -LAST_S) & (to_parting < -END_GAP_S)
-    air, rim = (float(window.rim.inputs[last, k].mean()) for k in (4, slice(1, 4)))
+    air, rim = (float(window.rim.inputs[last, k].mean()) for k in (window.rim.ambient, window.rim.inner))
     surface = rim if at is None else float(surface_degC(window, *at)[last].mean())
     return linear_about(setup, air, surface, rim)
 
@@ -258,7 +258,7 @@ def _linear(test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[floa
 def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     """Mean temperature of the running surface by the model, (R,) [degC]."""
     places = tuple((SURFACE_DEPTH_M, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * window.rim.setup.width_m)
-    rest, power = (x[:, len(OUTER) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=places))
+    rest, power = (x[:, len(window.rim.setup.outer) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=places))
     return np.asarray(rest + share * power)
 
 
@@ -287,7 +287,7 @@ def surface_temperatures(
         places = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m)
         step = 0.01 * max(h, 10.0)
         answers = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
-        rest, power = (x[:, last, 3:].mean(axis=1) for x in answers)
+        rest, power = (x[:, last, len(rim.setup.outer) :].mean(axis=1) for x in answers)
         track = rest + share * power  # (2, 9)
         track -= rim.setup.steel.straight(track) - track  # back from Kirchhoff's temperature, to first order
         k = int(np.argmax(track[0]))

@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Array
-from calibration.disk import DISKS, OUTER_ROW
+from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Rim, lag_bank
+from tcdyn.conduction.rim import Rim, lag_bank, points_of
 from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
 from tcdyn.partition.statement.steel import by_conductivity_slope
 from tcdyn.partition.statement.track import by_shift
-from tcdyn.partition.window import FILM, FIT_MESH, REST, Perturbation, RimMeans, power_seen, sampled
+from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
@@ -43,9 +43,8 @@ ACROSS = np.linspace(0.05, 0.95, 7)  # places across the running surface whose m
 class About:
     """One disk about its part of the fit of both: its rim driven by the power that the fit sees, answers there.
 
-    ``base`` and ``power`` (R, 3): what a, c, e are predicted to show, and by a share of one; ``surface`` (R,): mean
-    temperature of the running surface [degC], its power not lagged; ``chain``: through which all is seen.
-    """
+    ``base`` and ``power`` (R, P): what the outer row is predicted to show, and by a share of one; ``surface`` (R,):
+    mean temperature of the running surface [degC], its power not lagged; ``chain``: through which all is seen."""
 
     test: EhlTest
     fit: DiskFit
@@ -66,53 +65,55 @@ class About:
         first = int(np.searchsorted(test.time_s, window.time_s[0]))
         true, held = power_seen(test, slice(first, first + len(window.time_s)), None)
         bank = window.blocks @ lag_bank(true, test.dt_s, rim.rates_1_s, **held)
-        inputs = np.column_stack([window.blocks @ true, rim.inputs[:, REST]])
-        unlagged = replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[REST]]))
+        inputs = np.column_stack([window.blocks @ true, rim.inputs[:, rim.rest]])
+        unlagged = replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]]))
         at_surface, heat = unlagged.answer(h, extra=tuple((0.0, float(x)) for x in ACROSS * rim.setup.width_m))
-        surface = (at_surface + share * heat)[:, 3:].mean(axis=1)
+        surface = (at_surface + share * heat)[:, len(rim.setup.outer) :].mean(axis=1)
         return cls(test, fit, share, h, rim, chain, rest + share * power, power, surface)
 
     def moved(self, p: Perturbation) -> Array:
-        """What a, c, e show more of a disk that departs by ``p``, (R, 3) [K]."""
+        """What the outer row shows more of a disk that departs by ``p``, (R, P) [K]."""
         rest, power = self.rim.answer(self.h_W_m2K, p)
         return np.asarray(rest + self.share * power - self.base)
 
     def film(self, air_K: Array) -> Array:
-        """What a, c, e show more when the air at the running surface alone is warmer by ``air_K`` (R,), (R, 3) [K]."""
+        """What the outer row shows more when the air at the running surface alone is warmer by ``air_K`` (R,), (R, P)
+        [K]."""
         window = self.fit.side.window
         air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
         bank = window.blocks @ lag_bank(air, self.test.dt_s, self.rim.rates_1_s)
         s = self.rim.setup
-        points = tuple((s.junctions[c].depth_m, s.junctions[c].z_m) for c in OUTER_ROW)
+        points, film = points_of(s, s.outer), self.rim.film
         gains = cached_gains(
             Rim.from_setup(s), self.h_W_m2K, points, self.rim.half_width_m, tuple(self.rim.rates_1_s), self.rim.profile,
             "hertz", FIT_MESH, film=True,
         )  # fmt: skip
-        return np.asarray((window.blocks @ air)[:, None] * gains.direct[FILM][0] + bank @ gains.gains[FILM][0].T)
+        return np.asarray((window.blocks @ air)[:, None] * gains.direct[film][0] + bank @ gains.gains[film][0].T)
 
     def lossier(self, ratio: Array) -> Array:
         """The same when h is higher by ``ratio`` (R,) of itself: h (1 + ratio) (T - T_A) is an air that is colder by
         ratio (T - T_A)."""
-        return self.film(-ratio * (self.surface - self.rim.inputs[:, 4]))
+        return self.film(-ratio * (self.surface - self.rim.inputs[:, self.rim.ambient]))
 
     def later(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
-        """What a, c, e show more when one junction is ``LAG_SD_S`` slower, (6, R, 3), and which.
+        """What the outer row shows more when one junction is ``LAG_SD_S`` slower, (C, R, P), and which.
 
         Of the outer row by the straight line to ``late_s``, if that is not zero: much lag is not linear.
         """
         disk, window = self.test.disks[self.fit.disk], self.fit.side.window
-        free = replace(disk, lag_covariance_s2=LAG_SD_S**2 * 1.2 * np.eye(6))  # 1.2: less the mean of six
+        n, outer = len(disk.chains), disk.setup.outer
+        free = replace(disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n))  # less the mean of n
         known = effects(self.test, free, window, self.share, self.h_W_m2K)
         rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
         change, names = known.change[rows].copy(), [known.of[k].name.removeprefix("lag ") for k in rows]
         slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
         if off_s := slower.lag_s - self.chain.lag_s:
             whole = sampled(window, self.base)
-            shown = equalised(whole, self.test.dt_s, (self.chain,) * len(OUTER_ROW), slower)
+            shown = equalised(whole, self.test.dt_s, (self.chain,) * len(outer), slower)
             moved = window.blocks @ (shown - whole) * (LAG_SD_S / off_s)
-            for k, c in enumerate(OUTER_ROW):
+            for k, c in enumerate(outer):
                 if c in names:
-                    change[names.index(c)] = moved * (np.arange(len(OUTER_ROW)) == k)
+                    change[names.index(c)] = moved * (np.arange(len(outer)) == k)
         return change, names
 
 
@@ -143,11 +144,11 @@ def _faces(a: About) -> Array:
 
 def _stem(a: About) -> Array:
     """Every junction reads less by a part of its excess over ambient; the inner row then drives the rim too cold."""
-    air = a.rim.inputs[:, [4]]
-    excess = [a.rim.inputs[:, [k]] - air for k in (1, 2, 3)]
-    gains = a.rim.gains(a.h_W_m2K)
+    at, gains = a.rim.ambient, a.rim.gains(a.h_W_m2K)
+    air = a.rim.inputs[:, [at]]
+    excess = [a.rim.inputs[:, [k]] - air for k in range(1, at)]
     driven = sum(
-        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[4]) @ gains.gains[k].T for k, x in zip((1, 2, 3), excess)
+        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[at]) @ gains.gains[k].T for k, x in enumerate(excess, 1)
     )
     return np.asarray(STEM_SD * (driven - (a.base - air)))
 
@@ -158,7 +159,7 @@ def _elsewhere(a: About) -> Array:
 
 def _k_of_T(a: About) -> Array:
     """Less where it is hot, as rig.toml might have stated."""
-    s, air = a.rim.setup, _at_parting(a, a.rim.inputs[:, 4])
+    s, air = a.rim.setup, _at_parting(a, a.rim.inputs[:, a.rim.ambient])
     rim = replace(a.rim, setup=replace(s, steel=s.steel.about(air, _at_parting(a, a.surface))))
     window = replace(a.fit.side.window, rim=rim)
     return -by_conductivity_slope(window, a.share, a.h_W_m2K, 0.01 * PER_100_K_SD)
@@ -227,7 +228,8 @@ class Refit:
 
 @dataclass(frozen=True)
 class Linear:
-    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows."""
+    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows, and
+    ``points``: how many junctions its outer row has."""
 
     residual: Array
     jacobian: Array
@@ -235,19 +237,22 @@ class Linear:
     off_prior: Array
     directions: Array
     ends: NDArray[np.int64]
+    points: tuple[int, ...]
 
     @classmethod
-    def at(cls, best: Optimum, ends: NDArray[np.int64], which: NDArray[np.int64] | None = None) -> Linear:
+    def at(
+        cls, best: Optimum, ends: NDArray[np.int64], points: tuple[int, ...], which: NDArray[np.int64] | None = None
+    ) -> Linear:
         """About an optimum, by the parameters ``which`` of it."""
         k = np.arange(len(best.theta)) if which is None else which
         off = best.theta - best.problem.prior_mean
         free = free_directions(best.problem.fixed[:, k])
-        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends)
+        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends, points)
 
     def waves(self, residual: Array) -> float:
         """Slow waves in the residuals of the worse disk, as the fits count them."""
         parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
-        return max(wave_factor(r.reshape(-1, 3)) for r in parts)
+        return max(wave_factor(r.reshape(-1, p)) for r, p in zip(parts, self.points))
 
     def __call__(self, columns: Array, waves: float) -> Refit:
         """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""

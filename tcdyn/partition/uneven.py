@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from calibration import Array
-from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
+from calibration.disk import DiskSetup
 from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, note
 
-ROWS = (*OUTER_ROW, *INNER_ROW)
-SHAPES = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # priors [K] at the depth of b
+SHAPES = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # priors [K] at the rim's edge, the depth of b
 PER_K = {"level": 1.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # at least this share of the level, once it was found
 KEEPS_S = 10.0  # as long after the parting drift and bend go on: the bore does not feel it yet
 FALL_S = 25.0  # by then half of what falls has fallen: a fiftieth after ten seconds, against whole-disk solutions
@@ -45,9 +44,8 @@ class Unmeasured:
 SIDES = ("cos", "sin")
 FIRST = tuple(Unmeasured(f"uneven {shape}, {side}", "uneven bore contact") for shape in SHAPES for side in SIDES)
 SECOND = tuple(Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in SIDES)
-ANGLES = tuple(Unmeasured(f"angle {c}", "angles of the junctions") for c in ROWS)
-ROUND = (*SECOND, *ANGLES, *FIRST)
-SENSED = 6  # rows of ``sensed``
+ANGLES = "angles of the junctions"
+ROUND = {ANGLES, *(what.source for what in (*SECOND, *FIRST))}  # sources of what has to do with the bore
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,7 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     edge = kappa * outer
     lost_i = k * kappa * special.ivp(n, edge) + h_W_m2K * special.iv(n, edge)
     lost_k = k * kappa * special.kvp(n, edge) + h_W_m2K * special.kv(n, edge)
-    depths = np.append(np.ravel(depth_m), setup.junctions["b"].depth_m)
+    depths = np.append(np.ravel(depth_m), setup.edge_m)
     x = kappa * (outer - depths)
     shape = special.iv(n, x) - lost_i / lost_k * special.kv(n, x)
     return np.asarray((shape[:-1] / shape[-1]).reshape(np.shape(depth_m)))
@@ -199,19 +197,19 @@ def fallen(since_s: Array) -> Array:
 
 
 def seen(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
-    """What a, c, e show more than predicted by a kelvin of harmonic ``n`` at the depth of b, (2, 3) for cos and sin.
+    """What the outer row shows more than predicted by a kelvin of harmonic ``n`` at the edge, (2, P) for cos and sin.
 
-    ``static`` (3, 3): answer of the outer row to a lasting kelvin at d, b and f, whose own part drives the rim.
+    ``static`` (k, P): its answer to a lasting kelvin at each of the inner row, whose own part drives the rim.
     """
-    of = at_junctions(setup, h_W_m2K, ROWS, n)
-    return np.asarray(of[:, :3] - of[:, 3:] @ static)
+    outer, inner = (at_junctions(setup, h_W_m2K, row, n) for row in (setup.outer, setup.inner))
+    return np.asarray(outer - inner @ static)
 
 
 def round_effects(
     of: tuple[Unmeasured, ...], change: Array, known: Unevenness, setup: DiskSetup, h_W_m2K: float, static: Array,
     since_s: Array,
 ) -> tuple[tuple[Unmeasured, ...], Array]:  # fmt: skip
-    """``change`` (Q, R, 3) of everything else unmeasured, with ``ROUND`` added: (Q + 16, R, 3) [K].
+    """``change`` (Q, R, P) of everything else unmeasured, with what has to do with the bore added [K].
 
     Where a harmonic was found and subtracted, its remainder moves with what else nobody measured, and the rest of it
     has the covariance that is left.
@@ -222,7 +220,7 @@ def round_effects(
     first = first.reshape(len(FIRST), *change.shape[1:])
     constant = [known.second_K * seen(setup, h_W_m2K, static, 2), turned(setup, h_W_m2K, static, known.about_K)]
     change = np.concatenate([change, np.concatenate(constant)[:, None] * np.ones((1, *change.shape[1:]))])
-    of = (*of, *SECOND, *ANGLES)
+    of = (*of, *SECOND, *(Unmeasured(f"angle {c}", ANGLES) for c in setup.rows))
     others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of])
     values, vectors = np.linalg.eigh(known.covariance - others.T @ others)
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T  # near the prior, the prior's own directions
@@ -231,20 +229,20 @@ def round_effects(
 
 
 def turned(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
-    """What a, c, e show more if one of ``ROWS`` sits ``ANGLE_U_DEG`` further round the harmonic ``about_K``, (6, 3)."""
-    cos, sin = at_junctions(setup, h_W_m2K, ROWS)
+    """What the outer row shows more if one of the rows sits ``ANGLE_U_DEG`` further round the harmonic ``about_K``,
+    (P + k, P)."""
+    (cos, sin), p = at_junctions(setup, h_W_m2K, setup.rows), len(setup.outer)
     more = np.diag(np.deg2rad(ANGLE_U_DEG) * (about_K[1] * cos - about_K[0] * sin))
-    return np.asarray(more[:, :3] - more[:, 3:] @ static)
+    return np.asarray(more[:, :p] - more[:, p:] @ static)
 
 
 def sensed(setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array) -> Array:
-    """What a, c, e, d, b, f show more in windows by a prior's standard uncertainty of the harmonic, (6, W, 6) [K].
+    """What both rows show more in windows by a prior's standard uncertainty of the harmonic, (6, W, P + k) [K].
 
     Of cos and sin: its level when steady, its fall after unloading, its rise after loading, ``after_s`` (W,) since the
     ``event`` (W,); the inner row's first seconds after an event are predicted without the bore.
     """
-    of, outer = at_junctions(setup, h_W_m2K, ROWS), seen(setup, h_W_m2K, static)
-    whole = np.hstack([outer, of[:, 3:]])
+    whole = np.hstack([seen(setup, h_W_m2K, static), at_junctions(setup, h_W_m2K, setup.inner)])
     sizes = [(event == name) * size for name, size in (
         ("steady", SHAPES["level"]), ("unloading", SHAPES["fall"] * fallen(after_s)),
         ("loading", 2 * SHAPES["level"] * fallen(after_s)),
@@ -270,8 +268,10 @@ def found_in(
 
 
 def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
-    """What a..f read more, (N, 6), by the harmonic that was found, at times since the parting."""
+    """What the channels read more, (N, C), by the harmonic that was found, at times since the parting."""
     size_K = known.prior_K[:, None] * known.found.reshape(len(SHAPES), len(SIDES))
     size_K[0] += known.stated_K
-    second = known.stated_second_K @ at_junctions(setup, known.h_W_m2K, CHANNELS, 2)
-    return np.asarray(in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, CHANNELS) + second)
+    second = known.stated_second_K @ at_junctions(setup, known.h_W_m2K, setup.channels, 2)
+    return np.asarray(
+        in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, setup.channels) + second
+    )

@@ -7,6 +7,7 @@ matters, and one filter bank of that stretch serves every heat transfer coeffici
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from calibration import Array
-from calibration.disk import CHANNELS, INNER_ROW, OUTER_ROW, DiskSetup
+from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.flux import track
-from tcdyn.conduction.modal import INPUTS, RimGains
+from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -32,27 +33,23 @@ FINE_S = 3.0  # sample by sample this long after parting, then in blocks of
 COARSE_BLOCK_S = 0.1
 GRADIENT_STEP_M = 0.25e-3
 LEAST_SEEN = 1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
-ROWS = (*OUTER_ROW, *INNER_ROW)
-OUTER = [CHANNELS.index(c) for c in OUTER_ROW]
-INNER = [CHANNELS.index(c) for c in INNER_ROW]
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
-POWER, REST = slice(0, 1), slice(1, 6)  # of the rim's inputs
-FILM, FILM_BY_N = slice(5, 6), slice(6, 7)  # where speeds change
+POWER = slice(0, 1)  # of the rim's inputs
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Departures from the stated disk: relative ones of properties, ``deeper_m`` (6,) of junctions a, c, e, d, b, f.
+    """Departures from the stated disk: relative ones of properties, ``deeper_m`` of the disk's ``rows``, none if empty.
 
     ``shift_m``: of the flux's centre along z [m]; ``film``: of h along the track, see ``film_along``. The rim begins at
-    the stated depth of b whatever the inner row's depths are.
+    its stated edge whatever the inner row's depths are.
     """
 
     conductivity: float = 0.0
     heat_capacity: float = 0.0
     washer: float = 0.0
     half_width: float = 0.0
-    deeper_m: tuple[float, ...] = (0.0,) * len(ROWS)
+    deeper_m: tuple[float, ...] = ()
     shift_m: float = 0.0
     film: tuple[float, float] = (0.0, 0.0)
 
@@ -64,7 +61,7 @@ NOMINAL = Perturbation()
 class RimMeans:
     """What drives the rim of one disk, and the filter banks of it, as R means over windows of a test.
 
-    ``inputs`` (R, 5) and ``banks`` (5, R, K) in the order power, d, b, f, ambient of the rim gains (power in W for a
+    ``inputs`` (R, I) and ``banks`` (I, R, K) in the order power, inner row, ambient of the rim gains (power in W for a
     share of one), the lags of the banks at ``rates_1_s`` (K,). Where the speeds change there are two more, air at the
     running surface alone: what the changed film comes to, and by how much a standard uncertainty of its exponent
     changes that (see :func:`tcdyn.partition.cooling.slowed`).
@@ -77,6 +74,31 @@ class RimMeans:
     banks: Array
     profile: Profile = "modal"
 
+    @property
+    def ambient(self) -> int:
+        """Which of the inputs is the air."""
+        return len(self.setup.inner) + 1
+
+    @property
+    def inner(self) -> slice:
+        """Which of the inputs are the inner row."""
+        return slice(1, self.ambient)
+
+    @property
+    def rest(self) -> slice:
+        """All inputs but the power, and the film where speeds change."""
+        return slice(1, self.ambient + 2)
+
+    @property
+    def film(self) -> slice:
+        """Where speeds change: what the film comes to."""
+        return slice(self.ambient + 1, self.ambient + 2)
+
+    @property
+    def film_by_n(self) -> slice:
+        """Where speeds change: what its exponent changes in that."""
+        return slice(self.ambient + 2, self.ambient + 3)
+
     def gains(
         self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = (), bore: bool = False
     ) -> RimGains:
@@ -85,7 +107,8 @@ class RimMeans:
         With ``bore`` those at the inner row, of a rim that reaches to the bore.
         """
         s = self.setup
-        places = [(s.junctions[c].depth_m + dx, s.junctions[c].z_m) for c, dx in zip(ROWS, p.deeper_m)]
+        moved = zip_longest(s.rows, p.deeper_m, fillvalue=0.0)
+        places = [(s.junctions[str(c)].depth_m + float(dx), s.junctions[str(c)].z_m) for c, dx in moved]
         rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m) if bore else Rim.from_setup(s)
         rim = replace(
             rim,
@@ -93,10 +116,11 @@ class RimMeans:
             specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
             washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
         )
-        points = (*(places[3:] if bore else places[:3]), *extra)
+        split = len(s.outer)
+        points = (*(places[split:] if bore else places[:split]), *extra)
         width = self.half_width_m * (1 + p.half_width)
         flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
-        mesh, rates, film = BORE_MESH if bore else FIT_MESH, tuple(self.rates_1_s), len(self.banks) > len(INPUTS)
+        mesh, rates, film = BORE_MESH if bore else FIT_MESH, tuple(self.rates_1_s), len(self.banks) > self.ambient + 1
         return cached_gains(rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film)
 
     def through(
@@ -119,26 +143,36 @@ class RimMeans:
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> tuple[Array, Array]:
         """Model without frictional heat, and per share of one; (..., R, P) each, P with the ``extra`` points."""
-        return self.through(REST, h_W_m2K, p, extra), self.through(POWER, h_W_m2K, p, extra)
+        return self.through(self.rest, h_W_m2K, p, extra), self.through(POWER, h_W_m2K, p, extra)
+
+    def unseen(self, h_W_m2K: float) -> Array | None:
+        """Answer of the outer row to a lasting kelvin where the inner row leaves the rim's edge open, (P,); None where
+        it does not."""
+        rim = Rim.from_setup(self.setup)
+        if (z := rim.unseen_z_m) is None:
+            return None
+        wider, points = replace(rim, boundary_z_m=(*rim.boundary_z_m, z)), points_of(self.setup, self.setup.outer)
+        at = self.half_width_m, tuple(self.rates_1_s), self.profile, "hertz", FIT_MESH
+        return cached_gains(wider, h_W_m2K, points, *at).static[self.ambient]
 
     @property
     def inside(self) -> tuple[Point, ...]:
-        """Points just inside the rim at d, b and f."""
-        depth = self.setup.junctions["b"].depth_m - GRADIENT_STEP_M
-        return tuple((depth, self.setup.junctions[c].z_m) for c in INNER_ROW)
+        """Points just inside the rim at the inner row."""
+        depth = self.setup.edge_m - GRADIENT_STEP_M
+        return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Rise of temperature with radius at d, b and f, as ``answer`` gives it; (..., R, 3) each [K/m]."""
-        rest, power = self.answer(h_W_m2K, p, self.inside)
-        return (rest[..., 3:] - self.inputs[:, 1:4]) / GRADIENT_STEP_M, power[..., 3:] / GRADIENT_STEP_M
+        """Rise of temperature with radius at the inner row, as ``answer`` gives it; (..., R, k) each [K/m]."""
+        rest, power = (x[..., len(self.setup.outer) :] for x in self.answer(h_W_m2K, p, self.inside))
+        return (rest - self.inputs[:, self.inner]) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
 
 @dataclass(frozen=True)
 class DiskWindow:
     """One disk over a stretch: measured outer row, and what drives the rim, means over blocks of both.
 
-    ``readings`` (N, 6) [degC] as they were seen at ``time_s`` (N,); ``blocks`` (R, N) averages over blocks of
-    ``counts`` (R,) samples about ``at_s`` (R,); ``y`` (R, 3) [degC]; ``weight`` (R, 3) one over the noise of a block
+    ``readings`` (N, C) [degC] as they were seen at ``time_s`` (N,); ``blocks`` (R, N) averages over blocks of
+    ``counts`` (R,) samples about ``at_s`` (R,); ``y`` (R, P) [degC]; ``weight`` (R, P) one over the noise of a block
     mean of what was seen [1/K], zero for a channel that is left out.
     """
 
@@ -154,7 +188,7 @@ class DiskWindow:
 
     @property
     def used(self) -> NDArray[np.bool_]:
-        """Which of the outer row are looked at (3,)."""
+        """Which of the outer row are looked at (P,)."""
         return np.asarray(self.weight.any(axis=0))
 
 
@@ -202,11 +236,12 @@ def disk_window(
     profile: Profile = "modal",
     chain: Chain | None = None,
 ) -> DiskWindow:
-    """Build the window from the six ``temperatures`` (N, 6) of one disk over ``rows``, power seen through ``chain``.
+    """Build the window from the ``temperatures`` (N, C) of one disk over ``rows``, power seen through ``chain``.
 
     Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
     """
     t, dt, off = test.time_s[rows], test.dt_s, test.events.unload_s
+    inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
     straight = disk.setup.steel.straight(temperatures)
     first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
@@ -214,10 +249,10 @@ def disk_window(
     counts = np.diff(np.append(starts, len(t)))
     each = np.repeat(1.0 / counts, counts), np.arange(first, len(t))
     blocks = sparse.csr_array((*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t)))
-    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, OUTER].astype(float), LEAST_SEEN)
+    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
     (power, held), rates = power_seen(test, rows, chain), node_rates(dt)
     bank = lag_bank(power, dt, rates, **held)
-    inner = straight[:, INNER] + disk.inner_K[rows]
+    inner = straight[:, inner_row] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
     return DiskWindow(
         disk=disk.name,
@@ -226,8 +261,8 @@ def disk_window(
         blocks=blocks,
         at_s=blocks @ t,
         counts=counts,
-        y=blocks @ straight[:, OUTER],
-        weight=np.sqrt(counts[:, None] * seen) / noise_K[None, OUTER] * ~disk.out[OUTER],
+        y=blocks @ straight[:, outer_row],
+        weight=np.sqrt(counts[:, None] * seen) / noise_K[None, outer_row] * ~disk.out[outer_row],
         rim=RimMeans(
             disk.setup,
             test.half_width_m,
@@ -246,7 +281,7 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
 
 
 def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Rise of temperature with radius at d, b, f in every sample, (N, 3) [K/m], from the model itself."""
+    """Rise of temperature with radius at the inner row in every sample, (N, k) [K/m], from the model itself."""
     rest, power = window.rim.gradient(h_W_m2K)
     return sampled(window, rest + share * power)
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, OUTER_ROW, left_out_of, still_told
+from calibration.disk import DISKS, left_out_of
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED, Log, read_log
@@ -89,10 +89,12 @@ def prepare(
     if log.metadata.get("tcdyn") == COMPENSATED:
         remedy = "give the log as it was recorded: the fits compensate it"
         raise InputError("this log is already compensated", where=where, remedy=remedy)
-    here = [d for d in DISKS if any(f"{d}_{c}_degC" in log.frame for c in CHANNELS)]
+    here = [d for d in DISKS if any(n.startswith(f"{d}_") for n in log.channels)]
     if missing := [d for d in here or DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
+    for d in here:
+        rig.disk_setup(d).check_rows()
     others = {d: _other_disk(rig, d, records[d]) for d in here}
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
@@ -103,7 +105,7 @@ def prepare(
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load, friction = forces_N(frame, events, steady, stated)
     left_out = left_out or {}
-    out = left_out_of(left_out)
+    out = left_out_of(left_out, rig.setups)
     no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
     found += [*events.findings, *told]
@@ -210,8 +212,9 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
 def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -> Finding:
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
-    stand_ins = rig.disk_setup(disk).stand_ins(out[disk])[channel] if channel in INNER_ROW else {}
-    cost: dict[str, Any] = {"stand_ins": [*stand_ins], "kept": [c for c in OUTER_ROW if c not in out[disk]]}
+    setup = rig.disk_setup(disk)
+    stand_ins = setup.stand_ins(out[disk])[channel] if channel in setup.inner else {}
+    cost: dict[str, Any] = {"stand_ins": [*stand_ins], "kept": [c for c in setup.outer if c not in out[disk]]}
     if why:
         return look("channel.left_out", subject=name, why=why, **cost)
     return note("channel.left_out", subject=name, why="as asked for", **cost)
@@ -251,14 +254,14 @@ def estimate_beta(
             raise problem.at(table.path.name) from None
         return BetaRun(table, found, rig_fingerprint(rig, records), count, records)
 
-    return without_lost(attempt, without, progress)
+    return without_lost(attempt, without, rig, progress)
 
 
 def without_lost(
-    attempt: Callable[[Mapping[str, str]], Run], without: Sequence[str], progress: Callable[[str], None]
+    attempt: Callable[[Mapping[str, str]], Run], without: Sequence[str], rig: Rig, progress: Callable[[str], None]
 ) -> Run:
     """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
-    left_out_of(without)
+    left_out_of(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
     first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
     while True:
@@ -267,7 +270,8 @@ def without_lost(
         except InputError as problem:
             lost = problem.column.removesuffix("_degC")
             disk, _, channel = lost.rpartition("_")
-            if lost in left_out or disk not in DISKS or not still_told((*left_out_of(left_out)[disk], channel)):
+            gone = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
+            if lost in left_out or disk not in DISKS or not rig.disk_setup(disk).tells_beta(gone):
                 raise (first or problem if problem.column else problem) from None
             first, left_out[lost] = first or problem, problem.what
             progress(f"going on without {lost}")

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, once
 from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, unit_lines
@@ -103,7 +102,7 @@ def calibrate_disk(
         _once(log, logs)
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
-        run = run_from_log(bath_filled(log), substance, lines, name=log.path.name)
+        run = run_from_log(bath_filled(log), substance, lines, channels=setup.channels, name=log.path.name)
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
         findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), lines)
@@ -116,7 +115,7 @@ def calibrate_disk(
     fit = with_structure_doubt(fit)
     pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
     strained = {f.subject for f in pulled}
-    if len(strained) > len(CHANNELS) // 2:
+    if len(strained) > len(setup.channels) // 2:
         findings.append(look("calibrate.other_disk", subject=disk, count=len(strained)))
     findings += fit.findings
     record = DiskRecord(
@@ -152,7 +151,12 @@ def _static(
             parameters=("oven=LOG", "line_u_K=K") if oven is None else (),
         )
     if oven is None or line_u_K is not None:
-        return None, unit_lines(line_u_K or 0.0), [note("static.stated", u_K=line_u_K)], []
+        return (
+            None,
+            unit_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
+            [note("static.stated", u_K=line_u_K)],
+            [],
+        )
     progress("static lines from the oven log")
     log = read_log(oven, "oven", rig, disk)
     stated = rig.tables(disk).traceability.shared_u_K(moment(now_utc()).date())
@@ -169,7 +173,7 @@ def untold(log: Log, entry: EntryEvent) -> list[Finding]:
 
 def _once(log: Log, earlier: Sequence[Log]) -> None:
     """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look better known."""
-    columns = [f"{c}_degC" for c in CHANNELS]
+    columns = [*log.channels]
     for other in earlier:
         if len(other.frame) != len(log.frame):
             continue
@@ -198,7 +202,8 @@ def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
 def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
     """The identified chains as the record keeps them."""
     channels = {
-        c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c], split_u_s=fit.split_u_s[c]) for c in CHANNELS
+        c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c], split_u_s=fit.split_u_s[c])
+        for c in sorted(fit.chains)
     }
     return ChainRecord(
         structure=structure,

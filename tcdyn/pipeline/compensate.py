@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, look, note, sentences
@@ -95,7 +95,7 @@ class CompensatedLog(Result):
         lines = []
         for disk, done in self.disks.items():
             lines += [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"] if self.way.removes_lag else []
-            lines += done.lines(CHANNELS)
+            lines += done.lines(self.traces[disk].setup.channels)
         return "\n".join([*lines, *(f"warning: {w}" for w in dict.fromkeys(self.warnings))])
 
     def to_dict(self) -> dict[str, Any]:
@@ -160,7 +160,7 @@ def compensate_log(
     kind, own = log_kind(log, rig, records)
     gone = [c for d in DISKS if kind == "ehl" and d not in records for c in columns_not_there(log, rig, d)]
     table = read_log(log, kind, rig, own, parted=False, without=gone)
-    here = {d for d in DISKS if f"{d}_{CHANNELS[0]}_degC" in table.frame}
+    here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings, known = [*gathered(table.findings)], dict[float, float]()
@@ -184,9 +184,8 @@ def compensate_log(
     frame, done = table.frame.copy(), {}
     for disk, record in records.items():
         progress(f"{disk} disk")
-        prefix = f"{disk}_" if kind == "ehl" else ""
         one = traces.get(disk) or disk_traces(
-            frame, disk, rig, record, prefix=prefix, where=table.path.name, lag=way.removes_lag
+            frame, disk, rig, record, named=kind == "ehl", where=table.path.name, lag=way.removes_lag
         )
         if way.removes_lag:
             one, notes[f"{disk}_common_lag_s"] = _with_lag(one, record, fits.get(disk))

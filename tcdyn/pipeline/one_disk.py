@@ -151,4 +151,4 @@ def estimate_one_disk(
             raise problem.at(table.path.name) from None
         return OneDiskRun(table, found, count)
 
-    return without_lost(attempt, without, progress)
+    return without_lost(attempt, without, rig, progress)

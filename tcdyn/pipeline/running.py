@@ -12,7 +12,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS
+from calibration.columns import couples_in
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, note
 from calibration.rig import Rig
@@ -109,7 +110,7 @@ def disk_air(
 
 def no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
     """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
-    names = [n for d in DISKS for c in CHANNELS if (n := f"{d}_{c}_degC") in frame and f"{d}_{c}" not in left_out]
+    names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
     for one, other in combinations(names, 2):
         if frame[one].nunique() > 1 and frame[one].equals(frame[other]):
             out = f"without={other.removesuffix('_degC')}"

@@ -14,7 +14,7 @@ from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
 from calibration.lines.static import StaticLine
-from calibration.opened import COMPENSATED, as_logged, kind_of_columns
+from calibration.opened import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.sensor.file import SensorFile
@@ -42,8 +42,11 @@ class GrowingLog:
 
 def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None:
     """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
-    mapped = rig.columns(next(iter(records))).values() if rig and isinstance(records, Mapping) else TIMES
-    growing = open_growing(log, (*KNOWN, *mapped))
+    wanted = (*KNOWN, *TIMES)
+    if rig and isinstance(records, Mapping):
+        disk = next(iter(records))
+        wanted = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
+    growing = open_growing(log, wanted)
     if growing is None:
         return None
     where, table = shown(log), growing.table
@@ -58,7 +61,7 @@ def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None
         return _table_source(growing, records, where)  # type: ignore[arg-type]
     kind, own = kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own)
-    chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated())
+    chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own))
     how = as_logged(chosen, table.names, rig, own or "", mapping)
     if other := [column for name, column in chosen.items() if column in how and name not in TORQUES]:
         raise InputError(f"column {other[0]!r} is in another unit", where=where, expected="degrees Celsius to follow")
@@ -99,6 +102,5 @@ def channels_of(
     assert rig is not None
     records = known
     return [
-        disk_channels(record, rig.disk_setup(disk), f"{disk}_" if kind == "ehl" else "")
-        for disk, record in records.items()
+        disk_channels(record, rig.disk_setup(disk), disk if kind == "ehl" else "") for disk, record in records.items()
     ]

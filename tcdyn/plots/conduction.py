@@ -32,14 +32,15 @@ def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str
 def draw_profiles(
     rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
 ) -> Axes:
-    """Figure 3.8: the three boundary profiles through readings (d, b, f) along r = R_i."""
+    """Figure 3.8: the three boundary profiles through readings of the inner row along r = R_i."""
     z = np.linspace(0.0, rim.width_m, mesh.nz)
+    k = len(readings_degC)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
     for kind, style in zip(kinds, ("-", "--", ":")):
         basis = spectrum(rim, 0.0, rim.width_m / 4, kind, "uniform", mesh).profile
-        line = np.asarray(readings_degC) @ basis[:3] + ambient_degC * basis[3:].sum(axis=0)
+        line = np.asarray(readings_degC) @ basis[:k] + ambient_degC * basis[k:].sum(axis=0)
         ax.plot(z * 1e3, line, style, label=kind)
-    ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="d, b, f")
+    ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="inner row")
     return dressed(ax, "z [mm]", "temperature at R_i [°C]", legend=True)
 
 

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS, DiskSetup
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.steady import exponent_sensitivity
 from tcdyn.partition.uneven import radial_shape
 from tcdyn.pipeline.tables import both_budget, met
-from tcdyn.plots.style import BAND, CHANNEL_STYLE, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
+from tcdyn.plots.style import BAND, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
-SHOWN = ("e", "a", "b")
+STYLES = ("-", "--", ":")
 LEAST_SHOWN = 5e-5  # a source of less is in the table only
 LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
+
+
+def shown(setup: DiskSetup, left_out: Collection[str]) -> dict[str, str]:
+    """Line styles of the channels to look at: nearest the surface, and nearest the centre of either row.
+
+    >>> from calibration.rig import load_rig
+    >>> shown(load_rig().disk_setup("fast"), "a")
+    {'e': '-', 'b': ':'}
+    """
+    others = [c for c in setup.outer if c != setup.shallowest] or setup.outer
+    central = setup.shallowest, min(others, key=setup.off_centre_m), setup.edge
+    return {c: style for c, style in zip(central, STYLES) if c not in left_out}
 
 
 def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
@@ -25,14 +38,15 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
     done = p.compensated[disk]
-    for ch in [c for c in SHOWN if c not in p.test.disks[disk].left_out]:
-        i = CHANNELS.index(ch)
+    setup = p.test.disks[disk].setup
+    for ch, style in shown(setup, p.test.disks[disk].left_out).items():
+        i = setup.channels.index(ch)
         ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
         x, u = done.temperature[near, i], done.sd[near, i]
         ax.fill_between(t[near], x - Z95 * u, x + Z95 * u, color=DISK_COLOUR[disk], alpha=BAND, linewidth=0)
-        depth = p.test.disks[disk].setup.junctions[ch].depth_m * 1e3
+        depth = setup.junctions[ch].depth_m * 1e3
         ax.plot(
-            t[near], x, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch], linewidth=1.6,
+            t[near], x, color=DISK_COLOUR[disk], linestyle=style, linewidth=1.6,
             label=f"{ch}, {depth:g} mm deep, compensated",
         )  # fmt: skip
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
@@ -53,7 +67,7 @@ def draw_fit(p: Partition, disk: str, whole: Axes, rest: Axes, around_s: float =
             continue
         style: dict[str, Any] = {"color": DISK_COLOUR[disk], "marker": marker, "markersize": 2.5, "linestyle": ""}
         whole.plot(t, m.measured[near, k], markerfacecolor="white", markeredgewidth=0.6, **style)
-        whole.plot(t, m.model[near, k], color=TRUTH, linewidth=0.9, linestyle=CHANNEL_STYLE[c])
+        whole.plot(t, m.model[near, k], color=TRUTH, linewidth=0.9, linestyle=STYLES[k % len(STYLES)])
         rest.plot(t, (m.measured - m.model)[near, k], label=f"{c}", alpha=0.7, **style)
     whole.set_title(f"{disk} disk", loc="left")
     dressed(whole, "time from parting [s]", "temperature [°C]")
@@ -182,10 +196,11 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     t = p.test.time_s
     step = max(len(t) // 6000, 1)
     for disk in DISKS:
-        for ch in [c for c in SHOWN if c not in p.test.disks[disk].left_out]:
-            y = p.test.disks[disk].readings_degC[::step, CHANNELS.index(ch)]
+        one = p.test.disks[disk]
+        for ch, style in shown(one.setup, one.left_out).items():
+            y = one.readings_degC[::step, one.setup.channels.index(ch)]
             ax.plot(
-                t[::step], y, color=DISK_COLOUR[disk], linestyle=CHANNEL_STYLE[ch],
+                t[::step], y, color=DISK_COLOUR[disk], linestyle=style,
                 linewidth=1.8 if disk == "fast" else 1, label=f"{disk} {ch}",
             )  # fmt: skip
     for at in (p.test.events.load_on_s, p.test.events.unload_s):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
@@ -146,14 +146,15 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     """How much deeper than stated the test alone places each junction, with 95 % bars; grey: the stated 95 %."""
     stated_mm = max(t.stated_u_m for t in tests.values()) * 1e3
     ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color=PALE, zorder=0, label="as stated, 95 %")
+    channels = sorted({c for t in tests.values() for c in (*t.deeper_m, *t.left_out)})
     for k, (disk, test) in enumerate(tests.items()):
-        at = [CHANNELS.index(c) + 0.24 * (k - 0.5) for c in test.deeper_m]  # side by side
+        at = [channels.index(c) + 0.24 * (k - 0.5) for c in test.deeper_m]  # side by side
         mm = [1e3 * e.value for e in test.deeper_m.values()]
         bars = [Z95 * 1e3 * e.u for e in test.deeper_m.values()]
         ax.errorbar(
             at, mm, yerr=bars, fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2, linewidth=0.9,
             label=f"{disk} disk, by this test alone, 95 %",
         )  # fmt: skip
-    ax.set_xticks(range(len(CHANNELS)), CHANNELS)
+    ax.set_xticks(range(len(channels)), channels)
     ax.axhline(0, color=TRUTH, linewidth=0.8)
     return dressed(ax, "junction", "deeper than stated [mm]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))

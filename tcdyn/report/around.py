@@ -51,7 +51,7 @@ def around_section(p: Partition, name: str) -> Section:
     return Section(
         f"{name}: the temperature round the disks",
         "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
-        "first harmonic that was found. Nothing is measured deeper than the junctions d, b, f.",
+        "first harmonic that was found. Nothing is measured deeper than the inner row.",
         figure=picture,
         caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
         "across the running surface with its 95 % band.",

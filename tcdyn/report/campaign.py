@@ -61,7 +61,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
     if len(good):
         each += [
             Section("Conditions", DELTA_T_US if len(good) == 1 else "", condition_table(good)),
-            Section("Temperatures", "a and bulk (mean of a to f): steady stretch.", temperature_table(good)),
+            Section("Temperatures", "a and bulk (mean of all junctions): steady stretch.", temperature_table(good)),
         ]
     lines = trend_words(table) if len(good) else pd.DataFrame()
     if len(lines):
@@ -101,7 +101,7 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
         ),
         Section(
             "Bulk temperature",
-            figure=draw.temperature_figure(table, "bulk_degC", "mean of a to f"),
+            figure=draw.temperature_figure(table, "bulk_degC", "mean of all junctions"),
             caption=f"Compare figure 6.17: over the steady stretch. {lines}",
         ),
         Section(

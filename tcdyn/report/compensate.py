@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS
 from calibration.estimate import Z95
 from calibration.finding import Finding
 from calibration.record import DiskRecord
@@ -38,7 +37,7 @@ AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close 
 
 
 def write_compensation_report(path: str | Path, done: CompensatedLog, records: Mapping[str, DiskRecord]) -> Path:
-    """The page of a whole log: numbers before use, traces of each disk's ``e`` (the quickest), notes."""
+    """The page of a whole log: numbers before use, traces of each disk's junction nearest the surface, notes."""
     sections: list[Section] = []
     for disk, result in done.disks.items():
         sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
@@ -70,12 +69,13 @@ def assumed(records: Mapping[str, DiskRecord]) -> list[str]:
 
 def _verdict(done: CompensatedLog, disk: str, result: Compensated) -> str:
     """What was removed, and how well the result is known."""
-    channel = CHANNELS.index("e")
+    name = done.traces[disk].setup.shallowest
+    channel = done.traces[disk].setup.channels.index(name)
     lag = done.metadata[f"{disk}_common_lag_s"]
     sd = result.sd[:, channel]
     return (
-        f"{disk} disk: a common lag of {lag}, was removed; channel e is then known to +- {float(np.median(sd)):.2g} K "
-        f"(typical sample), +- {float(sd.max()):.2g} K at worst."
+        f"{disk} disk: a common lag of {lag}, was removed; channel {name} is then known to "
+        f"+- {float(np.median(sd)):.2g} K (typical sample), +- {float(sd.max()):.2g} K at worst."
     )
 
 
@@ -95,16 +95,16 @@ def _sentences(report: BeforeUse) -> str:
 
 
 def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
-    name = f"{disk}_e_degC" if f"{disk}_e_degC" in done.raw.frame else "e_degC"
-    channel = CHANNELS.index("e")
+    traces = done.traces[disk]
+    channel = traces.setup.channels.index(traces.setup.shallowest)
     logged = np.zeros_like(result.temperature)
-    logged[:, channel] = done.raw.frame[name].to_numpy(dtype=float)
+    logged[:, channel] = done.raw.frame[traces.columns[channel]].to_numpy(dtype=float)
     event = result.events_s[-1][0] if result.events_s else float(result.time_s[len(result.time_s) // 2])
     picture, (whole, close) = figure(1, 2, width_in=10.0)
     draw_compensated(result, logged, whole, channel)
     draw_compensated(result, logged, close, channel, (event - AROUND_S[0], event + AROUND_S[1]))
     return Section(
-        f"{disk} disk, channel e",
+        f"{disk} disk, channel {traces.setup.shallowest}",
         figure=picture,
         caption="Points: as logged, before the static line. Line: at the junction, with its 95 % band. Right: around "
         "the last event.",
@@ -114,14 +114,16 @@ def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
 def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskRecord) -> Section:
     dt = float(np.median(np.diff(result.time_s)))
     rows, worst, causal = [], None, done.way.method == "inverse"
-    for i, chain in enumerate(record_chains(record, record.disk_setup())):
+    setup = record.disk_setup()
+    for name, chain in zip(setup.channels, record_chains(record, setup)):
+        i = setup.channels.index(name)
         noise = float(result.noise_sd[i])
         band = done.way.bandwidth_Hz if causal else widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
         report = before_use(proper_inverse(chain, dt, band), noise, GAIN * noise)
         over = np.nan if causal else smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
         rows.append(
             {
-                "channel": CHANNELS[i],
+                "channel": name,
                 "lag, record [s]": f"{chain.lag_s:.3f}",
                 "noise [K]": f"{noise:.3f}",
                 "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
@@ -132,7 +134,7 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
                 "flagged samples": int(np.count_nonzero(result.flags[:, i])),
             }
         )
-        worst = report if CHANNELS[i] == "e" else worst
+        worst = report if name == setup.shallowest else worst
     assert worst is not None
     picture, (ax,) = figure(height_in=3.4)
     draw_before_use(worst, ax)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from tcdyn.contact import hertz_contact
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
@@ -191,7 +191,9 @@ def simulate_ehl(
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
         at = disk_run(disk, drawn, share, h, o, o.duration_s)[1].at
-        log, true = log_disk(partial(_junctions, at), o.duration_s, disk, rng, rig.imperfections, spikes=True)
+        log, true = log_disk(
+            partial(_junctions, at, len(disk.channels)), o.duration_s, disk, rng, rig.imperfections, spikes=True
+        )
         uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
@@ -201,9 +203,9 @@ def simulate_ehl(
     return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
 
 
-def _junctions(at: Callable[[Array], Array], t: Array) -> Array:
+def _junctions(at: Callable[[Array], Array], count: int, t: Array) -> Array:
     """The junctions alone of what a disk's solution ``at`` times (M,) tells, (M, channels)."""
-    return at(t)[:, : len(CHANNELS)]
+    return at(t)[:, :count]
 
 
 _LAST = ["ambient_degC", "oil_degC"]

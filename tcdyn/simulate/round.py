@@ -49,9 +49,8 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
     """The disk of ``build_system``, with its harmonics where its bore contact is uneven.
 
     Rows of ``sample``: what each junction sees, in the order of ``channels``; then for an uneven disk the part of that
-    by the first harmonic, by the second, and last the amplitude of the first at the depth and place of b, of its cosine
-    and, where keyways or patches are stated, of its sine.
-    """
+    by the first harmonic, by the second, and last the amplitude of the first at the depth and place of the rim's edge,
+    of its cosine and, where keyways or patches are stated, of its sine."""
     even = build_system(disk, h_W_m2K, half_width_m, mesh)
     if disk.uneven.even:
         return even
@@ -64,7 +63,7 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
     angles = np.deg2rad([disk.setup.junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels])
     at_cells = even.sample[:, : g.cells.size]
     seen = [sparse.csr_matrix(at_cells.multiply(wave(n * angles)[:, None])) for n, wave in waves]
-    amplitude = at_cells[[even.channels.index("b")]]
+    amplitude = at_cells[[even.channels.index(disk.setup.edge)]]
     rows = [[(0, even.sample), *enumerate(seen, start=1)]]
     rows += [[(k + 1, seen[k]) for k, (of, _) in enumerate(waves) if of == n] for n in HARMONICS]
     rows += [[(k + 1, amplitude)] for k, (of, _) in enumerate(waves) if of == 1]

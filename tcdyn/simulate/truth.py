@@ -10,7 +10,7 @@ from zlib import crc32
 import numpy as np
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS, Conditioning, DiskSetup, Junction
+from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError
 from calibration.result import jsonable
 from calibration.rig import Rig, UncertaintyTable, load_rig
@@ -223,10 +223,10 @@ def _draw_flux(rng: np.random.Generator, setup: DiskSetup, rig: Rig, wider: floa
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
     common = (0.75 if name == "fast" else 0.72) + 0.03 * rng.uniform(-1, 1)
-    spread = 0.04 * np.clip(rng.standard_normal(len(CHANNELS)), -2, 2)
+    spread = 0.04 * np.clip(rng.standard_normal(len(setup.junctions)), -2, 2)
     own = max(common - setup.conditioning.lag_s, 0.3)
     channels = {}
-    for shift, channel in zip(spread - spread.mean(), CHANNELS):
+    for shift, channel in zip(spread - spread.mean(), sorted(setup.junctions)):
         tau2 = rng.uniform(0.08, 0.16)
         channels[channel] = ChannelTruth(
             tau1_s=float(own + shift - tau2),

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from calibration import Array
-from calibration.disk import DISKS, OUTER_ROW
+from calibration.disk import DISKS
 from tcdyn.conduction.engine import Drive, map_beta_h
 from tcdyn.conduction.rim import MESHES, Rim, points_of
 from tcdyn.contact import half_width_m
@@ -55,8 +55,8 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     true = dict(zip(system.channels, made.at(time).T, strict=True))
     heat = np.where(time > 0, power(time), 0.0)  # the rim starts at rest
     drive = Drive(DT_s, heat, true["d"], true["b"], true["f"], air(time))
-    rim, seen = Rim.from_setup(truth.setup), np.stack([true[c] for c in OUTER_ROW])
-    points = points_of(truth.setup, "".join(OUTER_ROW))
+    rim, seen = Rim.from_setup(truth.setup), np.stack([true[c] for c in truth.setup.outer])
+    points = points_of(truth.setup, truth.setup.outer)
     answers = map_beta_h(rim, drive, SHARES, FILMS, points, width, mesh=MESHES["III"])
     misfit = np.abs(answers - seen)[..., time > 1.0].mean(axis=(2, 3))  # (7.1), loading and unloading
     i, j = np.unravel_index(np.argmin(misfit), misfit.shape)

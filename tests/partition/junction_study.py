@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from calibration.disk import CHANNELS, DISKS, OUTER_ROW
+from calibration.disk import CHANNELS, DISKS
 from calibration.errors import InputError
 from calibration.rig import load_rig
 from tcdyn.simulate.truth import RigTruth, draw_truth
@@ -62,7 +62,7 @@ def study(deeper_mm: float, rigs: int = 2, n_jobs: int = 2) -> pd.DataFrame:
 if __name__ == "__main__":
     size = float(sys.argv[1]) if len(sys.argv) > 1 else 0.3
     table = study(size)
-    table["row"] = np.where(table["channel"].isin(OUTER_ROW), "outer", "inner")
+    table["row"] = np.where(table["channel"].isin(load_rig().disk_setup("fast").outer), "outer", "inner")
     print(table.drop(columns="sentence").round(3).to_string(index=False))
     print(table.groupby(["disk", "row"])[["alarm", "named"]].mean().round(2).to_string())
     print(f"{size:g} mm: alarm in {table['alarm'].mean():.0%}, named in {table['named'].mean():.0%} of {len(table)}")

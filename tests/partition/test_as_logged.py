@@ -17,7 +17,7 @@ from calibration.stated.running import air_name
 from tcdyn.campaign.compress import loading_of, unit_of
 from tcdyn.campaign.kept import Loading
 from tcdyn.partition.analyse import Partition, refine_lags
-from tcdyn.partition.effects import AIR, OWN, STATED, effects
+from tcdyn.partition.effects import AIR, effects, of_test, stated
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import lagged_window, stretch_of
@@ -85,7 +85,11 @@ def test_what_is_stated_widens_what_hangs_on_it(made: StudyRig, tmp_path) -> Non
     assert test.load_N == pytest.approx(full.load_N, abs=300)
     assert test.power_W[steady].mean() == pytest.approx(full.power_W[steady].mean(), rel=0.1)
     theirs = {"half-width": 100.0 / test.load_N / 3, "ambient": 3.0, "friction": 100.0 / sliding_rpm}
-    for what in (*STATED, *OWN):  # to a campaign what is stated is the test's own, the rest as much the rig's as ever
+    setup = full.disks["fast"].setup
+    for what in (
+        *stated(setup),
+        *of_test(setup),
+    ):  # to a campaign what is stated is the test's own, the rest as much the rig's as ever
         if what.name not in theirs:
             continue
         before, now = (_shared_and_own(what, t) for t in (full, test))

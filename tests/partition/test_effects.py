@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcdyn.partition.effects import STATED, stated_effects
+from calibration.rig import load_rig
+from tcdyn.partition.effects import stated, stated_effects
 
 GRADIENT_K_m = 2000.0  # rise with radius: hotter towards the running surface
 
@@ -22,7 +23,7 @@ def test_a_deeper_junction_of_the_inner_row_shows_more_in_the_outer_row_and_one_
     driven[6:9] = 0.5 / 3  # all warm by half a kelvin a second
     moved[:3] = -GRADIENT_K_m * np.eye(3)[:, None]  # a, c or e itself, deeper, reads less
     found = stated_effects(moved, driven, np.ones(blocks), np.full((blocks, 3), 0.5), np.eye(3))
-    shows = {u.name: change[0] for u, change in zip(STATED, found, strict=True)}
+    shows = {u.name: change[0] for u, change in zip(stated(load_rig().disk_setup("fast")), found, strict=True)}
     for inner in "dbf":
         np.testing.assert_allclose(shows[f"depth {inner}"], GRADIENT_K_m / 3)
         np.testing.assert_allclose(shows[f"static {inner}"], -1 / 3)

@@ -11,9 +11,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.disk import CHANNELS, DISKS, LEFT_OUT, OUTER_ROW, left_out_of
+from calibration.disk import CHANNELS, DISKS, LEFT_OUT, left_out_of
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade
+from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.crosscheck import tensions
@@ -28,6 +29,8 @@ from tcdyn.pipeline.campaign.table import table_row
 from tcdyn.pipeline.tables import junctions_table
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
+
+SETUPS = load_rig().setups
 
 WORST_Z = 2.5  # one rig, six ways to leave one out that share all but one channel: about one draw
 MOST_WIDER = 3.0
@@ -151,7 +154,7 @@ def test_what_cannot_be_left_out_is_refused_in_one_sentence(names: list[str], sa
 
 
 def test_two_of_a_disk_may_be_left_out_where_the_rest_still_tells() -> None:
-    assert left_out_of(["fast_a", "fast_d", "slow_b"]) == {"fast": ("a", "d"), "slow": ("b",)}
+    assert left_out_of(["fast_a", "fast_d", "slow_b"], SETUPS) == {"fast": ("a", "d"), "slow": ("b",)}
 
 
 def gap(frame: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -282,4 +285,4 @@ def test_a_campaign_without_a_channel_has_no_number_for_it(campaign: Campaign) -
     assert row["fast_bulk_degC"] == pytest.approx(np.mean(others), rel=1e-12)
     assert settings.fingerprint() != CampaignSettings(campaign.rig, campaign.records).fingerprint()
     (found,) = (f for f in data["findings"] if f["code"] == "channel.left_out")
-    assert found["numbers"]["kept"] == [c for c in OUTER_ROW if c != "a"]
+    assert found["numbers"]["kept"] == [c for c in SETUPS["fast"].outer if c != "a"]

@@ -13,11 +13,10 @@ from calibration.finding import doubts
 from calibration.log import read_log
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
-from tcdyn.partition.effects import STATED
+from tcdyn.partition.effects import stated
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors import SensorCheck, angle_groups, cables_exchanged, check_sensors, demand
-from tcdyn.partition.sensors.faults import AS_WIRED
-from tcdyn.partition.sensors.features import LEVELS, disk_features
+from tcdyn.partition.sensors.features import disk_features
 from tcdyn.partition.sensors.rest import at_rest
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.partition.uneven import at_junctions
@@ -74,8 +73,8 @@ def test_nearer_the_surface_answers_sooner_and_more(b3: EhlTest) -> None:
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
         for answer in (
-            -f.inputs[f.event == "unloading"][1, LEVELS],
-            f.inputs[f.event == "loading"][0, LEVELS],
+            -f.levels[f.event == "unloading"][1],
+            f.levels[f.event == "loading"][0],
         ):  # fall and rise of a..f
             a, b, c, _, e, _ = answer
             assert e > a > c > b
@@ -85,7 +84,9 @@ def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: E
     """What conduction predicts depends on differences alone: to rounding, for a steady rim."""
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
-        known = dict(zip([what.name for what in STATED], f.effects(AS_WIRED, 700.0, 0.6)[:, :3]))  # a, c, e, steady
+        known = dict(
+            zip([what.name for what in stated(f.setup)], f.effects(f.as_wired, 700.0, 0.6)[:, :3])
+        )  # a, c, e, steady
         all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
         np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
         assert (known["static a"][0], known["static a"][1]) == (1.0, 0.0)

@@ -81,7 +81,8 @@ def test_what_is_left_of_a_found_harmonic_has_the_covariance_that_the_fit_gave()
     change, static, since_s = np.zeros((0, 2, 3)), np.full((3, 3), 1 / 3), np.array([-1.0, 5.0])
     left = Unevenness(covariance=0.01 * np.eye(len(FIRST)))
     (of, prior), (_, rest) = (round_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left))
-    assert of == ROUND
+    assert {what.source for what in of} == ROUND
+    assert [what.name for what in of if what.name.startswith("angle")] == [f"angle {c}" for c in SETUP.rows]
     np.testing.assert_allclose(rest[-len(FIRST) :], 0.1 * prior[-len(FIRST) :], atol=1e-15)
 
 

@@ -1,4 +1,4 @@
-"""Are all twelve junctions where rig.toml says, wired as their columns say, and alive? Section 6.4, before any beta."""
+"""Are all junctions where rig.toml says, wired as their columns say, and alive? Section 6.4, before any beta."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from calibration.disk import CHANNELS, DISKS, LEFT_OUT, DiskSetup
+from calibration.disk import DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.partition.events import EhlTest
@@ -24,7 +24,7 @@ from tcdyn.partition.sensors.faults import (
     judge,
     settled,
 )
-from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, disk_features
+from tcdyn.partition.sensors.features import DiskFeatures, disk_features
 from tcdyn.partition.sensors.rest import UNSOUND_P, at_rest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
@@ -77,7 +77,7 @@ class Suspect:
 class SensorCheck:
     """``table``: a row for each pair of junctions of each disk; ``verdicts``: what is found of each disk.
 
-    ``bulk_degC``: mean of the six junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
+    ``bulk_degC``: mean of the junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
     ``depths``: where the test places the junctions of each disk that shows no fault; ``groups``: channels of each disk
     by angle.
     """
@@ -145,7 +145,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         table=table,
         verdicts=verdicts,
         suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in features for s in found[d]),
-        bulk_degC={d: float(f.inputs[f.event == "steady"][0, LEVELS].mean()) for d, f in features.items()},
+        bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
         blind=blind,
         depths=depths,
         groups=groups,
@@ -156,7 +156,7 @@ def _judged(
     test: EhlTest, f: DiskFeatures, disk: DiskTraces
 ) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
     """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(disk.left_out))
+    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out))
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
@@ -188,26 +188,28 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
             mixed = replace(f, **{x: getattr(f, x).copy() for x in ("inputs", "banks", "slope", "bend")})
             mixed.inputs[:, 1 + place], mixed.banks[1 + place] = other.inputs[:, 1 + column], other.banks[1 + column]
             mixed.slope[:, place], mixed.bend[:, place] = other.slope[:, column], other.bend[:, column]
-            (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (CHANNELS[place],))])
+            (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))])
             total += foreign.log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
-    names = (f"fast_{CHANNELS[i]}", f"slow_{CHANNELS[j]}")
+    names = (f"fast_{fast.setup.channels[i]}", f"slow_{slow.setup.channels[j]}")
     return Suspect("both", "swapped", names, None, best - apart) if best - apart >= RIVAL_LOG_ODDS else None
 
 
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
     """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
-    falls = -f.inputs[f.event == "unloading"][-1, LEVELS]
-    steady = f.inputs[f.event == "steady"][0, LEVELS]
+    falls = -f.levels[f.event == "unloading"][-1]
+    steady = f.levels[f.event == "steady"][0]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual, fall = float(np.median(rise)), float(np.median(falls))
     dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
     out = []
     for i in np.flatnonzero(dead):
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
-        out.append(Suspect(disk.name, "dead", (CHANNELS[i],), None, np.inf, {k: float(v) for k, v in moved.items()}))
+        out.append(
+            Suspect(disk.name, "dead", (f.setup.channels[i],), None, np.inf, {k: float(v) for k, v in moved.items()})
+        )
     return tuple(out)
 
 
@@ -218,15 +220,15 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     >>> angle_groups(load_rig().disk_setup("slow"))
     (('a', 'e', 'f'), ('b', 'c', 'd'))
     """
-    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in CHANNELS}
-    order = sorted(CHANNELS, key=lambda c: angles[c])
-    gaps = [(angles[order[(k + 1) % 6]] - angles[c]) % 360.0 for k, c in enumerate(order)]
+    angles = {c: setup.junctions[c].angle_deg % 360.0 for c in setup.channels}
+    order = sorted(angles, key=lambda c: angles[c])
+    gaps = [(angles[order[(k + 1) % len(order)]] - angles[c]) % 360.0 for k, c in enumerate(order)]
     cuts = [k for k, gap in enumerate(gaps) if gap > SAME_GROUP_DEG]
     if len(cuts) < 2:
-        return (CHANNELS,)
+        return (setup.channels,)
     groups = []
     for one, other in zip(cuts, [*cuts[1:], cuts[0] + len(order)]):
-        groups.append(tuple(sorted(order[k % 6] for k in range(one + 1, other + 1))))
+        groups.append(tuple(sorted(order[k % len(order)] for k in range(one + 1, other + 1))))
     return tuple(sorted(groups))
 
 
@@ -274,11 +276,11 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
     depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
     levels = {
-        "steady": (f.inputs[f.event == "steady"][0, LEVELS], np.hypot(disk.static_u_K, depth_u_K)),
-        "unloading": (-f.inputs[k, LEVELS], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
+        "steady": (f.levels[f.event == "steady"][0], np.hypot(disk.static_u_K, depth_u_K)),
+        "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
     }
-    i, j = np.triu_indices(len(CHANNELS), 1)
-    pairs = [(CHANNELS[one], CHANNELS[other]) for one, other in zip(i, j)]
+    i, j = np.triu_indices(len(s.channels), 1)
+    pairs = [(s.channels[one], s.channels[other]) for one, other in zip(i, j)]
     wanted = [demand(s, *pair) for pair in pairs]
     out = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])

@@ -18,13 +18,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_triangular
 
 from calibration import Array
-from calibration.disk import CHANNELS, OUTER_ROW
 from calibration.estimate import Estimate
-from tcdyn.partition.effects import STATED, stated_u
+from tcdyn.partition.effects import stated, stated_u
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors.features import LEVELS, DiskFeatures, Order, disk_features
-from tcdyn.partition.uneven import SENSED
-from tcdyn.partition.window import INNER, OUTER
+from tcdyn.partition.sensors.features import DiskFeatures, Order, disk_features
 from tcdyn.traces import DiskTraces
 
 SHARE_SD = 0.12  # about each of the shares that are looked at
@@ -36,9 +33,6 @@ MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
 THICK_REL = 0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
 MODEL_K = 0.03
 LEAST_TOLD = 0.02
-AS_WIRED: Order = tuple(range(len(CHANNELS)))
-PLACES = [*OUTER, *INNER]
-NAMES = [what.name for what in STATED]
 LOG_H_STEP = 0.05
 H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
@@ -62,14 +56,12 @@ class Fault:
     kind: str
     channels: tuple[str, ...] = ()
 
-    @property
-    def order(self) -> Order:
-        """Which column reads each position."""
-        if self.kind != "swapped":
-            return AS_WIRED
-        i, j = (CHANNELS.index(c) for c in self.channels)
-        order = list(AS_WIRED)
-        order[i], order[j] = j, i
+    def order(self, channels: Sequence[str]) -> Order:
+        """Which column reads each position of a disk with these channels."""
+        order = list(range(len(channels)))
+        if self.kind == "swapped":
+            i, j = map(channels.index, self.channels)
+            order[i], order[j] = j, i
         return tuple(order)
 
 
@@ -90,12 +82,12 @@ class Verdict:
     size: Estimate | None
 
 
-def hypotheses(left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
+def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
     """A sound disk, evenly held or not, and all faults that are looked for, by the order of their columns.
 
     Channels ``left_out`` have no faults.
     """
-    used = [c for c in CHANNELS if c not in left_out]
+    used = [c for c in channels if c not in left_out]
     yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE)]
     for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]
@@ -107,12 +99,13 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
     share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
     """
-    order, logs = faults[0].order, np.log(H_GRID_W_M2K)
+    s, logs = f.setup, np.log(H_GRID_W_M2K)
+    order = faults[0].order(s.channels)
     answers = zip(*(f.answer(order, float(h)) for h in H_GRID_W_M2K))
     rests, powers = (np.asarray(CubicSpline(logs, np.array(x)[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers)
     found = []
     for share in SHARE_GRID:
-        left = f.inputs[:, LEVELS][:, order][:, PLACES][f.seen] - rests - share * powers
+        left = f.levels[:, order][:, s.places(s.rows)][f.seen] - rests - share * powers
         own = independent_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
         known: dict[int, Array] = {}  # effects about the points of the coarse grid, which most faults share
@@ -131,6 +124,7 @@ def _about(
 ) -> Verdict:  # fmt: skip
     """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``."""
     mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
+    order, stands = fault.order(f.setup.channels), [what.name for what in stated(f.setup)]
     at = -1
     for _ in range(ROUNDS):  # the covariance is worked out at the nearest point of the coarse grid
         nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
@@ -138,13 +132,13 @@ def _about(
             break
         at = nearest
         if at not in known:
-            known[at] = f.effects(fault.order, float(H_GRID_W_M2K[at]), share)
-        cov = covariance(f, disk, known[at], fault.order, mixed)
+            known[at] = f.effects(order, float(H_GRID_W_M2K[at]), share)
+        cov = covariance(f, disk, known[at], order, mixed)
         free = np.zeros_like(left[0])  # by one standard deviation of what the fault leaves free
         quantity, sd = FREE.get(fault.kind, ("", 0.0))
         if sd:
             names = [f"{quantity} {c}" for c in fault.channels]
-            free = sd * known[at][[NAMES.index(name) for name in names]].sum(axis=0)
+            free = sd * known[at][[stands.index(name) for name in names]].sum(axis=0)
         root: Array = np.asarray(np.linalg.cholesky(cov + np.outer(free, free)), dtype=float)
         white = solve_triangular(root, left.T, lower=True)
         best = int(np.argmin((white**2).sum(axis=0)))
@@ -162,29 +156,29 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
     channel = v.fault.channels[0]
     if v.fault.kind == "late" and v.size is not None:
         return _settled_late(test, disk, v, v.size)
-    if v.fault.kind != "misplaced" or channel not in OUTER_ROW or v.size is None:
+    if v.fault.kind != "misplaced" or channel not in f.setup.outer or v.size is None:
         return v
     setup = f.setup
-    stated = setup.junctions[channel]
-    deepest = setup.junctions["b"].depth_m - LEAST_DEPTH_M
+    at = setup.junctions[channel]
+    deepest = setup.edge_m - LEAST_DEPTH_M
     size, again = v.size, v
     for _ in range(4):
-        depth = float(np.clip(stated.depth_m + size.value, LEAST_DEPTH_M, deepest))
-        there = {**setup.junctions, channel: replace(stated, depth_m=depth)}
+        depth = float(np.clip(at.depth_m + size.value, LEAST_DEPTH_M, deepest))
+        there = {**setup.junctions, channel: replace(at, depth_m=depth)}
         (again,) = judge(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
         if again.size is None:
             break
-        size = Estimate.normal(depth - stated.depth_m + again.size.value, again.size.u)
+        size = Estimate.normal(depth - at.depth_m + again.size.value, again.size.u)
         if abs(again.size.value) < SETTLED_M:
             break
-    if size.value + stated.depth_m > deepest:  # the outer row lies above the inner one
+    if size.value + at.depth_m > deepest:  # the outer row lies above the inner one
         return replace(again, size=size, log_likelihood=-np.inf)
     return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
 
 
 def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -> Verdict:
     """What is much late is not linear: the column is brought forward in time, and judged again."""
-    k, again = CHANNELS.index(v.fault.channels[0]), v
+    k, again = disk.setup.channels.index(v.fault.channels[0]), v
     for _ in range(LATE_ROUNDS):
         readings = disk.readings_degC.copy()
         readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])
@@ -203,11 +197,11 @@ def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, 
 
     ``mixed``: channels whose static lines and lags are another's.
     """
-    foreign = np.isin(CHANNELS, mixed).astype(float)
+    foreign = np.isin(disk.setup.channels, mixed).astype(float)
     static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
     u = stated_u(disk, static, MIXED_LAGS_S * foreign)
     common = [1.0, 1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
-    a = np.concatenate([u, np.ones(SENSED), common])[:, None] * effects
+    a = np.concatenate([u, np.ones(len(effects) - len(u) - len(common)), common])[:, None] * effects
     return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
 
 
@@ -216,19 +210,20 @@ def independent_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order)
 
     ``power`` (D,): what a share of one makes.
     """
-    noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][PLACES], 1e-3)
-    rel = np.repeat([MODEL_REL, THICK_REL], 3)
-    bend = f.bend[:, order][:, PLACES] * (rel == THICK_REL)  # the outer row follows it
+    places = f.setup.places(f.setup.rows)
+    noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][places], 1e-3)
+    rel = np.repeat([MODEL_REL, THICK_REL], [len(f.setup.outer), len(f.setup.inner)])
+    bend = f.bend[:, order][:, places] * (rel == THICK_REL)  # the outer row follows it
     own = 2 * noise**2 + MODEL_K**2 + bend**2
     return np.sqrt(own[f.seen] + (np.broadcast_to(rel, own.shape)[f.seen] * power) ** 2)
 
 
 @dataclass(frozen=True)
 class DepthTest:
-    """The junctions a..f of a disk, six or those used, against their stated depths.
+    """The junctions of a disk, all or those used, against their stated depths.
 
-    ``pull`` (6,): departure in standard deviations, standard normal on a sound disk, with correlation ``correlation``
-    (6, 6); ``deeper_m``: how much deeper each lies than stated by this test alone, its own stated depth, known to
+    ``pull`` (C,): departure in standard deviations, standard normal on a sound disk, with correlation ``correlation``
+    (C, C); ``deeper_m``: how much deeper each lies than stated by this test alone, its own stated depth, known to
     ``stated_u_m`` [m], not counted.
     """
 
@@ -237,6 +232,7 @@ class DepthTest:
     correlation: Array
     deeper_m: dict[str, Estimate]
     stated_u_m: float
+    left_out: tuple[str, ...] = ()
 
 
 def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
@@ -249,15 +245,16 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
     at, more = (
         rest + sound.share * power
-        for rest, power in (f.answer(AS_WIRED, x) for x in (h, h * float(np.exp(LOG_H_STEP))))
+        for rest, power in (f.answer(f.as_wired, x) for x in (h, h * float(np.exp(LOG_H_STEP))))
     )
     off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
-    known = f.effects(AS_WIRED, h, sound.share)
-    cov = covariance(f, disk, known, AS_WIRED) + np.outer(off, off)
-    left = (f.inputs[:, LEVELS][:, PLACES] - at)[f.seen]
+    known = f.effects(f.as_wired, h, sound.share)
+    cov = covariance(f, disk, known, f.as_wired) + np.outer(off, off)
+    left = (f.levels[:, f.setup.places(f.setup.rows)] - at)[f.seen]
     sd_m = disk.uncertainty.depth_mm * 1e-3
-    used = [c for c in CHANNELS if c not in disk.left_out]
-    effects = sd_m * known[[NAMES.index(f"depth {c}") for c in used]]
+    used = [c for c in f.setup.channels if c not in disk.left_out]
+    stands = [what.name for what in stated(f.setup)]
+    effects = sd_m * known[[stands.index(f"depth {c}") for c in used]]
     toward = np.linalg.solve(cov, effects.T).T
     gram = toward @ effects.T
     told = np.clip(np.diag(gram), LEAST_TOLD, 1 - 1e-9)
@@ -267,4 +264,4 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
         c: Estimate.normal(sd_m * float(s / t), sd_m * float(np.sqrt((1 - t) / t)))
         for c, s, t in zip(used, score, told)
     }
-    return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m)
+    return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m, disk.left_out)

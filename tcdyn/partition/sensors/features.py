@@ -12,28 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Array
-from calibration.disk import CHANNELS, DiskSetup
+from calibration.disk import DiskSetup
 from tcdyn.chain import equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
-from tcdyn.partition.effects import departures, stated_effects
+from tcdyn.partition.effects import by_inputs, departures, stated_effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.track import SHIFT_STEP_M
 from tcdyn.partition.uneven import sensed
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
-    INNER,
     NOMINAL,
-    OUTER,
     Perturbation,
     RimMeans,
     between,
     film_seen,
     power_seen,
 )  # fmt: skip
-from tcdyn.traces import DiskTraces
+from tcdyn.traces import STAND_IN_K, DiskTraces
 
 Order = tuple[int, ...]
-Place = Literal["outer row", "inside b", "inner row"]  # a, c, e; just inside d, b, f; these, of a rim to the bore
+Place = Literal["outer row", "inside", "inner row"]  # just inside the inner row; this row, of a rim to the bore
 Window = tuple[str, float, float]  # event that it follows, start, stop [s]
 STEADY_S = 100.0
 BASE_S = 8.0
@@ -46,23 +44,20 @@ SLOWEST_PER_S = 0.02
 BEND_S = 40.0  # a disk under load warms up with about this time constant
 THICK_S = 5.0  # heat needs some ten seconds to the bore and back
 FEATURE_DEPTH_M = 0.1e-3
-COLUMNS = ("power", *CHANNELS, "ambient", "slower power", "film", "film by n")
-LEVELS = slice(1, 7)  # of the columns: a..f, their level or change since the base
 
 
 @dataclass(frozen=True)
 class DiskFeatures:
     """Window means of one disk, W windows, each after one ``event``: "steady", "unloading" or "loading".
 
-    ``after_s`` (W,): middle of the window since the event; ``inputs`` (W, 9) and ``banks`` (9, W, K): power [W], a..f,
-    ambient [degC], and the power when the chain is ``LAG_STEP_S`` slower, and where speeds change the film's two;
-    ``slope`` (W, 6) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white noise left of one;
-    ``bend`` (W, 6) how far a trend before the event may have bent since [K].
+    ``after_s`` (W,): middle of the window since the event; ``inputs`` (W, C + 3) and ``banks`` (C + 3, W, K): power
+    [W], C channels, ambient [degC], and the power when the chain is ``LAG_STEP_S`` slower, and where speeds change the
+    film's two; ``slope`` (W, C) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white noise left
+    of one; ``bend`` (W, C) how far a trend before the event may have bent since [K].
 
-    The outer row a, c, e is predicted from the inner row; the inner row d, b, f itself only in the first seconds after
-    an event, when the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, 6) in the order a, c,
-    e, d, b, f; ``drives`` as of ``DiskTraces``; ``shift_u_m``: how well the place of the flux is stated [m].
-    """
+    The outer row is predicted from the inner row; the inner row itself only in the first seconds after an event, when
+    the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, C) in the order of the disk's rows;
+    ``drives`` as of ``DiskTraces``; ``shift_u_m``: how well the place of the flux is stated [m]."""
 
     disk: str
     setup: DiskSetup
@@ -79,10 +74,27 @@ class DiskFeatures:
     drives: Array
     shift_u_m: float = 0.0
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the inputs; of the film where speeds change."""
+        return ("power", *self.setup.channels, "ambient", "slower power", "film", "film by n")
+
+    @property
+    def as_wired(self) -> Order:
+        """Every position read by its own column."""
+        return tuple(range(len(self.setup.channels)))
+
+    @property
+    def levels(self) -> Array:
+        """The channels' level or change since the base, (W, C)."""
+        return self.inputs[:, 1 : 1 + len(self.setup.channels)]
+
     @cached_property
     def rim(self) -> RimMeans:
         """The rim driven by the power, the inner row as wired, and ambient."""
-        feeds = [0, *(1 + i for i in INNER), 7, *range(9, self.inputs.shape[1])]
+        air = 1 + len(self.setup.channels)
+        inner = (1 + i for i in self.setup.places(self.setup.inner))
+        feeds = [0, *inner, air, *range(air + 2, self.inputs.shape[1])]
         return RimMeans(self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds])
 
     @cached_property
@@ -92,62 +104,74 @@ class DiskFeatures:
     def fed(
         self, column: str, which: int, h_W_m2K: float, p: Perturbation = NOMINAL, place: Place = "outer row"
     ) -> Array:
-        """What a column makes of the three points of ``place`` as the rim's input ``which``, (W, 3); a column that is
+        """What a column makes of the points of ``place`` as the rim's input ``which``, (W, points); a column that is
         not there makes nothing. Kept, since all hypotheses share it."""
         key = column, which, h_W_m2K, p, place
         if key not in self._fed:
-            k = COLUMNS.index(column)
+            k, outer, inner = self.columns.index(column), self.setup.outer, self.setup.inner
             if k >= self.inputs.shape[1]:
-                return np.zeros((len(self.inputs), len(INNER)))
-            inside = place == "inside b"
+                return np.zeros((len(self.inputs), len(outer if place == "outer row" else inner)))
+            inside = place == "inside"
             g = self.rim.gains(h_W_m2K, p, self.rim.inside if inside else (), bore=place == "inner row")
-            direct, gains = (x[which, 3 * inside :] for x in (g.direct, g.gains))
+            direct, gains = (x[which, len(outer) * inside :] for x in (g.direct, g.gains))
             self._fed[key] = np.outer(self.inputs[:, k], direct) + self.banks[k] @ gains.T
         return self._fed[key]
 
     def _at(self, order: Order, h: float, p: Perturbation, place: Place = "outer row") -> tuple[Array, Array]:
-        inner = (self.fed(CHANNELS[order[i]], k, h, p, place) for k, i in enumerate(INNER, start=1))
-        rest = sum(inner, self.fed("ambient", 4, h, p, place) + self.fed("film", 5, h, p, place))
+        s, air = self.setup, self.rim.ambient
+        inner = (self.fed(s.channels[order[i]], k, h, p, place) for k, i in enumerate(s.places(s.inner), start=1))
+        rest = sum(inner, self.fed("ambient", air, h, p, place) + self.fed("film", air + 1, h, p, place))
         return rest, self.fed("power", 0, h, p, place)
 
     def gradient(self, order: Order, h_W_m2K: float, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Rise of temperature with radius at d, b and f without heat and per share of one, (W, 3) each [K/m]."""
-        rest, power = self._at(order, h_W_m2K, p, "inside b")
-        return (rest - self.inputs[:, LEVELS][:, [order[i] for i in INNER]]) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
+        """Rise of temperature with radius at the inner row without heat and per share of one, (W, k) each [K/m]."""
+        rest, power = self._at(order, h_W_m2K, p, "inside")
+        read = self.levels[:, [order[i] for i in self.setup.places(self.setup.inner)]]
+        return (rest - read) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
     def answer(self, order: Order, h_W_m2K: float, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Model of a, c, e, d, b, f without heat and per share of one, (W, 6) each, when position i of a..f is read by
-        column ``order[i]``."""
+        """Model of both rows without heat and per share of one, (W, C) each, when position i of the channels is read
+        by column ``order[i]``."""
         rest, power = self._at(order, h_W_m2K, p)
-        if np.any(deeper := self.setup.deeper_than_b_m):
-            static = deeper[:, None] * self.rim.gains(h_W_m2K, p).static[1:4]
+        if np.any(deeper := self.setup.deeper_than_edge_m):
+            static = deeper[:, None] * self.rim.gains(h_W_m2K, p).static[self.rim.inner]
             by_rest, by_power = self.gradient(order, h_W_m2K, p)
             rest, power = rest + by_rest @ static, power + by_power @ static
-        film, inner = (self.fed(column, k, h_W_m2K, p, "inner row") for column, k in (("film", 5), ("power", 0)))
+        own = ("film", self.rim.ambient + 1), ("power", 0)
+        film, inner = (self.fed(column, k, h_W_m2K, p, "inner row") for column, k in own)
         return np.hstack([rest, film]), np.hstack([power, inner])
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
-        """What the data ``seen`` show more about a point by a unit of each of ``effects.STATED``, of the harmonic round
+        """What the data ``seen`` show more about a point by a unit of each of ``effects.stated``, of the harmonic round
         the bore, then by a standard uncertainty of the flux's place and of the film's exponent, a second of common lag,
         a second of later load, and the share, (Q, D)."""
         gradient, static = self.gradient(order, h_W_m2K), self.rim.gains(h_W_m2K).static
         rest, power = self.answer(order, h_W_m2K)
         base, moved = rest + share * power, []
-        for p, size in departures(FEATURE_DEPTH_M):
+        for p, size in departures(self.setup, FEATURE_DEPTH_M):
             there = self.answer(order, h_W_m2K, p)
             moved.append((there[0] + share * there[1] - base) / size)
-        rates = self.slope[:, [order[i] for i in (*OUTER, *INNER)]]
+        rates = self.slope[:, [order[i] for i in self.setup.places(self.setup.rows)]]
         lasts = (self.event == "steady").astype(float)
-        slow = [lasts, lasts, lasts, *(gradient[0] + share * gradient[1]).T, *rates[:, 3:].T, lasts]  # the rim follows
-        driven = np.array(slow)[:, :, None] * static[[1, 2, 3, 1, 2, 3, 1, 2, 3, 4], None]
+        slow = [
+            *[lasts] * len(self.setup.inner),
+            *(gradient[0] + share * gradient[1]).T,
+            *rates.T[len(self.setup.outer) :],
+            lasts,
+        ]  # the rim follows
+        driven = np.array(slow)[:, :, None] * by_inputs(self.setup, static)[:, None]
         known = stated_effects(np.array(moved), driven, lasts, rates, self.drives)
         rows: tuple[Place, ...] = "outer row", "inner row"
         slower = np.hstack([self.fed("slower power", 0, h_W_m2K, place=row) for row in rows])
         same = np.hstack([self.fed("power", 0, h_W_m2K, place=row) for row in rows])
         later = share * (slower - same) / LAG_STEP_S
         loading = later * (self.event == "loading")[:, None]
-        film = np.hstack([self.fed("film by n", 6, h_W_m2K, place=row) for row in rows])
-        harmonic = sensed(self.setup, h_W_m2K, static[1:4], self.event, self.after_s)
+        film = np.hstack([self.fed("film by n", self.rim.ambient + 2, h_W_m2K, place=row) for row in rows])
+        harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
+        if (open_edge := self.rim.unseen(h_W_m2K)) is not None:
+            edge = np.zeros_like(base)
+            edge[:, : len(open_edge)] = STAND_IN_K * lasts[:, None] * open_edge
+            harmonic = np.concatenate([harmonic, edge[None]])
         beside = np.zeros_like(base)
         if self.shift_u_m:
             one, other = (self.answer(order, h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
@@ -167,7 +191,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         parts.append(_stretch(test, disk, loading, on - BEFORE_S, (on - BASE_S, on - 0.5)))
         windows += loading
     inputs, banks, slope, noise, bend = (np.concatenate(part) for part in zip(*parts))
-    begun = {"unloading": off, "loading": on}
+    begun, s = {"unloading": off, "loading": on}, disk.setup
     early = [event in begun and stop - begun[event] <= THICK_S for event, _, stop in windows]
     return DiskFeatures(
         disk=disk.name,
@@ -181,7 +205,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         slope=slope,
         noise=noise,
         bend=bend,
-        seen=np.repeat(np.column_stack([np.full(len(early), True), early]), 3, axis=1) & ~disk.out[[*OUTER, *INNER]],
+        seen=np.repeat(np.column_stack([np.full(len(early), True), early]), [len(s.outer), len(s.inner)], axis=1)
+        & ~disk.out[s.places(s.rows)],
         drives=disk.drives,
         shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
     )
@@ -190,7 +215,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
 def _stretch(
     test: EhlTest, disk: DiskTraces, windows: Sequence[Window], start_s: float, base_s: tuple[float, float]
 ) -> tuple[Array, ...]:
-    """Means of ``COLUMNS`` (W, 9), their banks (W, 9, K), slope, noise and bend in one stretch.
+    """Means of the columns (W, C + 3), their banks (W, C + 3, K), slope, noise and bend in one stretch.
 
     From the mean of a window after an event the straight line through the base is taken, so that a disk that still
     warms up, or an ambient that drifts, is not read as an answer to the event.
@@ -204,7 +229,7 @@ def _stretch(
     film = film_seen(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
     weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
-    rate, slope = np.zeros((2, len(windows), len(CHANNELS)))
+    rate, slope = np.zeros((2, len(windows), y.shape[1]))
     base = between(t, *base_s)
     for k, (event, start, stop) in enumerate(windows):
         inside = between(t, start, stop)

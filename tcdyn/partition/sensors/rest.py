@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors.faults import Fault
@@ -32,7 +32,7 @@ MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean
 
 @dataclass(frozen=True)
 class Resting:
-    """Mean readings (6,) of a disk at rest [degC], their standard uncertainties (6,) [K], and the channels used."""
+    """Mean readings (C,) of a disk at rest [degC], their standard uncertainties (C,) [K], and the channels used."""
 
     disk: DiskTraces
     mean: Array
@@ -40,15 +40,15 @@ class Resting:
     used: NDArray[np.int64]
 
     def away(self, reads: Array) -> Array:
-        """Departures of ``reads`` (6,) from the middle of the channels used [K]."""
+        """Departures of ``reads`` (C,) from the middle of the channels used [K]."""
         return np.asarray(reads - np.median(reads[self.used]))
 
     def misfit(self, reads: Array, but: int = -1) -> float:
-        """Chi-squared of ``reads`` (6,) against one temperature, one channel left out if told."""
+        """Chi-squared of ``reads`` (C,) against one temperature, one channel left out if told."""
         return float(((self.away(reads) / self.u)[self.used[self.used != but]] ** 2).sum())
 
     def through(self, other: Resting, order: Sequence[int]) -> Array:
-        """What the disk's lines make of another's channels ``order`` (6,), whose own lines are undone [degC]."""
+        """What the disk's lines make of another's channels ``order`` (C,), whose own lines are undone [degC]."""
         mine, theirs = self.disk.lines, other.disk.lines
         raw = [(other.mean[k] - theirs[k].offset) / theirs[k].gain for k in order]
         return np.array([line.offset + line.gain * x for line, x in zip(mine, raw)])
@@ -72,9 +72,9 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
 def cables_exchanged(test: EhlTest) -> bool:
     """Whether the disks' readings at rest agree far better through each other's static lines."""
     fast, slow = (resting(test, test.disks[d]) if d in test.disks else None for d in DISKS)
-    if fast is None or slow is None:
+    if fast is None or slow is None or len(fast.mean) != len(slow.mean):
         return False
-    as_wired = range(len(CHANNELS))
+    as_wired = range(len(fast.mean))
     crossed = fast.misfit(fast.through(slow, as_wired)) + slow.misfit(slow.through(fast, as_wired))
     usual = fast.misfit(fast.mean) + slow.misfit(slow.mean)
     return usual - crossed > 2 * SURE_LOG_ODDS and crossed < MOST_LEFT * usual
@@ -95,13 +95,14 @@ def of_one(rest: Resting) -> list[tuple[Fault, Estimate | None, float]]:
     usual, exchanged, freedom = rest.misfit(rest.mean), [], len(rest.used) - 1
     one_off = min(rest.misfit(rest.mean, k) for k in rest.used)
     for i, j in combinations(rest.used, 2):
-        order = [*range(len(CHANNELS))]
+        order = [*range(len(rest.mean))]
         order[i], order[j] = j, i
         exchanged.append((rest.misfit(rest.through(rest, order)), i, j))
     best, second = sorted(exchanged)[:2]
     explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
     if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
-        pair = CHANNELS[best[1]], CHANNELS[best[2]]
+        channels = rest.disk.setup.channels
+        pair = channels[best[1]], channels[best[2]]
         return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
     away = rest.away(rest.mean)
     off = [k for k in rest.used if abs(away[k]) > max(OFF_Z * rest.u[k], OFF_K)]
@@ -109,4 +110,7 @@ def of_one(rest: Resting) -> list[tuple[Fault, Estimate | None, float]]:
     if not 1 <= len(off) <= 2 or np.ptp(others) > OFF_K:
         return []
     sizes = {k: Estimate.normal(float(away[k]), float(rest.u[k])) for k in off}
-    return [(Fault("offset", (CHANNELS[k],)), size, 0.5 * (size.value / size.u) ** 2) for k, size in sizes.items()]
+    return [
+        (Fault("offset", (rest.disk.setup.channels[k],)), size, 0.5 * (size.value / size.u) ** 2)
+        for k, size in sizes.items()
+    ]

@@ -1,5 +1,5 @@
 """What ``rig.toml`` may state beyond the thesis's own model (section 8.3): flux and film along the track, steel that
-follows temperature, a running surface whose loss was measured."""
+follows temperature, a running surface whose loss was measured; and what an inner row of few junctions leaves open."""
 
 from __future__ import annotations
 
@@ -16,19 +16,24 @@ from tcdyn.partition.statement.surface import SURFACE_AIR, by_air
 from tcdyn.partition.statement.track import SHIFT, by_film, by_shift
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow
-from tcdyn.traces import DiskTraces
+from tcdyn.traces import STAND_IN_K, DiskTraces
 
 __all__ = ["statement_effects"]
+
+EDGE = Unmeasured("edge", "inner row of few junctions")
 
 
 def statement_effects(
     disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> tuple[tuple[Unmeasured, ...], Array]:
-    """What readings of a, c, e show more than predicted by one standard uncertainty of each statement, (Q, R, 3) [K].
+    """What readings of the outer row show more than predicted by one standard uncertainty of each statement, (Q, R, P)
+    [K].
 
     Only of those that have an uncertainty.
     """
     u, found = disk.uncertainty, dict[Unmeasured, Array]()
+    if (open_edge := window.rim.unseen(h_W_m2K)) is not None:
+        found[EDGE] = STAND_IN_K * open_edge * np.ones((len(window.y), 1))
     if u.film_along_rel:
         found |= {x: u.film_along_rel * k for x, k in by_film(window.rim, share, h_W_m2K).items()}
     if u.flux_shift_mm:

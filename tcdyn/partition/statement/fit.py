@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from calibration import Array
-from calibration.disk import CHANNELS, DISKS, INNER_ROW, DiskSetup
+from calibration.disk import DISKS, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look
 from calibration.stated.fit import harmonics
@@ -39,7 +39,6 @@ LEAST_SIGMAS = 0.5  # of the flux through the bore: below it all that is known i
 ANGLE_REL = 0.1  # of the harmonic: across it, by the model; whole-disk runs: 5 degrees
 SCALES = np.linspace(0.0, 8.0, 161)  # of the heat through the bore, tried
 WINDOW_S = 20.0  # before the parting
-INNER = [CHANNELS.index(c) for c in INNER_ROW]
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: fl
     """
     k, outer, bore = setup.conductivity_W_mK, setup.outer_radius_m, setup.bore_radius_m
     kappa = known_kappa(setup)
-    inner = outer - setup.junctions["b"].depth_m
+    inner = outer - setup.edge_m
 
     def waves(r: float) -> Array:
         return np.array([special.i0(kappa * r), special.k0(kappa * r)])
@@ -190,7 +189,7 @@ def stated_round(
         disk, found = test.disks[d], uneven[d]
         if not disk.setup.fit.stated:
             continue
-        inner = disk.readings_degC[near][:, INNER] - test.ambient_of(d)[near, None]
+        inner = disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)] - test.ambient_of(d)[near, None]
         whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0

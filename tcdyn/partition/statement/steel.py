@@ -16,7 +16,7 @@ from calibration.disk import DiskSetup
 from calibration.rig import UncertaintyTable
 from tcdyn.conduction.rim import lag_bank
 from tcdyn.partition.uneven import Unmeasured
-from tcdyn.partition.window import INNER, DiskWindow, Perturbation, RimMeans
+from tcdyn.partition.window import DiskWindow, Perturbation, RimMeans
 
 CONDUCTIVITY_SLOPE = Unmeasured("conductivity slope", "conductivity slope", True)
 SMOOTH_S = 0.5
@@ -46,20 +46,21 @@ def linear_about(setup: DiskSetup, air_degC: float, surface_degC: float, rim_deg
 
 
 def by_conductivity_slope(window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float) -> Array:
-    """What a, c, e show more than predicted if the conductivity's slope is steeper by ``u_per_K``, (R, 3) [K].
+    """What the outer row shows more than predicted if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
 
     The rim conducts otherwise, and the readings bend otherwise, those of the inner row driving it.
     """
     rim, dt_s = window.rim, float(window.time_s[1] - window.time_s[0])
     steel, g = rim.setup.steel, rim.gains(h_W_m2K)
-    at_rim, own = float(rim.inputs[:, 1:4].mean()), u_per_K / steel.conductivity(steel.middle_degC)
+    at_rim, own = float(rim.inputs[:, rim.inner].mean()), u_per_K / steel.conductivity(steel.middle_degC)
     more = own * (steel.middle_degC - steel.reference_degC)
     more_at_rim = u_per_K * (at_rim - steel.reference_degC) / steel.conductivity(at_rim)
     rest, power = rim.answer(h_W_m2K)
     other, heat = rim.answer(h_W_m2K, Perturbation(conductivity=more, heat_capacity=more - more_at_rim))
     width = max(int(round(SMOOTH_S / dt_s)), 1)  # a column that held the readings' noise would explain it
-    inner = own * steel.bend(uniform_filter1d(window.readings[:, INNER], width, axis=0, mode="nearest"))
-    driven = window.blocks @ inner @ g.direct[1:4]
+    readings = window.readings[:, rim.setup.places(rim.setup.inner)]
+    inner = own * steel.bend(uniform_filter1d(readings, width, axis=0, mode="nearest"))
+    driven = window.blocks @ inner @ g.direct[rim.inner]
     for k, x in enumerate(inner.T, start=1):
         driven = driven + window.blocks @ lag_bank(x, dt_s, rim.rates_1_s) @ g.gains[k].T
     predicted = rest + share * power
@@ -67,8 +68,8 @@ def by_conductivity_slope(window: DiskWindow, share: float, h_W_m2K: float, u_pe
 
 
 def by_specific_heat_slope(rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float) -> Array:
-    """What a, c, e show more if the specific heat rises more steeply by ``u_per_K``, (R, 3) [K]."""
-    steel, at_rim = rim.setup.steel, float(rim.inputs[:, 1:4].mean())
+    """What the outer row shows more if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
+    steel, at_rim = rim.setup.steel, float(rim.inputs[:, rim.inner].mean())
     more = u_per_K * (at_rim - steel.reference_degC) / steel.specific_heat(at_rim)
     rest, power = rim.answer(h_W_m2K)
     other, heat = rim.answer(h_W_m2K, Perturbation(heat_capacity=more))

@@ -16,7 +16,6 @@ from tcdyn.traces import DiskTraces
 SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
 SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
 LEAST_REL = 1e-4
-RUNNING = 5  # of a rim's inputs: air at the running surface alone, where it is one of them
 
 
 def with_surfaces(test: EhlTest) -> EhlTest:
@@ -36,8 +35,8 @@ def still(test: EhlTest, disk: DiskTraces) -> Array:
 
 
 def by_air(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
-    """What a, c, e show more if T_a lies ``u_K`` higher, for ever, (R, 3) [K]."""
-    static = rim.gains(h_W_m2K).static[RUNNING]
+    """What the outer row shows more if T_a lies ``u_K`` higher, for ever, (R, P) [K]."""
+    static = rim.gains(h_W_m2K).static[rim.film]
     return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
 
 

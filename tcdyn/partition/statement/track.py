@@ -20,7 +20,7 @@ ALONG = {
 
 
 def by_shift(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
-    """What a, c, e show more when the flux lies a metre further along z, by a central difference, (R, 3) [K/m].
+    """What the outer row shows more when the flux lies a metre further along z, by a central difference, (R, P) [K/m].
 
     By the places of d and f round b the sign of a shift is each disk's own.
     """
@@ -29,8 +29,8 @@ def by_shift(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
 
 
 def by_film(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Array]:
-    """What a, c, e show more when h departs from its mean by all of itself along each of ``film_along``'s two shapes,
-    (R, 3) [K] each."""
+    """What the outer row shows more when h departs from its mean by all of itself along each of ``film_along``'s two
+    shapes, (R, P) [K] each."""
     out = {}
     for what, pair in ALONG.items():
         one, other = (rest + share * heat for rest, heat in (rim.answer(h_W_m2K, p) for p in pair))

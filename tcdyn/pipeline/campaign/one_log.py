@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import sentences
 from calibration.log import read_log
@@ -101,7 +101,10 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
     rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {
-        d: {c: None if c in test.disks[d].left_out else float(x) for c, x in zip(CHANNELS, means[d])} for d in DISKS
+        d: {
+            c: None if c in test.disks[d].left_out else float(x) for c, x in zip(test.disks[d].setup.channels, means[d])
+        }
+        for d in DISKS
     }
 
 

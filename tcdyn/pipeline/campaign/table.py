@@ -63,7 +63,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
     for name, (keys, estimate) in COLUMNS.items():
         found: Any = data if keys[0] in data or keys[0] != "campaign" else None  # a beta.json of its own has none
         for key in keys if found is not None else ():
-            found = found[key]
+            found = found.get(key)  # a disk may have no junction a
         row[name] = found["value"] if estimate else np.nan if found is None else found
         if estimate:
             row[f"u_{name}"] = found["u"]

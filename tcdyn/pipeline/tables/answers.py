@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS, LEFT_OUT
+from calibration.disk import DISKS, LEFT_OUT
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded, with_u
 from calibration.words.base import as_known
@@ -127,7 +127,7 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
             mm = with_u(1e3 * deeper.value, 1e3 * deeper.u)
             rows.append((disk, channel, mm, f"{1e3 * test.stated_u_m:.2f}", f"{round(float(pull), 1) + 0.0:+.1f}"))
-        rows += [(disk, channel, LEFT_OUT, "", "") for channel in CHANNELS if channel not in test.deeper_m]
+        rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
     columns = [
         "disk",
         "junction",

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from calibration import Array
-from calibration.disk import DISKS, LEFT_OUT, OUTER_ROW
+from calibration.disk import DISKS, LEFT_OUT
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.joint import SHARE, told, unknowns
 
@@ -32,7 +32,9 @@ def met(p: Partition, disk: str) -> Met:
     window = sides[DISKS.index(disk)].window
     residual = np.split(p.both.optimum.residual[: ends[-1]], ends[:-1])[DISKS.index(disk)].reshape(window.y.shape)
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
-    return Met(OUTER_ROW, window.at_s - p.test.events.unload_s, window.y, window.y + residual * sd, sd)
+    return Met(
+        p.test.disks[disk].setup.outer, window.at_s - p.test.events.unload_s, window.y, window.y + residual * sd, sd
+    )
 
 
 def residuals_table(p: Partition) -> pd.DataFrame:
