@@ -25,14 +25,13 @@ def pieces(
     if count <= 2 * size:
         yield 0, 0, count, count
         return
-    least = [min(q.levels) / (var * dt) for q, var in zip(chosen, noise_var)]
-    settled_s = max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(stretch.sensors, least))
+    rows = settled_s(stretch.sensors, np.sqrt(noise_var), dt, chosen) / dt
     told = np.concatenate([[0], np.cumsum((stretch.weight > 0).all(axis=1))])
     at = np.clip(np.ceil(knots / dt).astype(int), 0, len(stretch.y))
     while True:
         edges = np.append(np.arange(0, count - size // 2, size), count)
-        before = np.searchsorted(told, told[at[edges[:-1]]] - settled_s / dt, side="right") - 1
-        after = np.searchsorted(told, told[at[edges[1:]]] + settled_s / dt)
+        before = np.searchsorted(told, told[at[edges[:-1]]] - rows, side="right") - 1
+        after = np.searchsorted(told, told[at[edges[1:]]] + rows)
         low = np.searchsorted(at, np.maximum(before, 0), side="right") - 1
         high = np.searchsorted(at, np.minimum(after, len(stretch.y)))
         low[0], high[-1] = 0, count
@@ -41,6 +40,12 @@ def pieces(
             yield from zip(*(column.tolist() for column in (low, edges[:-1], edges[1:], high)))
             return
         size *= 2
+
+
+def settled_s(sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]) -> float:
+    """Time [s] with samples beside a piece in which both sweeps of every channel settle."""
+    least = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
+    return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, least))
 
 
 def memory_s(sensor: Sensor, ratio: float) -> float:
