@@ -230,24 +230,48 @@ class _Parts:
 
         ``alone``: other channels show nothing; then a weak pulse needs to be less clearly better.
         """
-        told = self.units.T @ window
+        told, nothing = self.units.T @ window, np.zeros(len(window), dtype=bool)
         square = told**2
-        both = (square[:, None] + square - 2 * self.alike * np.outer(told, told)) / (1 - self.alike**2)
-        np.fill_diagonal(both, square)
         whole = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
         better = BETTER_ALONE if alone and whole < WEAK + len(window) else BETTER
-        of_others = float(both[self.pulses :, self.pulses :].max())
-        with_pulse = both[: self.pulses]
-        i, k = divmod(int(np.argmax(with_pulse)), len(told))
-        wrong = max(whole - float(with_pulse[i, k]) - NOISY * len(window), 0.0)  # the parts are not quite these
-        if with_pulse[i, k] < max(of_others + better + CLEARLY * wrong, SURE**2):
-            return np.zeros(len(window), dtype=bool)
+        least = self._best(told, square, slice(self.pulses, len(told)), self.pulses)[0] + better
+        if whole < max(least, SURE**2):  # no two parts explain more than there is
+            return nothing
+        few = max(2**16 // len(told), 1)  # rows that stay in the processor's cache
+        found = [self._best(told, square, slice(a, min(a + few, self.pulses))) for a in range(0, self.pulses, few)]
+        explained, i, k = max(found, key=lambda f: f[0])
+        wrong = max(whole - explained - NOISY * len(window), 0.0)  # the parts are not quite these
+        if explained < max(least + CLEARLY * wrong, SURE**2):
+            return nothing
         one = float(square[: self.pulses].max())
-        if with_pulse[i, k] < one + BETTER and one >= of_others + better:
+        if explained < one + BETTER and one >= least:
             i = k = int(np.argmax(square[: self.pulses]))  # one of them does as well alone
         chosen = list({i, k})
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > LEFT).any(axis=1))
+
+    def _best(self, told: Array, square: Array, rows: slice, first: int = 0) -> tuple[float, int, int]:
+        """The most that one of ``rows`` and one of the parts from ``first`` on explain together, and which these are.
+
+        (a^2 + b^2 - 2 r a b) / (1 - r^2), a and b what each is told, r how alike they are; a^2 for one part alone.
+        """
+        share, cross = self.weights
+        both = np.multiply(cross[rows, first:], told[first:])
+        both *= told[rows, None]
+        each = np.add(square[rows, None], square[first:])
+        each *= share[rows, first:]
+        both += each
+        i, k = divmod(int(np.argmax(both)), both.shape[1])
+        return float(both[i, k]), rows.start + i, first + k
+
+    @cached_property
+    def weights(self) -> tuple[Array, Array]:
+        """1 / (1 - r^2) and -2 r / (1 - r^2), (K, K) each, such that a part with itself explains what it does alone."""
+        share: Array = 1 / (1 - self.alike**2)
+        cross = -2 * self.alike * share
+        np.fill_diagonal(share, 0.5)
+        np.fill_diagonal(cross, 0.0)
+        return share, cross
 
 
 def _parts(pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: float) -> _Parts:

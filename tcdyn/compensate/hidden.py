@@ -65,7 +65,7 @@ def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times [s], none near ``events``, at which a jump would help more than chance does: the best of each place."""
-    knots, lag = fit.cells.knots_s[:-1], smeared_s(fit.stretch)
+    knots, lag = fit.knots_s[:-1], smeared_s(fit.stretch)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = score[-3:] = 0.0
     least = 2 * np.log(fit.jump_chi2.size / (AGAIN if events else CHANCE))

@@ -238,7 +238,7 @@ def by_criterion(stretch: Stretch, criterion: Criterion, trials: int) -> Tradeof
     for level in levels:
         states = smoothed(stretch, noise_var, [Intensity.constant(level * var) for var in noise_var])
         misfit = np.sum(w * (stretch.y - states.read) ** 2, axis=0) / np.sum(w, axis=0)
-        bends = np.diff(states.mean[..., 1], axis=0) ** 2 / np.diff(states.cells.knots_s)[1:, None]
+        bends = np.diff(states.knot_slope, axis=0) ** 2 / np.diff(states.knots_s)[1:, None]
         rows.append((misfit, np.sum(bends, axis=0), np.sum(w * states.read_var, axis=0) / noise_var))
     misfits, roughness, freedom = (np.array(column) for column in zip(*rows))
     chosen = [

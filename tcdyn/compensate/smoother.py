@@ -18,7 +18,8 @@ from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.hidden import Hidden, about, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose, cut_out
 from tcdyn.compensate.record import SPIKE, Compensated, Intensity, Stretch, stretch_of
-from tcdyn.compensate.states import Smoothed, corner_rad_s, smoothed
+from tcdyn.compensate.states import Smoothed, all_cells, corner_rad_s, smoothed
+from tcdyn.compensate.sweep import swept
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
@@ -212,9 +213,9 @@ def window_covariance(
     part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
     own = {b.start_s for b in q.bursts if b.slope_sd > 0}  # found, not given: their jumps are the intensity's
     stretch = stretch_of(part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd)
-    states = smoothed(stretch, noise_sd**2, [q.moved(shift_s=a * dt_s)])
-    cells = states.cells
-    t, cell = np.arange(first - a, last - a) * dt_s, states.cell[first - a : last - a]
+    cells = all_cells(stretch, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
+    states, t = swept(cells), np.arange(first - a, last - a) * dt_s
+    cell = np.searchsorted(cells.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
     low, count, n = int(cell[0]), int(cell[-1] - cell[0]) + 1, states.mean.shape[2]
     between = np.zeros((count, count, n, n))
     for j in range(count - 1, -1, -1):

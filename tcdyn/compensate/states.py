@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from calibration import Array, Flags
 from tcdyn.chain import Chain, Sensor
+from tcdyn.compensate.pieces import pieces
 from tcdyn.compensate.record import Intensity, Stretch
 from tcdyn.compensate.sweep import Cells, swept
 
@@ -27,12 +27,12 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
 
 
-def cells_for(
+def knots_for(
     stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
-) -> Cells:
-    """Cells fine enough for every intensity proposed for every channel (outer sequence; as many for each).
+) -> Array:
+    """Knots (J+1,) of cells fine enough for every intensity proposed for every channel, as many for each.
 
-    The first knot lies before the first sample by the longest dead time, a multiple of dt.
+    The first lies before the first sample by the longest dead time, a multiple of dt.
     """
     dt, total = stretch.dt_s, len(stretch.y)
     end = (total - 1) * dt
@@ -48,7 +48,23 @@ def cells_for(
     for chain, proposed, var in zip(stretch.chains, proposals, noise_var):
         most = np.max([q.at(t) for q in proposed], axis=0)
         longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
-    knots = _knots(start, end, dt, inside, lambda at: float(np.interp(at, t, longest)))
+    return _knots(start, end, dt, inside, lambda at: float(np.interp(at, t, longest)))
+
+
+def ranges(stretch: Stretch) -> Array:
+    """Range of the good samples of each channel (M,) [K], 1 where there are none."""
+    seen = [y[w > 0] for y, w in zip(stretch.y.T, stretch.weight.T)]
+    return np.array([np.ptp(y) if len(y) else 1.0 for y in seen])
+
+
+def cells_for(
+    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], knots: Array, span: Array
+) -> Cells:
+    """The cells between ``knots``, some of or all that ``knots_for`` gives; samples in no cell are left out.
+
+    ``span`` (M,): the ``ranges`` of the whole stretch.
+    """
+    dt, total = stretch.dt_s, len(stretch.y)
     keys = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
     keys[:, 1] %= 1.0
     _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -57,9 +73,11 @@ def cells_for(
     channels: list[tuple[Array, ...]] = []
     rows = []
     for c, s in enumerate(stretch.sensors):
-        n, w, y = len(s.output), np.append(stretch.weight[:, c] / noise_var[c], 0.0), np.append(stretch.y[:, c], 0.0)
-        info_c, score_c, rows_c = np.zeros((len(kind), n, n)), np.zeros((len(kind), n)), []
         first = np.ceil((knots + s.delay_s) / dt - 1e-6).astype(int)
+        low, high = np.clip(first[[0, -1]], 0, total)
+        weight, trace = stretch.weight[low:high, c], stretch.y[low:high, c]
+        n, w, y = len(s.output), np.append(weight / noise_var[c], 0.0), np.append(trace, 0.0)
+        info_c, score_c, rows_c = np.zeros((len(kind), n, n)), np.zeros((len(kind), n)), []
         for k, j in enumerate(example):
             if first[j + 1] <= first[j]:
                 continue
@@ -69,15 +87,17 @@ def cells_for(
                 o.append(o[-1] @ flow(s.drift, dt))
             read, where = np.array(o), np.flatnonzero(kind == k)
             sample = first[where][:, None] + np.arange(len(read))
-            sample = np.where((sample >= 0) & (sample < total), sample, total)
-            info_c[where] = (w[sample] @ (read[:, :, None] * read[:, None, :]).reshape(len(read), -1)).reshape(-1, n, n)
-            score_c[where] = (w[sample] * y[sample]) @ read
-            rows_c.append((where, read, sample))
-        seen = stretch.y[stretch.weight[:, c] > 0, c]
-        level, span = (float(seen[0]), float(np.ptp(seen))) if len(seen) else (0.0, 1.0)
+            inside = (sample >= low) & (sample < high)
+            at = np.where(inside, sample - low, high - low)
+            info_c[where] = (w[at] @ (read[:, :, None] * read[:, None, :]).reshape(len(read), -1)).reshape(-1, n, n)
+            score_c[where] = (w[at] * y[at]) @ read
+            rows_c.append((where, read, np.where(inside, sample, total)))
+        seen = trace[weight > 0]
+        level = float(seen[0]) if len(seen) else 0.0
         added = np.stack([q.between(knots) for q in proposals[c]], axis=1)
         least = 10 * float(np.sqrt(noise_var[c]))
-        mean, cov, jump_var = prior(s, level, max(span, least), dt, np.array([float(q.at(0.0)) for q in proposals[c]]))
+        begun = np.array([float(q.at(max(knots[0], 0.0))) for q in proposals[c]])
+        mean, cov, jump_var = prior(s, level, max(float(span[c]), least), dt, begun)
         at_knot = 0.5 * (added + np.concatenate([np.zeros_like(added[:1]), added[:-1]]))
         at_knot[event] += jump_var
         jumps = np.stack([q.jumps(knots[:-1]) for q in proposals[c]], axis=1)
@@ -91,6 +111,13 @@ def cells_for(
         knots, kind, np.stack(mean0), np.stack(cov0), across, np.stack(information, axis=1), np.stack(score, axis=1),
         np.stack(jumps_var, axis=1), tuple(rows),
     )  # fmt: skip
+
+
+def all_cells(
+    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+) -> Cells:
+    """Cells of the whole stretch."""
+    return cells_for(stretch, noise_var, proposals, knots_for(stretch, noise_var, proposals, fine), ranges(stretch))
 
 
 def _knots(
@@ -170,7 +197,7 @@ def likelihood(
     stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> tuple[Array, Array]:
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
-    cells = cells_for(stretch, noise_var, proposals, fine)
+    cells = all_cells(stretch, noise_var, proposals, fine)
     log_det, quad = np.zeros(cells.mean0.shape[:2]), np.zeros(cells.mean0.shape[:2])
     for (mean, step, _, gain, _, surprise), score in zip(filtered(cells), cells.score):
         sign, size = np.linalg.slogdet(gain)
@@ -184,25 +211,20 @@ def likelihood(
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A stretch, its noise variance (M,), intensities, and states at the knots of its ``cells`` given all of it.
+    """A stretch, its noise variance (M,), intensities, and what it says at ``knots_s`` and samples given all of it.
 
-    ``mean (J, M, n)`` and ``cov (J, M, n, n)`` of these states; ``past (J, M, n, n)``: covariance given the samples
-    up to the end of each cell only; ``jump_chi2 (J, M)``: score test for a jump of level, slope or both at each knot,
-    chi-square of two degrees of freedom when there is none. At the samples: ``cell (N,)`` of each, one on a knot
-    belonging to the cell after it; (N, M): ``temperature`` [degC], its ``slope`` [K/s], ``sd`` [K] and
-    ``lag_sensitivity`` [K/s]; ``read``, ``read_var``: what the logger would have written without noise [degC], and its
-    variance [K2].
+    At the knots but the last, (J, M): ``knot_slope`` [K/s]; ``jump_chi2``: score test for a jump of level, slope or
+    both, chi-square of two degrees of freedom when there is none. At the samples, (N, M): ``temperature`` [degC], its
+    ``slope`` [K/s], ``sd`` [K] and ``lag_sensitivity`` [K/s]; ``read``, ``read_var``: what the logger would have
+    written without noise [degC], and its variance [K2].
     """
 
     stretch: Stretch
     noise_var: Array
     chosen: tuple[Intensity, ...]
-    cells: Cells
-    mean: Array
-    cov: Array
-    past: Array
+    knots_s: Array
+    knot_slope: Array
     jump_chi2: Array
-    cell: NDArray[np.intp]
     temperature: Array
     slope: Array
     sd: Array
@@ -214,29 +236,49 @@ class Smoothed:
 def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> Smoothed:
     """States given the whole stretch, its noise variance (M,) and one intensity a channel.
 
-    The score test for jumps comes with ``swept``'s way back.
+    Long stretches go in pieces of cells, each with neighbours on both sides that settle both sweeps: the answer is that
+    of the whole to a millionth of a kelvin, the memory that of a piece. The score test for jumps comes with
+    ``swept``'s way back.
     """
-    cells = cells_for(stretch, noise_var, [[q] for q in chosen])
-    found = swept(cells)
-    mean, cov, past, pulls, weights = found.mean, found.cov, found.past, found.pull, found.weight
-    count, batch, _ = mean.shape
-    own, (a, b) = weights[..., [0, 1], [0, 1]], np.moveaxis(pulls, -1, 0)
-    det = np.maximum(np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300)
-    chi2 = (a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]) / det
-    read, read_var = np.zeros((2, len(stretch.y) + 1, batch))
-    for c, kinds in enumerate(cells.rows):
-        for where, rows, sample in kinds:
-            read[sample, c] = mean[where, c] @ rows.T
-            read_var[sample, c] = np.einsum("ri,jik,rk->jr", rows, cov[where, c], rows, optimize=True)
-    t, knots = np.arange(len(stretch.y)) * stretch.dt_s, cells.knots_s
-    cell = np.clip(np.searchsorted(knots, t + 1e-6 * stretch.dt_s, side="right") - 1, 0, count - 1)
-    along = (t - knots[cell])[:, None]
-    slope = mean[cell, :, 1]
-    var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
-    at_knot = np.einsum("jmn,mn->jm", mean, np.stack([s.lag_row for s in stretch.sensors]))
-    following = np.concatenate([at_knot[1:], at_knot[-1:]])
-    part = np.clip(along / np.diff(knots)[cell][:, None], 0, 1)
+    proposals = [[q] for q in chosen]
+    knots, span = knots_for(stretch, noise_var, proposals), ranges(stretch)
+    (total, batch), count = stretch.y.shape, len(knots) - 1
+    knot_slope, chi2 = np.empty((2, count, batch))
+    at_samples = np.empty((4, total, batch))
+    read, read_var = np.zeros((2, total + 1, batch))
+    lag_rows = np.stack([s.lag_row for s in stretch.sensors])
+    for low, first, last, high in pieces(stretch, noise_var, chosen, knots):
+        cells = cells_for(stretch, noise_var, proposals, knots[low : high + 1], span)
+        found = swept(cells)
+        keep, mean, cov = slice(first - low, last - low), found.mean, found.cov
+        weights, (a, b) = found.weight[keep], np.moveaxis(found.pull[keep], -1, 0)
+        own = weights[..., [0, 1], [0, 1]]
+        det = np.maximum(np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300)
+        chi2[first:last] = (a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]) / det
+        knot_slope[first:last] = mean[keep, :, 1]
+        for c, kinds in enumerate(cells.rows):
+            for where, rows, sample in kinds:
+                kept = (where >= keep.start) & (where < keep.stop)
+                where, sample = where[kept], sample[kept]
+                read[sample, c] = mean[where, c] @ rows.T
+                read_var[sample, c] = np.einsum("ri,jik,rk->jr", rows, cov[where, c], rows, optimize=True)
+        begin = 0 if first == 0 else int(np.ceil(knots[first] / stretch.dt_s - 1e-6))
+        end = total if last == count else int(np.ceil(knots[last] / stretch.dt_s - 1e-6))
+        t = np.arange(begin, end) * stretch.dt_s
+        cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * stretch.dt_s, side="right") - 1
+        cell = np.clip(cell, 0, len(mean) - 1)
+        along = (t - knots[low + cell])[:, None]
+        temperature, slope, sd, sensitivity = at_samples[:, begin:end]
+        slope[:] = mean[cell, :, 1]
+        temperature[:] = mean[cell, :, 0] + along * slope
+        var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
+        sd[:] = np.sqrt(np.maximum(var, 0.0))
+        at_knot = np.einsum("jmn,mn->jm", mean, lag_rows)
+        following = np.concatenate([at_knot[1:], at_knot[-1:]])
+        part = np.clip(along / np.diff(knots)[low + cell][:, None], 0, 1)
+        sensitivity[:] = (1 - part) * at_knot[cell] + part * following[cell]
+    temperature, slope, sd, sensitivity = at_samples
     return Smoothed(
-        stretch, noise_var, tuple(chosen), cells, mean, cov, past, chi2, cell, mean[cell, :, 0] + along * slope, slope,
-        np.sqrt(np.maximum(var, 0.0)), (1 - part) * at_knot[cell] + part * following[cell], read[:-1], read_var[:-1],
+        stretch, noise_var, tuple(chosen), knots, knot_slope, chi2, temperature, slope, sd, sensitivity, read[:-1],
+        read_var[:-1],
     )  # fmt: skip

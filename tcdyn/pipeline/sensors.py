@@ -19,6 +19,8 @@ from calibration.lines.static import apply_static, whole_u
 from calibration.log import COMPENSATED
 from calibration.result import Result
 from tcdyn.chain import Chain
+from tcdyn.chain import sensors as sensors_of
+from tcdyn.compensate.pieces import settled_s
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.sensor.file import SensorFile
@@ -138,11 +140,17 @@ def compensate_table(
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
     rows, found = 0, list(told)
     with log_writer(out, header, notes) as write:
-        for stretch in parts(source, [*names, *kept], max(w.chain.lag_s for w in worn)):
+        stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
+        stretch = next(stretches, None)
+        while stretch is not None:
             progress(f"row {rows + 1} on")
-            answer, numbers, said = _answered(stretch, worn, shown(source.path))
+            answer, numbers, said, memory = _answered(stretch, worn, shown(source.path))
+            if memory > stretch.beside:  # too little beside it for both sweeps to settle: again, with more
+                stretch = stretches.send(memory)
+                continue
             write(pd.DataFrame({new: answer[new] for new in header}))
-            rows, found = rows + len(next(iter(answer.values()))), [*found, *said]
+            rows, found = rows + len(next(iter(answer.values()))), [*once_each([*found, *said])]
+            stretch = next(stretches, None)
             for name, row in numbers.items():
                 gathered[name].append(row)
     table = []
@@ -181,8 +189,11 @@ def worn_in(
 
 def _answered(
     stretch: Part, worn: Sequence[Worn], where: str
-) -> tuple[dict[str, Array], dict[str, Array], list[Finding]]:
-    """Columns of the output for the rows to keep; noise, typical and largest deviation of each sensor column [K]."""
+) -> tuple[dict[str, Array], dict[str, Array], list[Finding], int]:
+    """Columns of the output for the rows to keep; noise, typical and largest deviation of each sensor column [K].
+
+    Last, how many rows beside the stretch the smoother needs to settle.
+    """
     keep, found = stretch.keep, list(stretch.findings)
     out = {n: v[keep] for n, v in stretch.data.items()}
     numbers: dict[str, Array] = {}
@@ -192,11 +203,11 @@ def _answered(
         name, u_name = w.unit.names(w.column)
         out[name] = out[u_name] = np.full(len(out[w.column]), np.nan)
     if len(stretch.time_s) < 10:
-        return out, numbers, [*found, look("sensor.short", count=len(stretch.time_s))]
+        return out, numbers, [*found, look("sensor.short", count=len(stretch.time_s))], 0
     grid, told = places(stretch.time_s, where)
     found += told
     size = int(grid.place[-1]) + 1
-    group = max(int(MOST_VALUES / size), 1)
+    group, memory = max(int(MOST_VALUES / size), 1), 0.0
     alive = [w for w in worn if np.count_nonzero(np.isfinite(read[w.column])) >= 10]
     found += [look("sensor.dead", subject=w.column) for w in worn if w not in alive]
     for first in range(0, len(alive), group):
@@ -204,6 +215,10 @@ def _answered(
             for k, w in enumerate(done_for):
                 at = grid.place[keep]
                 x, sd = done.temperature[at, k], done.sd[at, k]
+                memory = max(
+                    memory,
+                    settled_s(sensors_of([w.chain]), done.noise_sd[k : k + 1], grid.dt_s, done.intensities[k : k + 1]),
+                )
                 if x.size and np.median(grid.dt_s / max(w.chain.lag_s, 1e-12)) > 0.5:
                     found.append(look("sensor.slow", subject=w.column, dt_s=grid.dt_s, lag_s=w.chain.lag_s))
                 name, u_name = w.unit.names(w.column)
@@ -213,7 +228,7 @@ def _answered(
                     np.array([done.noise_sd[k], np.median(sd), np.max(sd)]) if len(sd) else np.full(3, np.nan)
                 )
             found += list(done.findings)
-    return out, numbers, found
+    return out, numbers, found, int(np.ceil(memory / grid.dt_s))
 
 
 def _smoothed(

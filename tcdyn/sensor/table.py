@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from calibration.log import COMPENSATED
 from tcdyn.sensor.units import Unit, doubtful, time_column
 
 MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a stretch, for its answer only; of it
+MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
 UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
 TIMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
@@ -136,50 +137,59 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of the table with those that are only there to be smoothed along: the answer is for ``keep``."""
+    """Rows of the table with those that are only there to be smoothed along: the answer is for ``keep``.
+
+    ``beside``: how many rows stand beside ``keep`` at least, where the table goes on; more than any where it does not.
+    """
 
     time_s: Array
     data: dict[str, Array]
     keep: slice
     findings: tuple[Finding, ...]
+    beside: float
 
 
-def parts(source: Source, columns: Sequence[str], lag_s: float) -> Iterator[Part]:
-    """Stretches that overlap by a margin on each side, for lags up to ``lag_s`` [s]; a long silence parts two."""
+def parts(source: Source, columns: Sequence[str], lag_s: float) -> Generator[Part, int, None]:
+    """Stretches that overlap by a margin on each side, for lags up to ``lag_s`` [s]; a long silence parts two.
+
+    Where they are parted hangs on the rows alone, not on how the file is read. Sent a number, the last stretch comes
+    again with that many rows beside it (rounded up, ``MOST_BESIDE`` at most), and so do those after it.
+    """
     longest = LONGEST_GAP_LAGS * lag_s
-    pieces = source.pieces(columns)
+    pieces, over = source.pieces(columns), False
     time, data, found = np.empty(0), {n: np.empty(0) for n in columns}, list[Finding]()
-    behind, over = 0, False
-    while not over:
-        new = next(pieces, None)
-        over = new is None
-        if new is not None and len(new[0]):
-            time = np.concatenate([time, new[0]])
-            data = {n: np.concatenate([data[n], new[1][n]]) for n in data}
-        found += list(new[2]) if new is not None else []
-        while len(time) > 1:
-            step = np.diff(time)
-            usual = float(np.median(step)) or float(step.mean()) or 1.0
+    done, usual, side = 0, 0.0, 0  # rows before ``done`` are answered
+    while done < len(time) or not over:
+        size = max(2 * side, LEAST_ROWS)
+        if not over and len(time) <= done + size + 2 * side:  # room for a silence within the margin, too
+            new = next(pieces, None)
+            over = new is None
+            if new is not None and len(new[0]):
+                time = np.concatenate([time, new[0]])
+                data = {n: np.concatenate([data[n], new[1][n]]) for n in data}
+            found += list(new[2]) if new is not None else []
+            continue
+        if not side:
+            step = np.diff(time[: LEAST_ROWS + 1])
+            usual = (float(np.median(step)) or float(step.mean()) or 1.0) if len(step) else 1.0
             side = int(MARGIN_LAGS * lag_s / usual) + MARGIN_ROWS
-            size = max(8 * side, LEAST_ROWS)
-            gaps = np.flatnonzero(step > max(longest, 60 * usual))
-            cut = int(gaps[0]) + 1 if len(gaps) else 0
-            if cut and cut <= size + 2 * side:
-                stop = cut
-                keep_to, forget = cut, cut
-            elif len(time) > size + 2 * side:
-                stop, keep_to = size + 2 * side, size + side
-                forget = keep_to - side
-            elif over:
-                stop = keep_to = forget = len(time)
-            else:
-                break
-            ended = forget == stop
-            yield Part(time[:stop], {n: v[:stop] for n, v in data.items()}, slice(behind, keep_to), tuple(found))
-            found, behind = [], 0 if ended else keep_to - forget
-            time, data = time[forget:], {n: v[forget:] for n, v in data.items()}
-        if over and len(time) == 1:
-            yield Part(time, data, slice(behind, 1), tuple(found))
+            continue
+        ahead = time[done : done + size + 2 * side]
+        gaps = np.flatnonzero(np.diff(ahead) > max(longest, 60 * usual))
+        whole = len(gaps) > 0 or (over and len(time) <= done + size + 2 * side)
+        cut = done + (int(gaps[0]) + 1 if len(gaps) else len(ahead))
+        keep_to = cut if whole else done + size
+        start, stop = max(done - side, 0), cut if whole else keep_to + side
+        beside = np.inf if side >= MOST_BESIDE or (start == 0 and whole) else side
+        wanted = yield Part(
+            time[start:stop], {n: v[start:stop] for n, v in data.items()}, slice(done - start, keep_to - start),
+            tuple(found), beside,
+        )  # fmt: skip
+        if wanted:
+            side = min(2 ** int(np.ceil(np.log2(max(wanted, side + 1)))), MOST_BESIDE)
+            continue
+        found, forget = [], keep_to if len(gaps) else max(keep_to - MOST_BESIDE, 0)
+        time, data, done = time[forget:], {n: v[forget:] for n, v in data.items()}, keep_to - forget
 
 
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:

@@ -6,7 +6,7 @@ import pytest
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate import Burst, Intensity, invert, smooth, sweep, window_covariance
+from tcdyn.compensate import Burst, Intensity, invert, pieces, smooth, sweep, window_covariance
 from tcdyn.compensate.record import SATURATED, SPIKE, STUCK, stretch_of
 from tcdyn.compensate.states import smoothed
 
@@ -347,9 +347,35 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     steps, real = [], sweep.recursion
     monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
     smoothed(stretch, stretch.noise_sd**2, chosen)
-    assert sum(steps) > 0.3 * 2 * len(quick.mean)
+    assert sum(steps) > 0.3 * 2 * len(quick.knots_s)
     monkeypatch.setattr(sweep, "LEAST", len(t))
     exact = smoothed(stretch, stretch.noise_sd**2, chosen)
     for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
         assert np.abs(getattr(quick, name) - getattr(exact, name)).max() < 1e-7, name
     assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)
+
+
+def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two channels, one with a dead time, an event, a gap, and an intensity that falls to a thousandth."""
+    rng, dt = np.random.default_rng(6), 0.02
+    t = np.arange(12_000) * dt
+    x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
+    chains = [Chain([0.5, 0.1], delay_s=0.13), Chain([0.9])]
+    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal((len(t), 2))
+    y[5000:5040, 0] = np.nan
+    stretch = stretch_of(y, dt, chains, (70.003,))
+    chosen = [Intensity((0.0, 70.003), (5.0, 0.005), (Burst(70.003, 50.0, 0.5),)), Intensity.constant(0.5)]
+    whole = smoothed(stretch, stretch.noise_sd**2, chosen)
+    count = len(whole.knots_s)
+    monkeypatch.setattr(pieces, "PIECE", 250)
+    cuts = list(pieces.pieces(stretch, stretch.noise_sd**2, chosen, whole.knots_s))
+    assert len(cuts) > 4
+    assert [first for _, first, _, _ in cuts[1:]] == [last for _, _, last, _ in cuts[:-1]]
+    assert max(high - low for low, _, _, high in cuts) < 0.5 * count
+    parts = smoothed(stretch, stretch.noise_sd**2, chosen)
+    for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
+        assert np.abs(getattr(parts, name) - getattr(whole, name)).max() < 1e-6, name
+    assert np.allclose(parts.jump_chi2[5:-5], whole.jump_chi2[5:-5], rtol=1e-3, atol=1e-3)
+    monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal
+    short = smoothed(stretch, stretch.noise_sd**2, chosen)
+    assert np.abs(short.temperature - whole.temperature).max() > 1e-5

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from calibration import files
 from calibration.errors import InputError
 from calibration.lines.couples import emf_mV
 from tcdyn.chain import Chain
@@ -135,6 +137,35 @@ def test_a_table_in_stretches_is_the_table_at_once(tmp_path: Path, monkeypatch: 
     assert min(held(parts, "T1_degC", "T1_u_K", x)[1], held(whole, "T1_degC", "T1_u_K", x)[1]) > 0.92
     parquet = compensate_table(log, [sensor], tmp_path / "parts.parquet").path
     assert pd.read_parquet(parquet)["T1_degC"].to_numpy() == pytest.approx(parts["T1_degC"].to_numpy(), abs=1e-5)
+    pq_log = tmp_path / "long.parquet"
+    pd.read_csv(log).to_parquet(pq_log, row_group_size=700)
+    monkeypatch.setattr(files, "BLOCK_BYTES", 1 << 16)  # read in other pieces: not a digit changes
+    again = written(compensate_table(pq_log, [sensor], tmp_path / "again.csv").path)
+    assert np.array_equal(again["T1_degC"], parts["T1_degC"])
+    assert np.array_equal(again["T1_u_K"], parts["T1_u_K"])
+
+
+def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of one noise and one intensity, fast and slow: all rows within a millionth of a kelvin of the table in memory."""
+    monkeypatch.setattr(pipeline, "DECIMALS", 12)
+    monkeypatch.setattr(table, "LEAST_ROWS", 1000)
+    monkeypatch.setattr(table, "MARGIN_ROWS", 10)
+    t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
+    log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y)
+    for intensity in (10.0, 0.01):
+        given = partial(smooth, noise_sd=0.1, intensity=intensity)
+        monkeypatch.setattr(pipeline, "smooth", lambda *a, given=given, **k: given(*a, **k))
+        told = []
+        done = compensate_table(log, [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv", progress=told.append)
+        assert len(told) >= 4
+        whole = given(y, 0.05, Chain(0.5), lag_covariance=[[0.02**2]])
+        out = written(done.path)
+        inside = slice(200, -200)  # where the table ends, what a trace may do is taken from the part that is there
+        for name, one in (("T1_degC", whole.temperature), ("T1_u_K", whole.sd)):
+            assert np.abs(out[name] - one[:, 0])[inside].max() < 1e-6
+            assert np.abs(out[name] - one[:, 0]).max() < 1e-4
 
 
 @pytest.mark.parametrize(
