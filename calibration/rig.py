@@ -22,7 +22,6 @@ from calibration.disk import (
     DiskTable,
     Junction,
     JunctionTable,
-    LoggerTable,
     RigTable,
     UncertaintyTable,
     WasherTable,
@@ -31,7 +30,7 @@ from calibration.errors import InputError
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.layout import DEFAULT_LAYOUT, layout_junctions
-from calibration.stated.running import AmbientChannels, Constant, ConstantName, air_columns
+from calibration.stated.running import AmbientChannels, Constant, ConstantName, LoggerTable, air_columns
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 from calibration.traceability import TraceabilityTable
