@@ -17,14 +17,13 @@ from calibration.errors import InputError
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.layout import CHANNELS, DEFAULT_LAYOUT, NAME, OWN_LAYOUT, inner_row, layout_junctions
-from calibration.stated.running import AmbientChannels, Constant, ConstantName, air_columns
+from calibration.stated.running import AmbientChannels, Constant, ConstantName, LoggerTable, air_columns
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 from calibration.stated.tables import (
     ContactTable,
     DiskTable,
     JunctionTable,
-    LoggerTable,
     RigTable,
     UncertaintyTable,
     WasherTable,

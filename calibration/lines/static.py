@@ -221,6 +221,20 @@ def whole_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
     return np.asarray(np.hypot(static_u(line, temperature_degC), line.shared_u_K))
 
 
+def best_known(line: StaticLine) -> tuple[float, float, float]:
+    """Where a line is best known [degC], its standard uncertainty there [K], and that of its slope [1] about there.
+
+    The three make all of its covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
+
+    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((1e-6, -9e-5), (-9e-5, 0.0085)), range_degC=(20, 160))
+    >>> [round(x, 4) for x in best_known(line)]
+    [90.0, 0.02, 0.001]
+    """
+    (gg, go), _ = line.covariance
+    there = line.offset - line.gain * go / gg if gg > 0 else 0.5 * sum(line.range_degC)
+    return float(there), float(static_u(line, there)), float(np.sqrt(gg)) / line.gain
+
+
 def shared_u_K(lines: Sequence[StaticLine]) -> Array:
     """Standard uncertainty (M,) [K] that lines have in common, that of their reference."""
     return np.array([line.shared_u_K for line in lines])

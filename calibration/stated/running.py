@@ -1,4 +1,4 @@
-"""What a log does not hold of a test's running: constants that people state, and the channels that tell the air."""
+"""What people state of a test's log: what its logger wrote, constants it does not hold, the channels of the air."""
 
 from __future__ import annotations
 
@@ -23,6 +23,16 @@ class Constant:
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
     value: float
     u: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class LoggerTable:
+    """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    millivolts: bool = False
+    couple: Literal["E", "J", "K", "N", "T"] = "J"
+    cold_junction_degC: Annotated[float, Field(ge=-50, le=100)] = 0.0
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, Field, model_validator
 
@@ -94,16 +94,11 @@ class ContactTable(RigTable):
         return FluxProfile(kind, shift_m)
 
 
-class LoggerTable(RigTable):
-    """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
-
-    millivolts: bool = False
-    couple: Literal["E", "J", "K", "N", "T"] = "J"
-    cold_junction_degC: float = Field(default=0.0, ge=-50, le=100)
-
-
 class UncertaintyTable(RigTable):
-    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget."""
+    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget.
+
+    ``bath_...``: of a plunge: its thermometer, and h's scale and form, see :class:`tcdyn.plunge.PlungePriors`.
+    """
 
     depth_mm: float = Field(default=0.1, ge=0, lt=5)
     conductivity_rel: float = Field(default=0.03, ge=0, lt=0.5)
@@ -116,6 +111,10 @@ class UncertaintyTable(RigTable):
     friction_rel: float = Field(default=0.01, ge=0, lt=0.5)
     ambient_K: float = Field(default=1.0, ge=0, lt=50)
     film_along_rel: float = Field(default=0.15, ge=0, lt=1)
+    bath_K: float = Field(default=0.5, ge=0, lt=50)
+    bath_h_rel: float = Field(default=0.30, ge=0, lt=2)
+    bath_h_exponent: float = Field(default=0.06, ge=0, lt=1)
+    bath_h_viscosity: float = Field(default=0.10, ge=0, lt=1)
     speed_exponent_low: float = Field(default=0.571, ge=0, le=2)
     speed_exponent_high: float = Field(default=0.8, ge=0, le=2)
 

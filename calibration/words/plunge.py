@@ -12,6 +12,7 @@ from calibration.words.base import Words
 PARAMETERS = {
     "ln_h": "scale of h",
     "h_exponent": "extra exponent of h",
+    "h_viscosity": "power of the viscosity in h",
     "ln_burst": "size of the entry burst",
     "ln_burst_time": "duration of the entry burst",
     "ln_burst_shape": "shape of the entry burst",

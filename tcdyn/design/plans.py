@@ -23,7 +23,7 @@ from tcdyn.chain import Chain
 from tcdyn.conduction.modal import rim_gains
 from tcdyn.conduction.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
-from tcdyn.plunge import PlungeParameters, PlungePriors, stages
+from tcdyn.plunge import BURST_KINDS, H_KINDS, PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.fit import full_prior
 from tcdyn.plunge.model import build_run_model
 from tcdyn.plunge.posterior import PlungeProblem
@@ -77,11 +77,11 @@ def predict_plunges(
         theta = nominal.copy()
         if draws > 1:
             for at in map(layout.run, range(layout.runs)):
-                five = slice(at.start, at.start + 5)
-                theta[five] += sd[five] * np.clip(rng.standard_normal(5), -2.5, 2.5)
+                drawn = slice(at.start, at.start + len((*H_KINDS, *BURST_KINDS)))
+                theta[drawn] += sd[drawn] * np.clip(rng.standard_normal(len(theta[drawn])), -2.5, 2.5)
             theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
         covariances.append(covariance(problem.evaluate(theta)[1], sd))
-    u_h, _, u_burst = np.sqrt(np.mean([np.diag(c)[:3] for c in covariances], axis=0))
+    u_h, *_, u_burst = np.sqrt(np.mean([np.diag(c)[: len(H_KINDS) + 1] for c in covariances], axis=0))
     lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]
     substance = plans[0].fluid if isinstance(plans[0].fluid, str) else plans[0].fluid.name
     baths_said = ", ".join(f"{bath:g}" for bath in baths)

@@ -18,11 +18,10 @@ from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, moment, now_utc, user_name
 from calibration.result import Result
 from calibration.rig import Rig
-from calibration.traceability import PRT_U_DEGC
 from immersion.events import EntryEvent
 from immersion.fluids import fluid
 from tcdyn.plunge import PlungePriors
-from tcdyn.plunge.fit import identify_plunges, with_structure_doubt
+from tcdyn.plunge.fit import identify_plunges, moved_lines, with_structure_doubt
 from tcdyn.plunge.result import COLOURED, PlungeFit
 from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
 
@@ -73,15 +72,15 @@ def calibrate_disk(
     *,
     structure: str = "P2",
     correlation: str = "churchill-chu-laminar",
-    prt_u_degC: float = PRT_U_DEGC,
+    prt_u_degC: float = 0.0,
     line_u_K: float | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
     ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
-    for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself (its certificate,
-    common to all, stands in the rig's [traceability]); ``line_u_K``: without an oven log, standard uncertainty of a
+    for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself, where that was
+    stated apart from its certificate (in the rig's [traceability], common to all; their scatter tells the rest); ``line_u_K``: without an oven log, standard uncertainty of a
     reading as it was logged. Raises InputError with file and place for anything that cannot
     be used.
     """
@@ -220,6 +219,7 @@ def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
         "correlation": correlation,
         "sentence": fit.sentence,
         "converged": fit.converged,
+        "static_lines": json.loads(moved_lines(fit).to_json(orient="records")),
         "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
         "structures": fit.structures.to_dict() if fit.structures is not None else None,
         "lag_budget": [asdict(share) for share in fit.budget],

@@ -12,13 +12,14 @@ from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding, look
+from calibration.lines.static import best_known
 from calibration.noise import SPIKES, white_noise_sd
 from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
-from tcdyn.plunge import PlungeParameters, PlungePriors
+from tcdyn.plunge import KNOWN, PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
 from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
 from tcdyn.plunge.result import PlungeFit
@@ -97,11 +98,44 @@ def full_prior(
 ) -> tuple[Array, Array]:
     """Mean and standard deviation of all parameters before the data; each h scale widened by its fluid's properties.
 
+    A channel with a static line errs as that line's covariance says; what all lines share acts as a bath does.
     ``initial_degC`` and ``bath_degC`` (runs,) are the temperatures between which those properties are taken.
     """
     baths = [Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m) for run in runs]
     h_u_rel = [b.property_u_rel(*span)["total"] for b, *span in zip(baths, initial_degC, bath_degC)]
-    return layout.prior(priors, [run.entry.u_s for run in runs], initial_degC, h_u_rel)
+    mean, sd = layout.prior(priors, [run.entry.u_s for run in runs], initial_degC, h_u_rel)
+    for j, c in enumerate(layout.channels):
+        if (line := runs[0].lines.get(c)) is not None:
+            _, at, slope = best_known(line)
+            sd[layout.at("offset").start + j], sd[layout.at("gain").start + j] = (
+                max(at, KNOWN),
+                slope or priors.static_gain,
+            )
+            sd[layout.at("bath")] = np.hypot(priors.bath_K, line.shared_u_K)
+    return mean, sd
+
+
+def moved_lines(fit: PlungeFit) -> pd.DataFrame:
+    """What the plunges say of the static lines, one row a channel, beside what was known before.
+
+    A reading after its line is taken as T + ``off_K`` + (T - ``at_degC``) ``slope_off``; ``u_..._before`` are those of
+    the oven's covariance, ``u_...`` with the plunges. Only what differs between the channels is told by a plunge.
+    """
+    lay, theta, prior = fit.layout, fit.optimum.theta, fit.optimum.problem.sd
+    u = np.sqrt(np.diag(fit.optimum.covariance))
+    off, slope = lay.at("offset"), lay.at("gain")
+    return pd.DataFrame(
+        {
+            "channel": lay.channels,
+            "at_degC": fit.runs[0].pivot_degC,
+            "off_K": theta[off],
+            "u_off_before_K": prior[off],
+            "u_off_K": u[off],
+            "slope_off": theta[slope],
+            "u_slope_before": prior[slope],
+            "u_slope": u[slope],
+        }
+    )
 
 
 def with_structure_doubt(fit: PlungeFit) -> PlungeFit:

@@ -40,6 +40,7 @@ class RunModel:
     blocks: PlungeBlocks
     setup: DiskSetup
     step_K: float  # reference difference of the extra exponent
+    pivot_degC: Array  # (C,) about which a static line's slope errs
     guess_degC: Array | None = None  # of the surface, where a solution begins
 
 
@@ -83,6 +84,7 @@ def build_run_model(
         blocks,
         setup,
         max(abs(float(bath_degC[0]) - initial), 1.0),
+        run.pivot_degC,
     )
     return replace(model, guess_degC=solve_run(model, layout, about, r).temperature_degC)
 
@@ -94,12 +96,12 @@ class RunSurface:
     temperature_degC: Array
     flux_W_m2: Array
     h_W_m2K: Array
-    flux_by: Array  # (n, 8 + 1): run parameters, then ln K
+    flux_by: Array  # (n, 9 + 1): run parameters, then ln K
 
 
 def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> RunSurface:
     """Surface balance of run ``r`` for all parameters ``theta``, with derivatives by the implicit theorem."""
-    ln_h, exponent, ln_a, ln_tau, ln_p, _, initial, bath_offset = theta[lay.run(r)]
+    ln_h, exponent, power, ln_a, ln_tau, ln_p, _, initial, bath_offset = theta[lay.run(r)]
     ln_k = float(theta[lay.at("ln_conductivity")][0])
     t, n = model.grid_s, len(model.grid_s)
     tau, p = np.exp(ln_tau), np.exp(ln_p)
@@ -107,21 +109,24 @@ def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> R
     burst = np.exp(ln_a) * np.exp(-reduced)
     fluid = model.bath_degC + bath_offset
 
+    def shapes(T: Array, F: Array) -> tuple[Array, Array]:
+        size = np.maximum(np.abs(F - T), 1e-3 * model.step_K)
+        return np.log(size / model.step_K), np.log(model.bath.fluid.nu(T) / model.bath.fluid.nu(F))
+
     def law(T: Array, F: Array) -> Array:
-        gap = F - T
-        size = np.maximum(np.abs(gap), 1e-3 * model.step_K)
-        return np.asarray(
-            model.bath.h_W_m2K(T, F) * (size / model.step_K) ** exponent * gap * (1 + burst) * np.exp(ln_h)
-        )
+        gap, viscosity = shapes(T, F)
+        form = np.exp(ln_h + exponent * gap + power * viscosity)
+        return np.asarray(model.bath.h_W_m2K(T, F) * form * (F - T) * (1 + burst))
 
     matrix = model.own + (ln_k - model.ln_k) * model.own_k
     T, q, slope = solve_surface(matrix, np.full(n, initial), lambda x: law(x, fluid), start=model.guess_degC)
-    size = np.maximum(np.abs(fluid - T), 1e-3 * model.step_K)
+    gap, viscosity = shapes(T, fluid)
     by_burst = q * burst / (1 + burst)
     by_shape = by_burst * reduced * p
     explicit = [
         q,
-        q * np.log(size / model.step_K),
+        q * gap,
+        q * viscosity,
         by_burst,
         by_shape,
         -by_shape * np.log(np.maximum(t / tau, 1e-12)),
@@ -172,7 +177,7 @@ def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) ->
         rate = reading.slope(value[:, 0])
         gain = 1 + theta[lay.at("gain")][j]
         level = own[INITIAL] + y[:, 0]
-        out[:, j] = gain * level + theta[lay.at("offset")][j]
+        out[:, j] = gain * level + theta[lay.at("offset")][j] - (gain - 1) * model.pivot_degC[j]
         by_run = y[:, 1 : kinds + 1]
         by_run[:, ENTRY] = -rate
         by_run[:, INITIAL] += 1.0
@@ -185,7 +190,7 @@ def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) ->
             "split": by_split,
             "depth": gain * y[:, kinds + 2],
             "offset": 1.0,
-            "gain": level,
+            "gain": level - model.pivot_degC[j],
         }
         for kind, column in own_kinds.items():
             jac[:, j, lay.at(kind).start + j] = column

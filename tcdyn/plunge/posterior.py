@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.estimate import Z95, Estimate
 from immersion.correlations import Correlation
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
-from tcdyn.plunge import PlungeParameters, lag_u_s
+from tcdyn.plunge import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
 from tcdyn.plunge.model import RunModel, RunSurface, predict_run
 from tcdyn.plunge.run import RunNoise, block_sd
 
@@ -44,7 +44,7 @@ class PlungeProblem:
         """The same as the fitting core takes it: no step changes h, a burst or a split e-fold, or a lag by 0.5 s."""
         lay = self.layout
         largest = np.full(lay.size, np.inf)
-        largest[lay.mask("ln_h", "h_exponent", "ln_burst", "ln_burst_time", "ln_burst_shape")] = 1.0
+        largest[lay.mask(*H_KINDS, *BURST_KINDS)] = 1.0
         largest[lay.mask("split", "common_split")] = 1.5
         largest[lay.mask("lag")] = 0.5
         least = np.where(lay.mask("lag"), LEAST_LAG_S, -np.inf)

@@ -16,18 +16,19 @@ from immersion.correlations import check_validity
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.fitting import inverse
-from tcdyn.plunge import RUN_KINDS, PlungeParameters, PlungePriors, apart, lag_u_s, stages
+from tcdyn.plunge import BURST_KINDS, H_KINDS, RUN_KINDS, PlungeParameters, PlungePriors, apart, lag_u_s, stages
 from tcdyn.plunge.model import junction_degC
 from tcdyn.plunge.posterior import LagScan, ModelForm, PlungeOptimum
 from tcdyn.plunge.run import PlungeRun
 from tcdyn.plunge.structures import StructureComparison
 
 COLOURED = 4.0  # variance of slow residual waves over that of white noise: beyond it something is not modelled
-UNBELIEVABLE = 5.0  # prior standard deviations of h beyond which the fluid is doubted rather than the correlation
+DOUBTED = 3.0  # prior standard deviations beyond which what was expected, or the fluid, is doubted
+UNUSUAL = 2.0  # the same of a plunge's bath and form of h, beyond which it is mentioned
 SOURCES = {
-    "entry burst": ("ln_burst", "ln_burst_time", "ln_burst_shape"),
+    "entry burst": BURST_KINDS,
     "entry time": ("entry",),
-    "h scale and exponent": ("ln_h", "h_exponent"),
+    "h and its form": H_KINDS,
     "initial and bath temperature": ("initial", "bath"),
     "static lines": ("offset", "gain"),
     "conductivity and junction depths": ("ln_conductivity", "depth"),
@@ -187,7 +188,7 @@ class PlungeFit:
     def limits(self) -> Finding:
         """The common lag and what keeps it from being better known."""
         common, within = self.common_lag_s, self._common(self.model_form.covariance).u
-        known = lag_u_s(self._knowing("ln_burst", "ln_burst_time", "ln_burst_shape", "entry"))[0]
+        known = lag_u_s(self._knowing(*BURST_KINDS, "entry"))[0]
         return note(
             "plunge.lag",
             plunges=len(self.runs),
@@ -214,11 +215,12 @@ class PlungeFit:
         pulls = np.where(np.isfinite(problem.sd), (theta - problem.mean) / problem.sd, 0.0)
         for (kind, subject), pull, value in zip(self.layout.table(), np.abs(pulls), theta):
             where = names[int(subject) - 1] if kind in RUN_KINDS else ""
-            if kind == "ln_h" and pull > UNBELIEVABLE:
+            if kind == "ln_h" and pull > DOUBTED:
                 fluid = self.runs[int(subject) - 1].fluid.name
                 out.append(look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull))
-            elif pull > 3:
-                out.append(look("plunge.pull", where=where, subject="" if where else subject, kind=kind, sds=pull))
+            elif pull > (UNUSUAL if kind in ("bath", "h_exponent", "h_viscosity") else DOUBTED):
+                said = look if pull > DOUBTED else note
+                out.append(said("plunge.pull", where=where, subject="" if where else subject, kind=kind, sds=pull))
         for run, model, surface, factor in zip(self.runs, problem.models, self.optimum.surfaces, problem.noise):
             beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
             out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]

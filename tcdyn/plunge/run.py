@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.lines.static import StaticLine
+from calibration.lines.static import StaticLine, best_known
 from calibration.log import Log
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
 from immersion.events import EntryEvent, find_entry, useful_end
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 class PlungeRun:
     """One immersion log after the static lines: ``readings_degC`` (N, C) in the order of ``channels``.
 
-    ``fluid_degC`` (N,) is the bath.
+    ``fluid_degC`` (N,) is the bath; ``lines`` are those that were applied, with what is known of them.
     """
 
     time_s: Array
@@ -36,6 +36,12 @@ class PlungeRun:
     fluid_degC: Array
     entry: EntryEvent
     name: str = "plunge"
+    lines: Mapping[str, StaticLine] = field(default_factory=dict)
+
+    @property
+    def pivot_degC(self) -> Array:
+        """Where the static line of each channel (C,) is best known, and its slope turns; 0 without a line."""
+        return np.array([best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels])
 
     @property
     def dt_s(self) -> float:
@@ -94,7 +100,7 @@ def run_from_log(
         probe = frame["probe_degC"].to_numpy(dtype=float) if "probe_degC" in frame.columns else None
         entry = find_entry(t, switch, probe, bath, name, readings)
     substance = fluid(fluid_name) if isinstance(fluid_name, str) else fluid_name
-    return PlungeRun(t, readings, channels, substance, bath, entry, name)
+    return PlungeRun(t, readings, channels, substance, bath, entry, name, lines or {})
 
 
 def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> PlungeBlocks:
@@ -188,10 +194,10 @@ class RunNoise:
         sd = 1.4826 * np.median(np.abs(scaled), axis=0)
         inside = np.abs(scaled) < 4 * np.maximum(sd, 1e-12)
         square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(inside.sum(axis=0), 1)
-        sd = np.sqrt(np.maximum(square, 1e-12) / max(1 - (8 + 3 * c) / residual_K.size, 0.5))
+        sd = np.sqrt(np.maximum(square, 1e-12) / max(1 - (9 + 3 * c) / residual_K.size, 0.5))
         z = residual_K / block_sd(sd, count)
         weight = np.minimum(1.0, 4.0 / np.maximum(np.abs(z), 1e-12))
-        return cls(sd, weight, *inflation(z * np.sqrt(weight), 8, 3 * c))
+        return cls(sd, weight, *inflation(z * np.sqrt(weight), 9, 3 * c))
 
 
 def block_sd(noise_sd_K: Array, count: Array) -> Array:

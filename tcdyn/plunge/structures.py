@@ -15,7 +15,7 @@ from calibration.finding import Finding, look, note
 from calibration.result import jsonable
 from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES, Structure
-from tcdyn.plunge import PlungePriors, lag_u_s
+from tcdyn.plunge import BURST_KINDS, PlungePriors, lag_u_s
 from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.plunge.run import RunNoise
 
@@ -244,7 +244,7 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
     layout = near.problem.layout
     found = [_refit(near, structure, priors, near.problem.noise)]
     if float(near.lag_s.mean()) > LONG_S:
-        outset = layout.mask("ln_burst", "ln_burst_time", "ln_burst_shape", "entry")
+        outset = layout.mask(*BURST_KINDS, "entry")
         theta = np.where(outset, near.problem.mean, near.theta)
         theta[layout.at("lag")] += SHORT_S - near.lag_s.mean()
         other = _refit(replace(near, found=replace(near.found, theta=theta)), structure, priors, near.problem.noise)

@@ -18,6 +18,7 @@ from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
 from tcdyn.plots.plunge import plunge_figure, standardised
 from tcdyn.plots.plunge import residual_figure as left_over_figure
+from tcdyn.plunge.fit import moved_lines
 from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.signed import in_oven, signed_sections
@@ -188,7 +189,23 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
         "Each quantity is fitted within its prior (sd: standard deviation); a run is one plunge.",
         table=pd.DataFrame(fit.priors.describe(), columns=["quantity", "prior"]),
     )
-    return [*structure_sections(fit), told, *plunge_sections(fit), priors]
+    moved = moved_lines(fit)
+    statics = Section(
+        "What the plunges say of the static lines",
+        "A disk in a bath has all its junctions near one temperature, so a plunge tells how the lines differ from each "
+        "other. The lines of the record stay the oven's; the lags are those with the lines as found here.",
+        table=pd.DataFrame(
+            {
+                "channel": moved["channel"],
+                "at [degC]": moved["at_degC"].round(0),
+                "oven [K]": [with_u(0.0, u) for u in moved["u_off_before_K"]],
+                "with plunges [K]": [with_u(x, u) for x, u in zip(moved["off_K"], moved["u_off_K"])],
+                "slope, oven": [with_u(0.0, u) for u in moved["u_slope_before"]],
+                "slope, with plunges": [with_u(x, u) for x, u in zip(moved["slope_off"], moved["u_slope"])],
+            }
+        ),
+    )
+    return [*structure_sections(fit), told, *plunge_sections(fit), statics, priors]
 
 
 def structure_sections(fit: PlungeFit) -> list[Section]:

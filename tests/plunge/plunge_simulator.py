@@ -5,6 +5,7 @@ Shares no line with the fit: Heun steps in time, 45 cells from bore to surface, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,9 +92,12 @@ def lag_update(state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndar
 
 
 def simulate(
-    d: Draws, after_s: float, rng: np.random.Generator, before_s: float = 8.0
+    d: Draws, after_s: float, rng: np.random.Generator, before_s: float = 8.0, h_of: Callable = oil_h
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times (N,) after entry and readings (N, M, 6) of every plunge, noise added; entry at time 0."""
+    """Times (N,) after entry and readings (N, M, 6) of every plunge, noise added; entry at time 0.
+
+    ``h_of(wall, bulk)`` [degC] is the natural convection's h [W/m2K] of every plunge (M,).
+    """
     m = len(d.bath)
     dt = 1 / (RATE_Hz * STEPS_PER_SAMPLE)
     faces = np.linspace(R_IN, R_OUT, CELLS + 1)
@@ -101,13 +105,13 @@ def simulate(
     dr = faces[1] - faces[0]
     volume = (faces[1:] ** 2 - faces[:-1] ** 2)[:, None] / 2
     conductance = faces[1:-1, None] / dr * d.conductivity
-    gap0 = d.bath - d.initial
+    gap0 = np.abs(d.bath - d.initial)
 
     def surface_flux(outer: np.ndarray, t: float) -> np.ndarray:
         wall = outer
         for _ in range(2):
             gap = d.bath - wall
-            h = oil_h(wall, d.bath) * d.h_scale * (np.abs(gap) / gap0) ** d.exponent
+            h = h_of(wall, d.bath) * d.h_scale * (np.abs(gap) / gap0) ** d.exponent
             h = h * (1 + d.burst * np.exp(-((t / d.burst_time) ** d.burst_shape)))
             wall = (outer + h * d.bath * dr / (2 * d.conductivity)) / (1 + h * dr / (2 * d.conductivity))
         return h * (d.bath - wall)

@@ -16,14 +16,19 @@ OWN_LAG_S = 2 / (2 * np.pi * 4.0)
 
 
 def make_runs(
-    d: Draws, times: np.ndarray, readings: np.ndarray, rng: np.random.Generator, entry_u_s: float = 0.05
+    d: Draws,
+    times: np.ndarray,
+    readings: np.ndarray,
+    rng: np.random.Generator,
+    entry_u_s: float = 0.05,
+    fluid_name: str = "mobil-jet-ii",
 ) -> list[PlungeRun]:
     """One PlungeRun per plunge: an entry event off by its own u, a bath thermometer off by 0.5 K (1 sigma)."""
-    runs = []
+    runs, substance = [], fluid(fluid_name)
     for k in range(len(d.bath)):
         event = EntryEvent(100 + entry_u_s * rng.standard_normal(), entry_u_s, None, None, "drawn")
         bath = d.bath[k] + 0.5 * rng.standard_normal() + 0.05 * rng.standard_normal(len(times))
-        runs.append(PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, fluid("mobil-jet-ii"), bath, event))
+        runs.append(PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, substance, bath, event))
     return runs
 
 
