@@ -34,6 +34,9 @@ def _spikes(count: int, robust: bool, **_: Any) -> str:
     return f"{count} sample{'s stand' if count > 1 else ' stands'} out as spikes{remedy}."
 
 
+FREED = " As a run starts off the equilibrium, the state at each start was estimated."
+
+
 def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: bool, least: bool, **more: Any) -> str:
     said = f"{subject} has the lowest {by}"
     if by == "parameters":
@@ -55,8 +58,13 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
     ):
         if names := more.get(group):
             said += f"; {', '.join(names)} {several if len(names) > 1 else one} {rest}"
-    freed = " As a run starts off the equilibrium, the state at each start was estimated."
-    return f"{said}." + (freed if more.get("freed") else "") + _disturbance(**more)
+    return f"{said}." + (FREED if more.get("freed") else "") + _disturbance(**more)
+
+
+def _foresees(subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any) -> str:
+    said = f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
+    said += ", and leaves white residuals" if white else ""
+    return f"{said}." + (FREED if freed else "")
 
 
 def _disturbance(
@@ -146,6 +154,7 @@ def _use(
 
 IDENTIFY: dict[str, Words] = {
     "models.why": _why,
+    "models.foresees": _foresees,
     "models.none": _none,
     "models.undetermined": _undetermined,
     "models.provisional": _use,

@@ -45,7 +45,7 @@ class Slopes:
         """ln likelihood of ``noise``, x and its noise's level integrated, the step of x (P,) and its covariance (P, P).
 
         -2 ln L = (N - P) ln |w|^2 + ln det J'WJ + ln det of the noise (Patterson and Thompson 1971); a drift has the
-        prior that one sample would give, so that it costs ln N as in BIC.
+        prior that one independent sample would give, so that it costs the logarithm of how many there are, as in BIC.
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.parts)
         factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
@@ -54,7 +54,8 @@ class Slopes:
         rest = float(factor[-1, -1] ** 2) + 1e-300
         seen = np.isfinite(self.size[:free])
         volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][seen] + 1e-12)))
-        deviance = (n - free) * np.log(rest) + volume + self.drifts * np.log(n) + noise.log_spread(self.parts)
+        deviance = (n - free) * np.log(rest) + volume + noise.log_spread(self.parts)
+        deviance += self.drifts * np.log(noise.independent(n)) if self.drifts else 0.0
         unit = inverse(upper.T @ upper)
         step = -unit @ (upper.T @ factor[:p, p])
         return -0.5 * deviance, step / self.size, rest / (n - p) * unit / np.outer(self.size, self.size)

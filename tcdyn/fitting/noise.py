@@ -56,6 +56,13 @@ class Noise:
         slowest = max(np.abs(np.roots([1.0, *self.ar])), default=0.0)
         return 0.0 if slowest == 0 else float("inf") if slowest >= 1 - 1e-9 else float(-1 / np.log(slowest))
 
+    def independent(self, n: int) -> float:
+        """How many of ``n`` samples are independent: their variance over that of n times their mean; 2 at least."""
+        if self.white:
+            return float(n)
+        pulse = lfilter([1.0, *self.ma], [1.0, *self.ar], np.eye(1, n)[0])
+        return max(n * float(pulse @ pulse) * ((1 + sum(self.ar)) / (1 + sum(self.ma))) ** 2, 2.0)
+
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
         """D/C applied down the rows of ``table`` (N,) or (N, P), afresh in every part (a stretch without a gap).
 

@@ -133,8 +133,9 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
 
 
 COLUMNS = (
-    "Models: P and the number of lags, D dead time, Z zero, U oscillating pair; TF(zeros, poles). Fit and held out: "
-    "100 % is perfect, 0 % as bad as the mean; held out is simulation of data kept from the fit. BIC above best: below "
+    "Models: P and the number of lags, D dead time, Z zero, U oscillating pair; TF(zeros, poles), ARX the same where "
+    "disturbances come in before the poles. Fit and held out: 100 % is perfect, 0 % as bad as the mean; held out is "
+    "simulation of data kept from the fit. BIC above best: below "
     "2 is a tie, above 10 is decisive. White p, input p: chance of such residuals from a true model, below "
     f"{ALARM:g} is an alarm; input p tells of missing dynamics."
 )

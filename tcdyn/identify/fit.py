@@ -10,9 +10,10 @@ from typing import Literal
 import numpy as np
 
 from calibration import Array
+from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look
-from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, inverse, minimise, robust_covariance, sandwich
+from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.data import SHORTEST, IOData
 from tcdyn.identify.disturbance import (
@@ -25,15 +26,15 @@ from tcdyn.identify.disturbance import (
     mixed,
     through_model,
 )
+from tcdyn.identify.equation import colour
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.intervals import profiled
+from tcdyn.identify.intervals import Covariance, covariance_of, profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.search import Fit, diverse, first_moment, ordered, pose, rms, search
 from tcdyn.identify.start import alone, polished, starts
-from tcdyn.identify.validate import ALARM, coloured, disturbed, undriven, validate, whiteness
+from tcdyn.identify.validate import coloured, disturbed, undriven, validate
 
-Covariance = Literal["auto", "classical", "robust"]
 Intervals = Literal["auto", "quadratic", "profile"]
 
 
@@ -54,17 +55,16 @@ def fit(
     """The least-squares simulation fit of ``model`` to ``data``, start-free, with uncertainties.
 
     Minimises sum (y - offset - G u)^2 with G exact under the data's hold, dead time continuous. ``initial``: the
-    record starts in equilibrium with its first input, from zero, or from a state that is estimated. ``noise=(p,
-    q)`` adds an ARMA model of the disturbance (then the prediction error is minimised), "ar" and "arma" one whose order
+    record starts in equilibrium with its first input, from zero, or from a state that is estimated. ``noise=(p, q)``
+    adds an ARMA model of the disturbance (then the prediction error is minimised), "ar" and "arma" one whose order
     the data choose, ``baseline`` a straight drift ("trend") or a random walk ("walk") beneath the output; "auto" lets
     the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
     "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
-    ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to
-    begin at, or several sets of them, of which the most promising is taken. ``check=False`` skips the question whether
-    the output moves first. ``input_noise`` is the sd of a measured
-    input, 0 for one that is known; "auto" takes it from the input's own samples. With noise the input's level before
-    a run in equilibrium is estimated, of which the first sample is but one reading. Raises InputError for data nothing
-    can be learnt from.
+    ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to begin
+    at, or several sets, of which the most promising is taken. ``check=False`` skips whether the output moves first.
+    ``input_noise`` is the sd of a measured input, 0 for one that is known; "auto" takes it from its own samples. With
+    noise the input's level before a run in equilibrium is estimated, of which the first sample is but one reading.
+    Raises InputError for data nothing can be learnt from.
 
     >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
     >>> from tcdyn.chain.rational import simulate
@@ -75,6 +75,8 @@ def fit(
     """
     structure = as_model(model)
     problem = pose(data, structure, initial, input_noise)
+    if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
+        raise InputError(f"{structure.name} has the noise of its own poles", remedy="leave noise and baseline out")
     if check:
         for one in alone(problem):
             check_causality(one, data.name or "identify")
@@ -86,13 +88,13 @@ def fit(
     if problem.precision.any():  # how much the first sample tells of them is known by now
         problem = replace(problem, noise_sd=rms(optimum, problem))
         optimum = search(problem, start=optimum.theta)
-    model_noise = Noise()
+    model_noise = colour(problem, optimum.theta)
     if loss != "linear":
         optimum = ordered(problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0))
-    elif problem.input_sd:
+    elif problem.input_sd and not structure.arx:
         problem, optimum, model_noise = alternate(problem, optimum, through_model)
     found = assemble(data, problem, optimum, model_noise, loss, covariance)
-    if (noise, baseline) != ("white", "none"):
+    if (noise, baseline) != ("white", "none") and not structure.arx:
         found = with_noise(data, found, optimum, noise, baseline, covariance)
     plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
     return found if plain else profiled(found, intervals == "profile")
@@ -249,27 +251,6 @@ def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float
         spans = [ends[run] - problem.begun_s[run] for run in sorted(ends)]
         level += float(np.mean(x[-runs:] * spans)) / problem.longest_s
     return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
-
-
-def covariance_of(
-    problem: Posed, optimum: Optimum, residual: Array, e: Array, j: Array, kind: Covariance, loss: Loss
-) -> tuple[Array, bool]:
-    """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
-    noise alone makes it."""
-    bread = inverse(j.T @ j + np.diag(problem.precision))
-    cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
-    coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
-    if kind == "robust" or coloured:
-        cov_x, wider = sandwich(j, e, problem.parts, problem.precision), True
-    if loss != "linear":
-        cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
-    step = problem.rounding_step
-    if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
-        edges = [part.start for part in problem.parts]
-        new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
-        half = np.add.reduceat(j, new, axis=0) @ bread
-        cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
-    return cov_x, wider
 
 
 def noticed(

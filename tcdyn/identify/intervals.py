@@ -1,17 +1,24 @@
-"""Intervals of identified parameters by profile likelihood, where the quadratic ones are poor."""
+"""Covariance of identified parameters, and intervals by profile likelihood where the quadratic ones are poor."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from scipy import stats
 
+from calibration import Array
 from calibration.estimate import Z95, Estimate
 from calibration.finding import look
+from tcdyn.fitting import Loss, Optimum, inverse, robust_covariance, sandwich
 from tcdyn.fitting import profile as walk
 from tcdyn.identify.models import bare, suffix
+from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, first_moment
+from tcdyn.identify.validate import ALARM, whiteness
+
+Covariance = Literal["auto", "classical", "robust"]
 
 
 def profiled(found: Fit, everything: bool) -> Fit:
@@ -61,3 +68,24 @@ def poor(found: Fit, name: str) -> bool:
         lag = first_moment(found.problem, found.x)
         return abs(found.estimates[twins[0]].value) < 0.1 * lag  # there zero and dead time act alike
     return bare(name) == "Td" and e.low95 < 0
+
+
+def covariance_of(
+    problem: Posed, optimum: Optimum, residual: Array, e: Array, j: Array, kind: Covariance, loss: Loss
+) -> tuple[Array, bool]:
+    """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
+    noise alone makes it."""
+    bread = inverse(j.T @ j + np.diag(problem.precision))
+    cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
+    coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
+    if kind == "robust" or coloured:
+        cov_x, wider = sandwich(j, e, problem.parts, problem.precision), True
+    if loss != "linear":
+        cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
+    step = problem.rounding_step
+    if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
+        edges = [part.start for part in problem.parts]
+        new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
+        half = np.add.reduceat(j, new, axis=0) @ bread
+        cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
+    return cov_x, wider

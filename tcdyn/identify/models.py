@@ -60,6 +60,7 @@ class Model:
 
     ``kind`` is "process" (Kp, Tp1, Tp2, Tp3, Tw, Zeta, Tz, Tc, Td) or "tf" (b0.., a1.., Td, with
     G = (b0 + b1 s + ..)/(1 + a1 s + ..)). Build with :func:`process`, :func:`transfer` or :func:`chain_model`.
+    ``arx``: what disturbs the output comes in before the poles, and they colour it (equation error).
     """
 
     name: str
@@ -72,6 +73,7 @@ class Model:
     offset: str = "free"
     parts: tuple[Model, ...] = ()
     inputs: tuple[str, ...] = ()
+    arx: bool = False
 
     def __post_init__(self) -> None:
         for name in self.fixed:
@@ -190,14 +192,14 @@ def process(name: str, **options: Any) -> Model:
 def transfer(zeros: int, poles: int, *, delay: bool = False, integrator: bool = False, **options: Any) -> Model:
     """A general transfer function (b0 + .. + b_zeros s^zeros) / (1 + a1 s + .. + a_poles s^poles).
 
-    ``options`` as for :func:`process`.
+    ``options`` as for :func:`process`, and ``arx``: the poles colour the disturbance too.
 
     >>> transfer(1, 2, delay=True).names
     ('b0', 'b1', 'a1', 'a2', 'Td')
     """
     if poles < 1 or zeros < 0 or zeros > poles:
         raise InputError(f"transfer: {zeros} zeros over {poles} poles", expected="0 <= zeros <= poles, poles >= 1")
-    name = f"TF({zeros},{poles}){'D' if delay else ''}{'I' if integrator else ''}"
+    name = f"{'ARX' if options.get('arx') else 'TF'}({zeros},{poles}){'D' if delay else ''}{'I' if integrator else ''}"
     names = (*(f"b{i}" for i in range(zeros + 1)), *(f"a{j + 1}" for j in range(poles)), *(("Td",) if delay else ()))
     return Model(name, "tf", names, int(integrator), Known.of(options.pop("known", None)), **options)
 
@@ -230,20 +232,31 @@ def several(models: Sequence[Model | str], inputs: Sequence[str], *, common: boo
     shared = [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"] if common else []
     if common and any({*shared} - {*part.names} or part.order != parts[0].order for part in parts):
         raise InputError(f"{name}: the models differ in their poles", expected="the same lags in each, as P2D and P2Z")
+    if any(part.arx for part in parts) and not (common and all(part.arx for part in parts)):
+        raise InputError(f"{name}: the poles that colour the noise differ", remedy="several([..], names, common=True)")
     names = [n if n in shared else f"{n}.{u}" for part, u in zip(parts, inputs) for n in part.names]
     fixed = {n if n in shared else f"{n}.{u}": v for part, u in zip(parts, inputs) for n, v in part.fixed.items()}
     fixed |= options.pop("fixed", {})
     joined, unique = tuple(parts), tuple(dict.fromkeys(names))
-    return Model(name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), **options)
+    arx = parts[0].arx
+    return Model(name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), arx=arx, **options)
 
 
 def as_model(model: Model | str) -> Model:
-    """A Model as it is; a name such as "P2D" or "TF(1,2)D" by :func:`process` or :func:`transfer`."""
+    """A Model as it is; a name such as "P2D", "TF(1,2)D" or "ARX(2,2)" by :func:`process` or :func:`transfer`."""
     if isinstance(model, Model):
         return model
     if model == SILENT:
         return Model(SILENT, "process", ("Kp",), fixed={"Kp": 0.0})
-    match = re.match(r"^TF\((\d),(\d)\)(D?)(I?)$", model.replace(" ", ""))
-    if match:
-        return transfer(int(match[1]), int(match[2]), delay=bool(match[3]), integrator=bool(match[4]))
+    if match := re.match(r"^(TF|ARX)\((\d),(\d)\)(D?)(I?)$", model.replace(" ", "")):
+        what = {"delay": bool(match[4]), "integrator": bool(match[5])} | ({"arx": True} if match[1] == "ARX" else {})
+        return transfer(int(match[2]), int(match[3]), **what)
     return process(model)
+
+
+def as_template(model: Model, like: Model) -> Model:
+    """``model`` with the known part, the offset, the bound of the dead time and the fixed gains of ``like``."""
+    gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
+    gains = {new: v for n, v in gains.items() for new in ("Kp" + suffix(n), "b0" + suffix(n)) if new in model.names}
+    known = model.known if model.parts else like.known
+    return replace(model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains})

@@ -15,6 +15,7 @@ from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
 from tcdyn.identify.data import Segment
+from tcdyn.identify.equation import equation_error
 from tcdyn.identify.models import Model, bare
 
 Initial = Literal["equilibrium", "zero", "estimated"]
@@ -265,12 +266,15 @@ class Posed:
         return (residual, jacobian) if np.isfinite(residual).all() else None
 
     def core(self, noise: Noise | None = None, root: Array | float = 1.0) -> Problem:
-        """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``."""
+        """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``, or
+        of a model whose poles colour its noise by them."""
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:
             answer = self.evaluate(x)
             if answer is None:
                 return None
+            if self.model.arx:
+                return equation_error(self, x, answer[0] * root, (answer[1].T * root).T)
             whiten = (noise or Noise()).whiten
             return whiten(answer[0] * root, self.parts), whiten((answer[1].T * root).T, self.parts)
 

@@ -11,17 +11,18 @@ import pandas as pd
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.finding import Finding, Grade
+from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.choose.grow import Entry, Progress, Way, listed
+from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse
 from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.choose.shared import rival
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
-from tcdyn.identify.models import Model, bare, process
+from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import Validation, coloured, validate
+from tcdyn.identify.validate import ALARM, Validation, coloured, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -127,15 +128,42 @@ def compare(
         return compared(data, way, held_out, progress, options)
 
     found = tried(progress, options)
-    if "initial" in options or "record.off_equilibrium" not in found.validation.troubles:
-        return with_disturbance(data, held_out, progress, options, found)
+    if "initial" not in options and "record.off_equilibrium" in found.validation.troubles:
+        with_state = {**options, "initial": "estimated"}
+        freed = tried(told_with(progress, "initial state estimated"), with_state)
+        if freed.table["BIC"].min() < found.table["BIC"].min():
+            why = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
+            found, options = replace(freed, reason=why), with_state
+    found = with_disturbance(data, held_out, progress, options, found)
+    return with_rival(data, held_out, progress, options, found, like or process("P1")) if found.grown else found
 
-    with_state = {**options, "initial": "estimated"}
-    freed = tried(told_with(progress, "initial state estimated"), with_state)
-    if freed.table["BIC"].min() >= found.table["BIC"].min():
-        return with_disturbance(data, held_out, progress, options, found)
-    freed = replace(freed, reason=replace(freed.reason, numbers={**freed.reason.numbers, "freed": True}))
-    return with_disturbance(data, held_out, progress, with_state, freed)
+
+def with_rival(
+    data: IOData,
+    held_out: IOData | float,
+    progress: Progress,
+    options: Mapping[str, Any],
+    found: Comparison,
+    like: Model,
+) -> Comparison:
+    """``found``, or where the residuals of its best model are coloured or follow the input, and a transfer function
+    whose inputs share their poles foresees better, that one beside the others (:func:`rival`)."""
+    best, row = found.best, found.best_row
+    clean = not coloured(best) and row["p_input"] >= ALARM
+    if clean or options.get("loss", "linear") != "linear":
+        return found
+    progress("common poles", len(found.table) + 1, len(found.table) + 1)
+    better = rival(data, best, row["held_out_rms"], held_out, options, like)
+    if better is None:
+        return found
+    other = better[0].problem.model
+    if other.name in found.fits:
+        other = replace(other, name=f"{other.name}, 2")
+    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, options)
+    table = pd.concat([alone.table, found.table], ignore_index=True)
+    told = {"other": found.recommended, "ratio": better[1], "freed": found.reason.numbers.get("freed", False)}
+    reason = note("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
+    return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
 
 
 def told_with(progress: Progress, what: str) -> Progress:
@@ -246,22 +274,6 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
         and (plain := fits.get(name.replace("U", ""))) is not None
         and (found.findings or not plain.findings)
     ]
-
-
-def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]) -> Fit:
-    """``found``, or the fit begun at a simpler model's answer where that one, a special case of it, fits
-    better."""
-    model = found.problem.model
-    for other in others.values():
-        inside = set(other.problem.model.names) < set(model.names) and other.problem.model.kind == model.kind
-        if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (1 - 1e-6):
-            size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
-            extra = {n: size for n in model.names if bare(n) not in ("Tz", "Td")}
-            start = {**extra, **other.identified.theta}
-            again = fit(data, model, **{**options, "start": start})
-            if again.identified.statistics["rms"] < found.identified.statistics["rms"]:
-                found = again
-    return found
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.models import SILENT, Model, as_model, bare, process, several, suffix, transfer
+from tcdyn.identify.models import SILENT, Model, as_model, as_template, bare, process, several, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import rest, starts
 
@@ -26,7 +26,6 @@ WORTH = 2.0  # BIC that a step must gain
 UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
 SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
 MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
-SHARED = (2.0, 10.0, 50.0)  # samples, of the first pole that all inputs share
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
@@ -41,11 +40,10 @@ def grown(
 
     A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond
     three poles it goes on with general transfer functions. Where there are several inputs it also gives one that had
-    none its first lag, and goes over to poles that all share, if that gains 10 and lowers the error of ``score`` by 3 %
-    or more. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that ``score``
-    finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals white and
-    that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and whether it
-    was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
+    none its first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that
+    ``score`` finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals
+    white and that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and
+    whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
     part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
     """
     quick = {**options, "intervals": "quadratic", "check": False}
@@ -69,38 +67,7 @@ def grown(
             break
         now, error = found, unseen
         way.append(found)
-    joint = common_poles(data, template, quick) if len(data.input_names) > 1 else None
-    if joint is not None and bic(joint) < bic(now) - DECISIVE:
-        (way if score(joint) <= SEEN * error else refused).append(joint)
     return [(f.problem.model, f.identified.theta, any(f is r for r in refused)) for f in (*way, *refused)]
-
-
-def common_poles(data: IOData, template: Model, options: Mapping[str, Any]) -> Fit | None:
-    """The best model whose inputs share their poles, one more at a time until BIC no longer falls by 10."""
-    best: Fit | None = None
-    for order in range(1, MOST_POLES):
-        names = data.input_names
-        parts = [transfer(order, order)] * len(names)
-        model = as_template(several(parts, names, common=True, known=template.known), template)
-        begun = [{n: size * data.dt_s for n in model.names if n[0] == "a"} for size in SHARED]
-        if best is not None:
-            begun, old, theta = [], best.problem.model, best.identified.theta
-            for size in SIZES:
-                start: dict[str, float] = {}
-                for k, part in enumerate(parts):
-                    (was, own), named = old.branch(k), model.branch(k)[1]
-                    lag = size * max(best.identified.longest_lag_s, data.dt_s)
-                    values = begin(was, {n: theta[w] for n, w in own.items()}, part, lag)
-                    start |= {named[n]: v for n, v in values.items()}
-                begun.append(start)
-        try:
-            found = fit(data, model, **options, start=begun)
-        except InputError:
-            break
-        if best is not None and bic(found) > bic(best) - DECISIVE:
-            break
-        best = found
-    return best
 
 
 def bic(found: Fit) -> float:
@@ -140,6 +107,22 @@ def fitted(data: IOData, model: Model, before: Fit | None, options: Mapping[str,
     return min(tried, key=bic, default=None)
 
 
+def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]) -> Fit:
+    """``found``, or the fit begun at a simpler model's answer where that one, a special case of it, fits
+    better."""
+    model = found.problem.model
+    for other in others.values():
+        inside = set(other.problem.model.names) < set(model.names) and other.problem.model.kind == model.kind
+        if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (1 - 1e-6):
+            size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
+            extra = {n: size for n in model.names if bare(n) not in ("Tz", "Td")}
+            start = {**extra, **other.identified.theta}
+            again = fit(data, model, **{**options, "start": start})
+            if again.identified.statistics["rms"] < found.identified.statistics["rms"]:
+                found = again
+    return found
+
+
 def first_steps(data: IOData, template: Model) -> list[Model]:
     """One lag behind the input; of several inputs behind each alone."""
     names = data.input_names
@@ -159,14 +142,6 @@ def steps(model: Model, data: IOData) -> list[Model]:
             parts = [*model.parts[:k], part, *model.parts[k + 1 :]]
             found.append(as_template(several(parts, model.inputs, known=model.known), model))
     return found
-
-
-def as_template(model: Model, like: Model) -> Model:
-    """``model`` with the known part, the offset, the bound of the dead time and the fixed gains of ``like``."""
-    gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
-    gains = {new: v for n, v in gains.items() for new in ("Kp" + suffix(n), "b0" + suffix(n)) if new in model.names}
-    known = model.known if model.parts else like.known
-    return replace(model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains})
 
 
 def successors(model: Model) -> list[Model]:

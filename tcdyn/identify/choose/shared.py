@@ -1,0 +1,74 @@
+"""Transfer functions whose inputs share their poles, begun at ARX regressions, by output and by equation error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from calibration.errors import InputError
+from tcdyn.identify.choose.held_out import blocks_out, divide, judged
+from tcdyn.identify.data import IOData
+from tcdyn.identify.equation import STRIDES, regressed
+from tcdyn.identify.fit import fit
+from tcdyn.identify.models import Model, as_template, bare, several, transfer
+from tcdyn.identify.search import Fit, pose
+from tcdyn.identify.validate import coloured
+
+MOST_POLES = 5
+UNSEEN = 1.05  # times either of them, above which it is not
+LATEST = 4  # samples of dead time that regressions ask for
+SEEN = 0.97  # times the errors in data kept from the fit, below which a model of coloured residuals is worth while
+
+
+def rival(
+    data: IOData, now: Fit, held_out_rms: float, held_out: IOData | float, options: Mapping[str, Any], like: Model
+) -> tuple[Fit, float] | None:
+    """The transfer function, of one to five poles that all inputs share, that foresees best, and its error over that of
+    ``now``; None where none foresees 3 % better or, with white residuals where those of ``now`` are coloured, at most
+    5 % worse.
+
+    Each is fitted by output error and, unless ``options`` state a noise, by equation error, which holds where the
+    disturbances come in before the poles. What counts is simulation of data kept from the fit: the geometric mean of
+    that of ``held_out``, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
+    worse. ``like`` holds what all have.
+    """
+    best, least, before = None, 1.0, blocks_out(now)
+    quick = {**options, "intervals": "quadratic", "check": False}
+    train, test, from_s = divide(data, held_out)
+    kinds = [False] if {"noise", "baseline"} & set(options) else [False, True]
+    for order, arx in product(range(1, MOST_POLES + 1), kinds):
+        for found in candidates(data, order, arx, quick, like):
+            if (blocks := blocks_out(found) / before) > UNSEEN:
+                continue
+            start = found.identified.theta
+            try:
+                last = found if train is None else fit(train, found.problem.model, **quick, start=start)
+            except InputError:  # too little is left of the record
+                continue
+            unseen = judged(last, test, from_s)[0] / held_out_rms
+            asked = UNSEEN if coloured(now) and not coloured(found) else SEEN
+            if unseen <= UNSEEN and (both := float(np.sqrt(blocks * unseen))) < asked * least:
+                best, least = (found, both), both / asked
+    return best
+
+
+def candidates(data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model) -> Iterator[Fit]:
+    """Fits with ``order`` poles begun at those of ARX regressions, without a dead time and, where regressions ask for
+    one, with."""
+    plain = [transfer(order, order, arx=arx)] * len(data.input_names)
+    posed = pose(data, several(plain, data.input_names, common=True), options.get("initial", "equilibrium"))
+    late = min(range(LATEST), key=lambda k: regressed(posed, order, k)[1])
+    for delay in (0, late) if late else (0,):
+        part = transfer(order - 1, order, delay=True, arx=arx) if delay else plain[0]
+        model = several([part] * len(data.input_names), data.input_names, common=True, known=template.known)
+        model = as_template(model, template)
+        poles = [regressed(posed, order, delay // stride, stride)[0] for stride in STRIDES]
+        dead = {n: max(delay - 1.0, 0.2) * data.dt_s for n in model.names if bare(n) == "Td"}
+        starts = [dead | {f"a{i}": float(a) for i, a in enumerate(one) if i} for one in poles if len(one) > 1]
+        try:
+            yield fit(data, model, **options, start=starts)
+        except InputError:
+            continue
