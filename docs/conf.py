@@ -102,9 +102,7 @@ def at_home(app: Any, env: Any, node: Any, text: Any) -> Any:
         thing = _offered(name)
         home = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', '')}"
         if thing is not None and home != target:
-            found = env.domains["py"].resolve_xref(
-                env, node["refdoc"], app.builder, node["reftype"], home, node, text
-            )
+            found = env.domains["py"].resolve_xref(env, node["refdoc"], app.builder, node["reftype"], home, node, text)
             if found is not None:
                 return found
     return None

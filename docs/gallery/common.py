@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from scipy.signal import lfilter
 
 from calibration.disk import DISKS
+from tcdyn import run_demo
 from tcdyn.cli.app import app, run
 from tcdyn.plots.style import figure
 
@@ -73,7 +74,7 @@ def lab() -> Path:
     for folder in (ROOT / "demo", OUT / "demo"):
         if all((folder / f"{d}.disk.json").exists() for d in DISKS) and (folder / "EHL_B3.csv").exists():
             return folder
-    tcdyn("demo", "--out", OUT / "demo", "--quiet")
+    run_demo(OUT / "demo")
     return OUT / "demo"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import runpy
 import sys
 import time
@@ -17,8 +18,15 @@ def scripts() -> list[Path]:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(HERE))
+    import common
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", help="scripts; all without any")
+    parser.add_argument("--out", type=Path, default=common.OUT)
+    asked = parser.parse_args()
+    common.OUT = asked.out
     for path in scripts():
-        if not sys.argv[1:] or path.stem in sys.argv[1:]:
+        if not asked.names or path.stem in asked.names:
             start = time.perf_counter()
             runpy.run_path(str(path))
             print(f"{path.stem}: {time.perf_counter() - start:.1f} s", flush=True)

@@ -1,4 +1,4 @@
-"""The rim's scheme against closed forms: error in percent, order of convergence, and the thesis's table 3.2 (crosses)."""
+"""The rim's scheme against closed forms: error in percent, order, and the thesis's table 3.2 (crosses)."""
 
 from common import save
 
