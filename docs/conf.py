@@ -11,15 +11,19 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 
+from docutils import nodes  # noqa: E402
+from latex2mathml.converter import convert  # noqa: E402
+
 from tcdyn.version import __version__ as release  # noqa: E402
 
 project, author, copyright = "tcdyn", "The tcdyn developers", "The tcdyn developers, MIT licence"
 version = release
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "myst_parser"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_parser"]
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "pydata_sphinx_theme"
+html_math_renderer = "mathml"  # of the browser itself: no script, no network, and it prints
 html_title = f"tcdyn {release}"
 html_show_sourcelink = False
 html_theme_options = {
@@ -39,7 +43,7 @@ napoleon_numpy_docstring = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 # what annotations name is numpy's, pandas' and private types'; roles in the pages ({func}, {meth}, {mod}) stay checked
-nitpick_ignore_regex = [("py:(class|data|obj|exc)", ".*")]
+nitpick_ignore_regex = [("py:(class|data|obj|exc|attr)", ".*")]
 
 ROOMS = {  # heading of a page, and the modules or packages on it
     "calibration": ["calibration"],
@@ -122,8 +126,17 @@ def _offered(name: str) -> Any:
     return None
 
 
+def mathml(self: Any, node: Any) -> None:
+    """An equation as MathML, inline or in a line of its own."""
+    block = isinstance(node, nodes.math_block)
+    written = convert(node.astext(), display="block" if block else "inline")
+    self.body.append(f'<div class="math">{written}</div>' if block else written)
+    raise nodes.SkipNode
+
+
 def setup(app: Any) -> None:
     """Hooks of the build."""
+    app.add_html_math_renderer("mathml", inline_renderers=(mathml, None), block_renderers=(mathml, None))
     app.connect("missing-reference", at_home)
     app.connect("builder-inited", write_reference)
     app.connect("autodoc-process-docstring", plain, priority=900)
