@@ -40,6 +40,14 @@ def lint(session: nox.Session) -> None:
 
 
 @nox.session
+def docs(session: nox.Session) -> None:
+    """The manual, with its pictures, into docs/_build."""
+    session.install(".[docs]")
+    session.run("python", "docs/gallery/make.py")
+    session.run("sphinx-build", "-W", "--keep-going", "-n", "-q", "docs", "docs/_build")
+
+
+@nox.session
 def benchmarks(session: nox.Session) -> None:
     """Ratios against named baselines in the same run."""
     session.install(".[test,bench]")

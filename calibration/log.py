@@ -245,6 +245,17 @@ def read_log(
     ``without``: columns that are left unread.
 
     Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
+
+    >>> import tempfile
+    >>> from calibration.files.write import write_log
+    >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
+    >>> rows["prt_degC"] = rows["setpoint_degC"]
+    >>> for c in "abcdef":
+    ...     rows[f"{c}_degC"] = rows["prt_degC"] + 0.2
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     log = read_log(write_log(rows, Path(folder) / "oven.csv"), "oven")
+    >>> log.frame.shape
+    (6, 9)
     """
     file = Path(path)
     if kind != "oven":

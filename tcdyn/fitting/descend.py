@@ -76,6 +76,11 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     What ``near`` held besides its problem's ``fixed`` is free again; keywords as those of :func:`minimise`. The search
     begins where all else has followed as the information at ``near`` says, or, where the model cannot be computed
     there, has stayed.
+
+    >>> from tcdyn.fitting.problem import Problem
+    >>> both = Problem(("a", "b"), lambda x: (x - np.array([1.0, 2.0]), np.eye(2)))
+    >>> held(minimise(both, np.zeros(2)), "a", 5.0).theta
+    array([5., 2.])
     """
     row = near.problem.toward(toward)
     directions = free_directions(near.problem.fixed)
@@ -92,7 +97,14 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
 
 
 def least(optima: Sequence[Optimum]) -> Optimum:
-    """The one with the least cost, for instance of several starts."""
+    """The one with the least cost, for instance of several starts.
+
+    >>> from tcdyn.fitting.problem import Problem
+    >>> def gap(x): return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
+    >>> two_valleys = Problem(("x",), gap)
+    >>> least([minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]).theta.round(3)
+    array([1.])
+    """
     return min(optima, key=lambda o: o.cost)
 
 
@@ -157,6 +169,9 @@ def free_directions(fixed: Array) -> Array:
     """Orthonormal directions (P, F) that leave every combination ``fixed`` (C, P) as it is.
 
     Parameters that no combination holds keep axes of their own, so that their scales stay apart.
+
+    >>> free_directions(np.array([[1.0, 1.0, 0.0]])).shape  # of three parameters, the sum of two is held
+    (3, 2)
     """
     moving = np.any(fixed != 0, axis=0)
     own = np.eye(fixed.shape[1])[:, ~moving]
@@ -210,7 +225,12 @@ def weights_of(residual: Array, loss: str) -> Array:
 
 
 def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
-    """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981, eq. 7.6.5)."""
+    """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981, eq. 7.6.5).
+
+    >>> r = np.array([0.5, -0.4, 0.1, -0.2, 9.0])  # the last one spoils the plain covariance only
+    >>> bool(robust_covariance(r, np.ones((5, 1)), "huber")[0, 0] < r.var() / 5)
+    True
+    """
     n, p = jacobian.shape
     z = _standardised(residual, loss)
     psi = weights_of(residual, loss) * residual

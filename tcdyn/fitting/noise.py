@@ -116,7 +116,12 @@ def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, 
 
 
 def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
-    """Sums of e_t e_{t-k} over pairs within a part, k = 0..lags, and the number of pairs."""
+    """Sums of e_t e_{t-k} over pairs within a part, k = 0..lags, and the number of pairs.
+
+    >>> sums, pairs = autocovariance(np.array([1.0, -1.0, 1.0, -1.0]), [slice(0, 4)], lags=1)
+    >>> sums.tolist(), pairs.tolist()
+    ([4.0, -3.0], [4.0, 3.0])
+    """
     total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
     for s in parts:
         x = e[s]
@@ -127,7 +132,12 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
 
 
 def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
-    """The autoregression of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker)."""
+    """The autoregression of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
+
+    >>> e = lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
+    >>> fit_ar(e, [slice(0, 2000)], max_order=1).ar[0].__round__(1)
+    -0.8
+    """
     n = len(e)
     max_order = int(min(max_order, n // 10))
     r = autocovariance(e, parts, max_order)[0] / n
@@ -144,7 +154,13 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
 
 
 def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
-    """ARMA(p, q) of ``e`` by conditional least squares, started by Hannan and Rissanen's two regressions."""
+    """ARMA(p, q) of ``e`` by conditional least squares, started by Hannan and Rissanen's two regressions.
+
+    >>> e = lfilter([1.0, 0.5], [1.0, -0.8], np.random.default_rng(0).standard_normal(4000))
+    >>> found = fit_arma(e, [slice(0, 4000)], 1, 1)
+    >>> round(found.ar[0], 1), round(found.ma[0], 1)
+    (-0.8, 0.5)
+    """
     if p == 0 and q == 0:
         return Noise()
     innovation = fit_ar(e, parts).whiten(e, parts)
@@ -207,6 +223,11 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision
     (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregression fitted to the residuals: J'VJ is s^2 times
     the product of J filtered backwards in time by the noise filter. ``precision`` (P,) of normal priors, in units of
     the residuals' variance, is added to J'J, and times that variance to J'VJ.
+
+    >>> e = lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
+    >>> u = float(sandwich(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean of coloured noise
+    >>> round(u / (np.std(e) / 2000**0.5))  # times as large as if it were white
+    3
     """
     n, p = jacobian.shape
     noise = fit_ar(residual, parts)
@@ -226,6 +247,9 @@ def correlation_length(z: Array, longest: int = 40) -> float:
     """1 + 2 sum of the autocorrelations of ``z`` (N,) up to the first that is not significant; 1 for white noise.
 
     The factor by which the variance of a mean of ``z`` exceeds that of as many independent samples.
+
+    >>> correlation_length(np.random.default_rng(0).standard_normal(1000)).__round__(1)
+    1.0
     """
     z = z - np.mean(z)
     n = len(z)

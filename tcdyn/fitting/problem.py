@@ -17,7 +17,11 @@ CUT = 1e-14  # of the largest eigenvalue, in a scale of unit diagonal: below it 
 
 
 class Status(StrEnum):
-    """How a search ended."""
+    """How a search ended.
+
+    >>> Status.AT_BOUND.value
+    'converged with a parameter on its bound: the data do not ask for it'
+    """
 
     CONVERGED = "converged: no step lowers the cost any more"
     AT_BOUND = "converged with a parameter on its bound: the data do not ask for it"
@@ -158,6 +162,9 @@ def from_rows(rows: Array) -> tuple[Array, float]:
 
     Also gives the least part of a column, of its length, that the others leave: near zero where two columns are one,
     and then the covariance means nothing.
+
+    >>> from_rows(np.array([[2.0, 0.0], [0.0, 1.0]]))[0].tolist()
+    [[0.25, 0.0], [0.0, 1.0]]
     """
     size = np.linalg.norm(rows, axis=0)
     scale = np.where(size > 0, size, 1.0)
@@ -173,6 +180,9 @@ def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
     """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared singular values.
 
     By the eigenvectors of the Gram matrix, twice, which for tall tables is far quicker than a full factorisation.
+
+    >>> orthonormal(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two columns that are one
+    (3, 1)
     """
     scale = np.linalg.norm(table, axis=0)
     q = table[:, scale > 0] / scale[scale > 0]
@@ -190,6 +200,10 @@ def wave_factor(z: Array, sums: int = 25) -> float:
 
     The mean square of sums over an N/``sums``-th of the record each, which any slow misfit fills and white noise
     of unit variance does not. Columns that hold nothing, of a channel left out, do not count.
+
+    >>> slow = np.sin(np.arange(1000) / 100)[:, None]
+    >>> round(wave_factor(slow)), round(wave_factor(np.random.default_rng(0).standard_normal((1000, 1))), 1)
+    (19, 1.0)
     """
     m = max(len(z) // sums, 1)
     z = z[:, z.any(axis=0)]

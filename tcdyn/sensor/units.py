@@ -34,6 +34,9 @@ class Unit:
     """How the numbers of a column become degrees Celsius: the unit's ``name``; of mV also ``couple`` and ``cold``.
 
     ``cold``: the reference junction's temperature [degC], or the name of the column that holds it.
+
+    >>> Unit("degF").in_degC(np.array([212.0])), Unit("mV", couple="K").in_degC(np.array([4.096])).round(1)
+    (array([100.]), array([100.]))
     """
 
     name: str = "degC"

@@ -1,0 +1,12 @@
+"""What limits beta, source by source; and beta by the speed law against its exponent, with the one the disks imply."""
+
+from common import analysed, save
+
+from tcdyn.plots import draw_budget, draw_exponent, draw_map
+from tcdyn.plots.style import figure
+
+picture, axes = figure(1, 3, width_in=12.0, height_in=4.2)
+draw_budget(analysed(), axes[0])
+draw_exponent(analysed(), axes[1])
+draw_map(analysed(), "fast", axes[2])
+save(picture, __file__)

@@ -1,0 +1,113 @@
+"""What the gallery's scripts share: where pictures go, the commands, and one analysed folder of the synthetic rig."""
+
+from __future__ import annotations
+
+import sys
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from scipy.signal import lfilter
+
+from calibration.disk import DISKS
+from tcdyn import run_demo
+from tcdyn.cli.app import app, run
+from tcdyn.plots.style import figure
+
+if TYPE_CHECKING:
+    from calibration.lines.static import OvenFit
+    from tcdyn.partition.analyse import Partition
+    from tcdyn.plunge.result import PlungeFit
+
+ROOT = Path(__file__).parent.parent.parent
+OUT = ROOT / "docs" / "_pictures"
+
+
+def save(picture: Figure, script: str) -> None:
+    """Write the picture of a script beside the others."""
+    OUT.mkdir(exist_ok=True)
+    picture.savefig(OUT / f"{Path(script).stem}.png", dpi=110)
+
+
+def tcdyn(*words: object) -> None:
+    """Run a command; what it says stays on the terminal. Exit 1, something to be looked at, is no failure."""
+    print("tcdyn", *words, file=sys.stderr)
+    try:
+        run(lambda: app([str(w) for w in words], standalone_mode=True))
+    except SystemExit as left:
+        if left.code not in (None, 0, 1):
+            raise
+
+
+def behind(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
+    """One lag, straight between samples: a recursion of its own, so that no picture checks a solver by itself."""
+    half = (1 - np.exp(-dt_s / tau_s)) / 2
+    return np.asarray(lfilter([half, half], [1, 2 * half - 1], x, zi=[(1 - half) * x[0]])[0])
+
+
+def made(script: str, name: str) -> Path:
+    """A file that a script writes on its way to the picture."""
+    (OUT / "files").mkdir(parents=True, exist_ok=True)
+    return OUT / "files" / f"{Path(script).stem}.{name}"
+
+
+def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float = 0.0) -> Figure:
+    """Logged, compensated with its band, and true."""
+    raw, ours = pd.read_csv(table), pd.read_csv(done, comment="#")
+    t, u = raw.iloc[:, 0].to_numpy(), ours[f"{column.rsplit('_', 1)[0]}_u_K"].to_numpy()
+    picture, (ax,) = figure(height_in=3.6)
+    ax.plot(t, raw[column] - zero, color="0.6", linewidth=0.8, label="logged")
+    ax.fill_between(t, ours[column] - zero - 1.96 * u, ours[column] - zero + 1.96 * u, alpha=0.3, linewidth=0)
+    ax.plot(t, ours[column] - zero, linewidth=1.0, label="compensated, 95 %")
+    ax.plot(t, truth, "k:", linewidth=0.8, label="true")
+    ax.set(xlabel="time [s]", ylabel="temperature [°C]")
+    ax.legend(fontsize="small")
+    return picture
+
+
+@cache
+def lab() -> Path:
+    """The folder of `tcdyn demo`: the one in the repository's root if it is there, else made anew (a minute or two)."""
+    for folder in (ROOT / "demo", OUT / "demo"):
+        if all((folder / f"{d}.disk.json").exists() for d in DISKS) and (folder / "EHL_B3.csv").exists():
+            return folder
+    run_demo(OUT / "demo")
+    return OUT / "demo"
+
+
+@cache
+def analysed() -> Partition:
+    """Test B3 of that folder."""
+    from calibration.record import read_record
+    from calibration.rig import load_rig
+    from tcdyn.pipeline import estimate_beta
+
+    records = {d: read_record(lab() / f"{d}.disk.json") for d in DISKS}
+    return estimate_beta(lab() / "EHL_B3.csv", load_rig(lab() / "rig.toml"), records).partition
+
+
+@cache
+def oven() -> OvenFit:
+    """The static lines of its fast disk."""
+    from calibration.lines.static import fit_static_lines
+    from calibration.log import read_log
+
+    return fit_static_lines(read_log(lab() / "oven_fast.csv", "oven").frame)
+
+
+@cache
+def plunged() -> PlungeFit:
+    """The chain of its fast disk by one plunge."""
+    from calibration.log import read_log
+    from calibration.rig import load_rig
+    from immersion.fluids import fluid
+    from tcdyn.plunge.fit import identify_plunges
+    from tcdyn.plunge.run import bath_filled, run_from_log
+
+    rig = load_rig(lab() / "rig.toml")
+    log = bath_filled(read_log(lab() / "plunge_fast_1.csv", "immersion", rig, "fast"))
+    plunge = run_from_log(log, fluid("mobil-jet-ii"), oven().lines, name="plunge 1")
+    return identify_plunges([plunge], rig.disk_setup("fast"), alternatives=("mcadams",))

@@ -1,0 +1,20 @@
+"""An unloading: 12 K gone with a time constant of 1 s. Dots are logged, the line is compensated, the kink is kept."""
+
+import numpy as np
+from common import behind, save
+
+from tcdyn import Chain, smooth
+from tcdyn.plots import draw_compensated
+from tcdyn.plots.style import figure
+
+dt = 1 / 75
+t = np.arange(0, 40, dt)
+true = 120 - 12 * (1 - np.exp(-np.clip(t - 20, 0, None) / 1.0))
+logged = behind(behind(true, 0.55, dt), 0.12, dt) + np.random.default_rng(0).normal(0, 0.15, len(t))
+done = smooth(logged, dt, Chain([0.55, 0.12]), events_s=(20.0,), lag_covariance=[[0.02**2]])
+
+picture, (ax,) = figure(height_in=3.8)
+draw_compensated(done, logged, ax, window_s=(18, 26))
+ax.plot(t, true, "k:", linewidth=0.9, label="true")
+ax.legend(frameon=False, fontsize="small")
+save(picture, __file__)

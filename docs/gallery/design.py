@@ -1,0 +1,14 @@
+"""What planned plunges, a touch, a loading and an unloading will tell of the lags: shorter is better."""
+
+from common import save
+
+from calibration.rig import load_rig
+from tcdyn.design.compare import compare_tests
+from tcdyn.design.plans import PlungePlan
+from tcdyn.plots import draw_design
+from tcdyn.plots.style import figure
+
+plans = [PlungePlan(bath_degC=bath, duration_s=60.0) for bath in (110.0, 138.0)]
+picture, (ax,) = figure(height_in=4.4)
+draw_design(compare_tests(load_rig().disk_setup("fast"), plans, draws=4), ax)
+save(picture, __file__)

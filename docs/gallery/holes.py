@@ -1,0 +1,12 @@
+"""Junctions in holes of three sizes plunged into hot water: cement in the widest answers most of a second later."""
+
+from common import save
+
+from tcdyn.plots import draw_holes
+from tcdyn.plots.style import figure
+from tcdyn.plunge.hole import compare_holes
+from tcdyn.simulate.plunge import simulate_hole
+
+picture, (ax,) = figure(height_in=4.4)
+draw_holes(compare_holes(simulate_hole(1)[0]), ax)
+save(picture, __file__)

@@ -1,0 +1,15 @@
+"""The lags of a disk: differences are known ten times better than what all have in common."""
+
+from common import lab, plunged, save
+
+from calibration.record import read_record
+from tcdyn.plots import draw_common_lag, draw_differential_lags, draw_lags
+from tcdyn.plots.style import figure
+
+chain = read_record(lab() / "fast.disk.json").chain
+assert chain is not None
+picture, axes = figure(1, 3, width_in=11.0, height_in=3.8)
+draw_common_lag(plunged(), axes[0])
+draw_differential_lags(plunged(), axes[1])
+draw_lags(chain, axes[2])
+save(picture, __file__)

@@ -1,0 +1,12 @@
+"""A log of the rig: twelve junctions from warm running through loading to the parting and the cooling after it."""
+
+from common import analysed, lab, save
+
+from calibration.log import read_log
+from tcdyn.plots import draw_log, draw_temperatures
+from tcdyn.plots.style import figure
+
+picture, (left, right) = figure(1, 2, width_in=10.0, height_in=4.0)
+draw_log(read_log(lab() / "EHL_B3.csv", "ehl"), left)
+draw_temperatures(analysed(), right)
+save(picture, __file__)

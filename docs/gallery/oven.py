@@ -1,0 +1,12 @@
+"""An oven calibration: errors of all channels before and after the static lines, and what the lines leave."""
+
+from common import oven, save
+
+from tcdyn.plots import draw_error_histogram, draw_oven_residuals
+from tcdyn.plots.style import figure
+
+picture, axes = figure(1, 3, width_in=11.0, height_in=3.6)
+draw_error_histogram(oven().raw_errors_K, axes[0], label="as logged")
+draw_error_histogram(oven().calibrated_errors_K, axes[1], label="with the lines")
+draw_oven_residuals(oven(), axes[2])
+save(picture, __file__)

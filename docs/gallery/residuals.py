@@ -1,0 +1,21 @@
+"""One lag where there are two: residuals that are not white, and that the input explains. So the model is refused."""
+
+import numpy as np
+from common import behind, save
+
+from tcdyn import IOData, fit
+from tcdyn.identify import validate
+from tcdyn.plots import draw_correlation, draw_residuals
+from tcdyn.plots.style import figure
+
+rng = np.random.default_rng(1)
+heater = np.repeat(rng.choice([20.0, 60.0, 90.0], 20), 60)
+warm = 25 + 0.6 * behind(behind(heater, 18.0, 0.5), 4.0, 0.5) + rng.normal(0, 0.3, len(heater))
+found = fit(IOData.from_arrays(heater, warm, 0.5, hold="zoh"), "P1")
+checked = validate(found)
+
+picture, axes = figure(3, 1, height_in=7.0)
+draw_residuals(found, axes[0])
+draw_correlation(checked.whiteness, axes[1], "residuals with themselves")
+draw_correlation(checked.input, axes[2], "residuals with the input")
+save(picture, __file__)

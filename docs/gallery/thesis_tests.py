@@ -1,0 +1,30 @@
+"""The thesis's sixteen tests as it prints them (tables 6.1 and 7.2): traction, its coefficient, temperature of a."""
+
+import pandas as pd
+from common import save
+
+from tcdyn.plots import draw_friction_coefficient, draw_temperature, draw_traction
+from tcdyn.plots.style import figure
+from tcdyn.simulate.programme import PROGRAMME
+from tcdyn.verify.published import CLARKE_AT_REST
+
+tests = list(PROGRAMME.values())
+table = pd.DataFrame(
+    {
+        "error": "",
+        "load_N": [t.load_N for t in tests],
+        "sliding_speed_m_s": [t.sliding_speed_m_s for t in tests],
+        "friction_N": [row[2] for row in CLARKE_AT_REST],
+        "fast_a_degC": [row[0] for row in CLARKE_AT_REST],
+        "slow_a_degC": [row[1] for row in CLARKE_AT_REST],
+    }
+)
+table["friction_coefficient"] = table["friction_N"] / table["load_N"]
+table["group"] = [k // 4 for k in range(16)]
+
+picture, axes = figure(2, 2, width_in=10.0, height_in=6.8)
+draw_traction(table, axes[0])
+draw_friction_coefficient(table, axes[1])
+for disk, ax in zip(("fast", "slow"), axes[2:]):
+    draw_temperature(table, disk, "a_degC", "junction a", ax)
+save(picture, __file__)

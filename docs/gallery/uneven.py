@@ -1,0 +1,19 @@
+"""Round a disk whose bore conducts unevenly: half of it better at 30 degrees, half worse opposite."""
+
+from common import save
+
+from calibration.rig import load_rig
+from tcdyn.plots import draw_round, draw_round_surface
+from tcdyn.plots.style import figure
+from tcdyn.simulate.ehl import EhlOptions
+from tcdyn.simulate.field import around_disks
+from tcdyn.simulate.truth import BoreContact, draw_truth
+
+truth = draw_truth(0, load_rig()).with_uneven({"slow": BoreContact(0.5, 30.0)})
+quick = EhlOptions(load_on_s=10.0, unload_s=130.0, duration_s=140.0)
+slow = around_disks("B3", 0, truth, quick)["slow"]
+
+picture, (left, right) = figure(1, 2, width_in=10.0, height_in=3.8)
+draw_round(slow, left)
+draw_round_surface(slow, right)
+save(picture, __file__)

@@ -1,0 +1,12 @@
+"""The parting: grey is what was logged, coloured what the junctions felt, the kink kept."""
+
+from common import analysed, save
+
+from calibration.disk import DISKS
+from tcdyn.plots import draw_unloading
+from tcdyn.plots.style import figure
+
+picture, axes = figure(1, 2, height_in=4.2)
+for disk, ax in zip(DISKS, axes):
+    draw_unloading(analysed(), disk, ax)
+save(picture, __file__)
