@@ -13,13 +13,13 @@ from pydantic import ConfigDict, Field
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.stated import STRICT
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.flux import HERTZ_FLUX, FluxProfile
 from calibration.stated.layout import CHANNELS as CHANNELS
 from calibration.stated.steel import EVEN_STEEL, SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
-STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 DISKS = ("fast", "slow")
 LEFT_OUT = "left out"  # in tables, where a channel has no numbers
 MOST_LEFT_OUT, LEAST_INNER = 1 / 3, 2  # of a disk's channels; of its inner row, whose profile needs them

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -190,8 +189,10 @@ def channel_of(subject: str) -> str:
     >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
     ['e', 'e', 'e', 'e', '', '', '']
     """
-    last = re.sub("^(fast|slow)_", "", subject.removesuffix("_degC"))
-    return last if NAME.fullmatch(last) else ""
+    stem = subject.removesuffix("_degC")
+    column = stem != subject or stem.startswith(("fast_", "slow_"))
+    name = stem.rpartition("_")[2] if column else stem
+    return name if NAME.fullmatch(name) else ""
 
 
 def _plain(value: Any) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from calibration.disk import STRICT, Conditioning, DiskSetup
+from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.write import write_text
@@ -22,6 +22,7 @@ from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
 from calibration.result import Result
 from calibration.rig import RigTables
+from calibration.stated import STRICT
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s

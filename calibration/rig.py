@@ -30,8 +30,6 @@ from calibration.stated.tables import (
 )
 from calibration.traceability import TraceabilityTable
 
-__all__ = ["Rig", "RigTables", "UncertaintyTable", "changed_keys", "load_rig", "parse_rig", "rig_toml"]
-
 
 class RigTables(RigTable):
     """Everything that describes one disk and its test."""
@@ -68,10 +66,8 @@ class RigTables(RigTable):
             raise ValueError("thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }")
         for name in self.thermocouples:
             if not NAME.fullmatch(name):
-                raise ValueError(
-                    f"thermocouples: {name!r} is no name of a junction; expected a letter, or letters and a number, "
-                    "such as t1; what it is called in logs goes to [columns]"
-                )
+                wanted = "a letter, or letters and a number, such as t1; what logs call it goes to [columns]"
+                raise ValueError(f"thermocouples: {name!r} is no name of a junction; expected {wanted}")
         self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
@@ -86,12 +82,10 @@ class RigTables(RigTable):
         for prefixes in (DISKS, ("",)):
             taken: dict[str, str] = {}
             for name in (n for prefix in prefixes for n in couples(self.thermocouples, prefix)):
-                other = taken.setdefault(self.columns.get(name, name), name)
-                if other != name:
-                    raise ValueError(
-                        f"columns: {self.columns.get(name, name)!r} is named for two junctions, {other} and {name}; "
-                        "give each its own column"
-                    )
+                column = self.columns.get(name, name)
+                if (other := taken.setdefault(column, name)) != name:
+                    both = f"{column!r} is named for two junctions, {other} and {name}"
+                    raise ValueError(f"columns: {both}; give each its own column")
         return self
 
     @field_serializer("thermocouples")
@@ -227,10 +221,7 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
                 f"[{name}.constants]: a test has one set of constants", where=where, remedy="write [constants]"
             )
         try:
-            own = override.get("thermocouples")
-            listed = isinstance(own, dict) and own.get("layout") == OWN_LAYOUT  # in place of the common ones
-            base = {k: v for k, v in common.items() if not (listed and k == "thermocouples")}
-            built[name] = RigTables.model_validate(_merge(base, override))
+            built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
             first = problem.errors()[0]
             place = [*([] if name == "common" else [name]), *(str(part) for part in first["loc"])]
@@ -249,9 +240,10 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
 
 
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with the values of ``over``, table within table."""
-    both = {k: _merge(base[k], v) for k, v in over.items() if isinstance(v, dict) and isinstance(base.get(k), dict)}
-    return {**base, **over, **both}
+    """``base`` with the values of ``over``, table within table; one of its own layout stands in place of the other."""
+    pairs = {k: (base.get(k), v) for k, v in over.items()}
+    whole = {k: (a, b) for k, (a, b) in pairs.items() if isinstance(a, dict) and isinstance(b, dict)}
+    return {**base, **over, **{k: _merge(a, b) for k, (a, b) in whole.items() if b.get("layout") != OWN_LAYOUT}}
 
 
 def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:

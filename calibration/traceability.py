@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
-from calibration.disk import STRICT
+from calibration.stated import STRICT
 
 YEAR_DAYS = 365.25
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)

@@ -60,10 +60,11 @@ class DiskTraces(DiskChannels):
     went through the same A/N. ``missing`` (N, C): where a spike or a gap was bridged by a straight line; ``noise``:
     what it was; ``rounding_K`` (C,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (C,):
     standard uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody
-    measured, rig.toml's for this disk; ``inner_K`` (N, k): what the inner row would read more if it lay at the rim's
-    edge (see :func:`tcdyn.partition.steady.at_one_radius`); ``findings``: what was noticed; ``common_lag_s``: mean of
-    the channels' lags, with its standard uncertainty ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns,
-    here and in ``setup``, others stand in, known to ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient."""
+    measured, rig.toml's for this disk; ``inner_K`` (N, k): what the inner row would read more at the rim's edge;
+    ``findings``: what was noticed; ``common_lag_s``: mean of the channels' lags, with its standard uncertainty
+    ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns, here and in ``setup``, others stand in, known to
+    ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient.
+    """
 
     name: str
     setup: DiskSetup
@@ -97,8 +98,7 @@ class DiskTraces(DiskChannels):
 
     @property
     def drives(self) -> Array:
-        """By how much each of the inner row errs with those at the rim's edge, (k, k): itself, and where it stands
-        in."""
+        """By how much each of the inner row errs with its readings, (k, k): with its own, and where it stands in."""
         inner = self.setup.places(self.setup.inner)
         return np.asarray(self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner]))
 
@@ -180,15 +180,12 @@ def disk_channels(record: DiskRecord, setup: DiskSetup, disk: str = "", lag: boo
     if absent := [c for c in names if c not in record.static or not (chain is None or c in chain.channels)]:
         remedy = f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]"
         raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy=remedy)
-    covariance = np.zeros((len(names), len(names)))
-    if chain is not None:
-        kept = [sorted(chain.channels).index(c) for c in names]
-        covariance = np.array(chain.covariance, dtype=float)[np.ix_(kept, kept)]
+    kept = [sorted(chain.channels).index(c) for c in names] if chain else []
     return DiskChannels(
         couples(names, disk),
         tuple(record.static[c] for c in names),
         record_chains(record, setup) if lag else (NO_CHAIN,) * len(names),
-        covariance,
+        np.array(chain.covariance)[np.ix_(kept, kept)] if chain else np.zeros((len(names), len(names))),
         np.array([chain.channels[c].split_u_s if chain else 0.0 for c in names]),
     )
 
@@ -232,8 +229,7 @@ def disk_traces(
     Raises InputError for the record of another disk, and as :func:`disk_channels` does.
     """
     setup = rig.disk_setup(disk)
-    left_out = left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk]
-    setup = setup.with_stand_ins(left_out)
+    setup = setup.with_stand_ins(left_out := left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk])
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
     channels = disk_channels(record, setup, disk if named else "", lag)
@@ -244,14 +240,13 @@ def disk_traces(
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
         step = rounding_sd(raw)  # of a logger that hides the noise of a trace; zero where the noise is seen
-        hidden = step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER))
-        rounding.append(step if hidden else 0.0)
+        rounding.append(step * (step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER))))
         values = apply_static(raw, line)
         marked = ~np.isfinite(values)
         columns.append(bridged(values, ~marked))
         marks.append(marked)
-    if coarse := [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]:
-        found.append(look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse))
+    coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
+    found += [look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)] if coarse else []
     y, missing = np.column_stack(columns), np.column_stack(marks)
     dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
@@ -262,9 +257,8 @@ def disk_traces(
     missing |= moved
     if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))
-    for name, share in zip(names, missing.mean(axis=0)):
-        if share > MANY_MISSING:
-            found.append(look("traces.gaps", subject=name.removesuffix("_degC"), percent=100 * float(share)))
+    lost = {name.removesuffix("_degC"): 100 * float(share) for name, share in zip(names, missing.mean(axis=0))}
+    found += [look("traces.gaps", subject=name, percent=x) for name, x in lost.items() if x > 100 * MANY_MISSING]
     found += noise.findings(disk)
     weights = setup.made_of(left_out)
     if left_out:  # others stand in

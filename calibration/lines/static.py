@@ -12,13 +12,14 @@ from pydantic import BaseModel, Field, model_validator
 
 from calibration import Array, Flags
 from calibration.columns import couples_in
-from calibration.disk import CHANNELS, STRICT
+from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, sentences
 from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
+from calibration.stated import STRICT
 from calibration.traceability import PRT_U_DEGC
 
 SIGNIFICANT = 0.01

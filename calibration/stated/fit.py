@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from calibration import Array
+from calibration.stated import STRICT
 
-STRICT_FIT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 Angle = Annotated[float, Field(ge=0, le=360)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Sectors = tuple[tuple[float, float, float], ...]
@@ -23,7 +23,7 @@ class Keyway:
     """A slot centred at ``angle_deg``, ``width_deg`` or ``width_mm`` wide along the bore; ``share`` of the conductance
     beside it is left."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT_FIT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     angle_deg: Angle
     width_deg: Annotated[float, Field(ge=0, lt=360)] = 0.0
     width_mm: Annotated[float, Field(ge=0)] = 0.0
@@ -39,7 +39,7 @@ class Patch:
     """A stretch of poor contact ``from_deg`` ``to_deg``, through zero where the second is smaller; ``share`` is left of
     the conductance beside it."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT_FIT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     from_deg: Angle
     to_deg: Angle
     share: Share = 0.0
@@ -58,7 +58,7 @@ class PressFit:
     the conductance, as a share of its mean. Angles are those of the junctions' ``angle_deg``.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = STRICT_FIT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     interference_um: Annotated[float, Field(ge=0, lt=1000)] = 0.0
     hardness_GPa: Annotated[float, Field(gt=0, lt=100)] = 4.66
     roughness_um: Annotated[float, Field(gt=0, lt=100)] = 1.0

@@ -8,8 +8,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from calibration.stated import STRICT
+
 ConstantName = Literal["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_degC"]
-_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class Constant:
     unit that the name ends in.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     value: float
     u: Annotated[float, Field(ge=0)]
 
@@ -39,7 +40,7 @@ class LoggerTable:
 class AmbientChannels:
     """[ambient]: columns of the log that tell T_A, the air at a disk's running ``surface`` and behind its ``faces``."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     surface: tuple[str, ...] = ()
     faces: tuple[str, ...] = ()
 

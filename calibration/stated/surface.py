@@ -10,6 +10,7 @@ from pydantic import ConfigDict, Field
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.stated import STRICT
 
 LEAST_POINTS = 4
 
@@ -22,7 +23,7 @@ class SurfaceFlux:
     heat leaves, minus intercept over slope; ``heat_transfer_u_W_m2K`` and ``air_u_K`` their standard uncertainties.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     heat_transfer_W_m2K: Annotated[float, Field(ge=0, lt=8000)] = 0.0
     heat_transfer_u_W_m2K: Annotated[float, Field(ge=0, lt=8000)] = 0.0
     air_degC: Annotated[float, Field(ge=-50, le=400)] = 0.0

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, model_validator
 
-from calibration.disk import STRICT
+from calibration.stated import STRICT
 from calibration.stated.flux import FluxKind, FluxProfile
 
 

@@ -46,7 +46,7 @@ FAULTS = {
     "late": "channel {names} answers {s:.2f} s {when} than its record says: a bubble in its cement, or a column "
     "shifted in time",
     "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
-    "unknown": "its six junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
+    "unknown": "its junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
     "single swap, misplacement or offset explains it",
 }
 

@@ -227,7 +227,7 @@ def heeded(found: SensorCheck) -> list[Finding]:
         if finding.grade is Grade.REFUSE:
             raise InputError(
                 finding.sentence,
-                expected="six living junctions where rig.toml says",
+                expected="living junctions where rig.toml says",
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
                 parameters=("sensor_check=False",),
                 column=finding.numbers["columns"][0] if finding.numbers["kind"] == "dead" else "",

@@ -136,7 +136,7 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     split = -np.eye(len(outer))[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[outer] = np.hypot(static[outer], MODEL_K)
-    film = rim.through(rim.film_by_n, h_W_m2K)
+    film = rim.through(rim.films[1], h_W_m2K)
     own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * len(outer), float(film.any())]
     own += [test.air[disk.name].own_u_K if disk.name in test.air else 0.0]
     u = np.concatenate([stated_u(disk, static), own])

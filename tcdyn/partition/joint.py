@@ -236,9 +236,8 @@ def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array)
     """Inflation by slow waves in the residuals of the worse disk; covariance by noise (k, k) and answers to all else
     (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
     noise, per_sd = told(best, sides)
-    ends = np.cumsum([len(s.y) for s in sides])
-    parts = zip(sides, np.split(best.residual[: ends[-1]], ends[:-1]))
-    inflation = max(wave_factor(r.reshape(s.window.y.shape)) for s, r in parts)
+    parts = np.split(best.residual[: -len(sides)], np.cumsum([len(s.y) for s in sides])[:-1])
+    inflation = max(wave_factor(r.reshape(s.window.y.shape)) for s, r in zip(sides, parts))
     return inflation, inflation * noise[np.ix_(index, index)] * np.outer(scale, scale), scale[:, None] * per_sd[index]
 
 
@@ -270,9 +269,7 @@ def joint_fits(
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
     estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
     unknown = unknowns(sides)
-    pulls = tuple(
-        (*of, z) for of, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if of[0].source not in ROUND
-    )
+    pulls = tuple((*u, z) for u, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if u[0].source not in ROUND)
     left = best.theta[8:], best.covariance[8:, 8:], unknown
     known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
     uneven = {of[0]: found_in(*left, *of) for of in known}

@@ -83,7 +83,7 @@ class About:
         air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
         bank = window.blocks @ lag_bank(air, self.test.dt_s, self.rim.rates_1_s)
         s = self.rim.setup
-        points, film = points_of(s, s.outer), self.rim.film
+        points, film = points_of(s, s.outer), self.rim.films[0]
         gains = cached_gains(
             Rim.from_setup(s), self.h_W_m2K, points, self.rim.half_width_m, tuple(self.rim.rates_1_s), self.rim.profile,
             "hertz", FIT_MESH, film=True,

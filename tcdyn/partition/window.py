@@ -21,7 +21,7 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.flux import track
 from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates, points_of
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -90,14 +90,9 @@ class RimMeans:
         return slice(1, self.ambient + 2)
 
     @property
-    def film(self) -> slice:
-        """Where speeds change: what the film comes to."""
-        return slice(self.ambient + 1, self.ambient + 2)
-
-    @property
-    def film_by_n(self) -> slice:
-        """Where speeds change: what its exponent changes in that."""
-        return slice(self.ambient + 2, self.ambient + 3)
+    def films(self) -> tuple[slice, slice]:
+        """Where speeds change: what the film comes to, and what its exponent changes in that."""
+        return slice(self.ambient + 1, self.ambient + 2), slice(self.ambient + 2, self.ambient + 3)
 
     def gains(
         self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = (), bore: bool = False
@@ -144,16 +139,6 @@ class RimMeans:
     ) -> tuple[Array, Array]:
         """Model without frictional heat, and per share of one; (..., R, P) each, P with the ``extra`` points."""
         return self.through(self.rest, h_W_m2K, p, extra), self.through(POWER, h_W_m2K, p, extra)
-
-    def unseen(self, h_W_m2K: float) -> Array | None:
-        """Answer of the outer row to a lasting kelvin where the inner row leaves the rim's edge open, (P,); None where
-        it does not."""
-        rim = Rim.from_setup(self.setup)
-        if (z := rim.unseen_z_m) is None:
-            return None
-        wider, points = replace(rim, boundary_z_m=(*rim.boundary_z_m, z)), points_of(self.setup, self.setup.outer)
-        at = self.half_width_m, tuple(self.rates_1_s), self.profile, "hertz", FIT_MESH
-        return cached_gains(wider, h_W_m2K, points, *at).static[self.ambient]
 
     @property
     def inside(self) -> tuple[Point, ...]:

@@ -93,8 +93,6 @@ def prepare(
     if missing := [d for d in here or DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
-    for d in here:
-        rig.disk_setup(d).check_rows()
     others = {d: _other_disk(rig, d, records[d]) for d in here}
     frame = log.frame
     t = frame["time_s"].to_numpy(dtype=float)
@@ -162,6 +160,7 @@ def prepare(
     disks = {}
     for d in here:
         found += others[d]
+        rig.disk_setup(d).check_rows()
         traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]
@@ -213,11 +212,9 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    stand_ins = setup.stand_ins(out[disk])[channel] if channel in setup.inner else {}
-    cost: dict[str, Any] = {"stand_ins": [*stand_ins], "kept": [c for c in setup.outer if c not in out[disk]]}
-    if why:
-        return look("channel.left_out", subject=name, why=why, **cost)
-    return note("channel.left_out", subject=name, why="as asked for", **cost)
+    names = [*setup.stand_ins(out[disk])[channel]] if channel in setup.inner else []
+    cost: dict[str, Any] = {"stand_ins": names, "kept": [c for c in setup.outer if c not in out[disk]]}
+    return (look if why else note)("channel.left_out", subject=name, why=why or "as asked for", **cost)
 
 
 def estimate_beta(

@@ -191,9 +191,7 @@ def simulate_ehl(
         disk = rig.disk(name)
         rng = rng_for(seed, "measure", condition.name, name)
         at = disk_run(disk, drawn, share, h, o, o.duration_s)[1].at
-        log, true = log_disk(
-            partial(_junctions, at, len(disk.channels)), o.duration_s, disk, rng, rig.imperfections, spikes=True
-        )
+        log, true = log_disk(partial(_junctions, at, disk), o.duration_s, disk, rng, rig.imperfections, spikes=True)
         uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
@@ -203,9 +201,9 @@ def simulate_ehl(
     return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
 
 
-def _junctions(at: Callable[[Array], Array], count: int, t: Array) -> Array:
+def _junctions(at: Callable[[Array], Array], disk: DiskTruth, t: Array) -> Array:
     """The junctions alone of what a disk's solution ``at`` times (M,) tells, (M, channels)."""
-    return at(t)[:, :count]
+    return at(t)[:, : len(disk.channels)]
 
 
 _LAST = ["ambient_degC", "oil_degC"]

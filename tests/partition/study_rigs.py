@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS
+from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from calibration.lines.static import fit_static_lines
 from calibration.log import Log
@@ -80,17 +80,18 @@ def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float |
     rng = np.random.default_rng([seed, len(disk)])
     oven, _ = simulate_oven(disk, seed, true)
     common = rng.normal(0, COMMON_U_S) if lag_error_s is None else lag_error_s
-    own = rng.normal(0, DIFFERENTIAL_U_S, len(CHANNELS))
+    names = rig.disk_setup(disk).channels
+    own = rng.normal(0, DIFFERENTIAL_U_S, len(names))
     u = float(np.hypot(COMMON_U_S, DIFFERENTIAL_U_S))
     disk_truth = true.disk(disk)
     channels = {}
-    for ch, error in zip(CHANNELS, own):
+    for ch, error in zip(names, own):
         c = disk_truth.channels[ch]
         off = max(common + error, 0.01 - c.tau1_s)
         lag = disk_truth.lags_s[ch] + off
         channels[ch] = ChannelChain(taus_s=(c.tau1_s + off, c.tau2_s), lag_s=Estimate.normal(lag, u))
     mean = float(np.mean([c.lag_s.value for c in channels.values()]))
-    covariance = np.full((6, 6), COMMON_U_S**2) + np.eye(6) * DIFFERENTIAL_U_S**2
+    covariance = np.full((len(names), len(names)), COMMON_U_S**2) + np.eye(len(names)) * DIFFERENTIAL_U_S**2
     return DiskRecord(
         disk=disk,
         created=now_utc(),

@@ -17,7 +17,7 @@ from tcdyn.chain import equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.effects import by_inputs, departures, stated_effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.statement.track import SHIFT_STEP_M
+from tcdyn.partition.statement.track import SHIFT_STEP_M, by_edge
 from tcdyn.partition.uneven import sensed
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
@@ -168,7 +168,7 @@ class DiskFeatures:
         loading = later * (self.event == "loading")[:, None]
         film = np.hstack([self.fed("film by n", self.rim.ambient + 2, h_W_m2K, place=row) for row in rows])
         harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
-        if (open_edge := self.rim.unseen(h_W_m2K)) is not None:
+        if (open_edge := by_edge(self.rim, h_W_m2K)) is not None:
             edge = np.zeros_like(base)
             edge[:, : len(open_edge)] = STAND_IN_K * lasts[:, None] * open_edge
             harmonic = np.concatenate([harmonic, edge[None]])

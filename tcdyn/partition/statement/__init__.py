@@ -13,14 +13,12 @@ from tcdyn.partition.statement.steel import (
     by_specific_heat_slope,
 )
 from tcdyn.partition.statement.surface import SURFACE_AIR, by_air
-from tcdyn.partition.statement.track import SHIFT, by_film, by_shift
+from tcdyn.partition.statement.track import EDGE, SHIFT, by_edge, by_film, by_shift
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow
 from tcdyn.traces import STAND_IN_K, DiskTraces
 
 __all__ = ["statement_effects"]
-
-EDGE = Unmeasured("edge", "inner row of few junctions")
 
 
 def statement_effects(
@@ -32,7 +30,7 @@ def statement_effects(
     Only of those that have an uncertainty.
     """
     u, found = disk.uncertainty, dict[Unmeasured, Array]()
-    if (open_edge := window.rim.unseen(h_W_m2K)) is not None:
+    if (open_edge := by_edge(window.rim, h_W_m2K)) is not None:
         found[EDGE] = STAND_IN_K * open_edge * np.ones((len(window.y), 1))
     if u.film_along_rel:
         found |= {x: u.film_along_rel * k for x, k in by_film(window.rim, share, h_W_m2K).items()}

@@ -36,7 +36,7 @@ def still(test: EhlTest, disk: DiskTraces) -> Array:
 
 def by_air(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
     """What the outer row shows more if T_a lies ``u_K`` higher, for ever, (R, P) [K]."""
-    static = rim.gains(h_W_m2K).static[rim.film]
+    static = rim.gains(h_W_m2K).static[rim.films[0]]
     return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
 
 

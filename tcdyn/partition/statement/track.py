@@ -1,15 +1,21 @@
-"""Along the track: the place of the heat flux and the shape of the film, as ``rig.toml`` states them, unmeasured."""
+"""Along the track: the place of the heat flux and the shape of the film, as ``rig.toml`` states them, unmeasured, and
+what an inner row of few junctions leaves open."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from calibration import Array
+from tcdyn.conduction.nonuniform import cached_gains
+from tcdyn.conduction.rim import Rim, points_of
 from tcdyn.partition.uneven import Unmeasured
-from tcdyn.partition.window import Perturbation, RimMeans
+from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans
 
 SHIFT_STEP_M = 0.25e-3
 SHIFT = Unmeasured("flux shift", "place of the flux")
+EDGE = Unmeasured("edge", "inner row of few junctions")
 ALONG_STEP = 0.1
 ALONG = {
     Unmeasured(f"film along {name}", "film along the track"): [
@@ -36,3 +42,14 @@ def by_film(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Arr
         one, other = (rest + share * heat for rest, heat in (rim.answer(h_W_m2K, p) for p in pair))
         out[what] = np.asarray(one - other) / (2 * ALONG_STEP)
     return out
+
+
+def by_edge(rim: RimMeans, h_W_m2K: float) -> Array | None:
+    """What the outer row shows more by a lasting kelvin where the inner row leaves the rim's edge open, (P,) [K]; None
+    where it tells the profile along z."""
+    disk = Rim.from_setup(rim.setup)
+    if (z := disk.unseen_z_m) is None:
+        return None
+    wider, points = replace(disk, boundary_z_m=(*disk.boundary_z_m, z)), points_of(rim.setup, rim.setup.outer)
+    at = rim.half_width_m, tuple(rim.rates_1_s), rim.profile, "hertz", FIT_MESH
+    return cached_gains(wider, h_W_m2K, points, *at).static[rim.ambient]
