@@ -28,6 +28,7 @@ ABSENT = frozenset(
 )
 LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
 HEAD_BYTES = 1 << 17
+ENOUGH = 150  # rows of data that tell a dialect
 _Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int]  # separator, mark, header, skip, first row, fields
 FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
 
@@ -176,8 +177,14 @@ def _is_data(parts: list[str], decimal: str) -> bool:
 def _try(lines: list[str], separator: str, decimal: str, known: set[str]) -> tuple[float, _Found] | None:
     """How well the lines fit this separator and decimal mark, and where header and data then are; None: not at all."""
     top = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
-    rows = [(i, split(line, separator)) for i, line in enumerate(lines) if i >= top and line.strip()]
-    data = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and _is_data(parts, decimal)]
+    rows, data = list[tuple[int, list[str]]](), list[int]()
+    for i, line in enumerate(lines[top:], top):
+        if line.strip():
+            rows.append((i, parts := split(line, separator)))
+            if len(parts) > 1 and _is_data(parts, decimal):
+                data.append(len(rows) - 1)
+        if len(data) == ENOUGH:
+            break
     if not data:
         return None
     counts = [len(rows[k][1]) for k in data]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,13 +18,16 @@ from pyarrow import parquet as pq
 
 from calibration.errors import InputError
 
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
+
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """A path beside ``path`` to write to; renamed onto it when the block ends well, removed when it does not.
 
-    Killed at any moment, the block leaves the previous ``path`` or none. The temporary name starts with a dot and
-    keeps the ending, so that writers which look at endings work.
+    Killed at any moment, the block leaves the previous ``path`` or none. A link is written through. The temporary name
+    starts with a dot and keeps the ending, so that writers which look at endings work. Raises InputError for what
+    cannot be written, a full disk among it, and for what is no file (/dev/null).
 
     >>> import tempfile, pathlib
     >>> target = pathlib.Path(tempfile.mkdtemp()) / "out.txt"
@@ -32,16 +36,17 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     >>> target.read_text(encoding="utf-8")
     'done'
     """
-    target = Path(path)
     try:
+        target = Path(path).resolve()
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.is_dir():
-            raise InputError("is a folder", where=str(target), expected="a file to write")
+        if target.exists() and not target.is_file():
+            kind = "a folder" if target.is_dir() else "no file but a device"
+            raise InputError(f"is {kind}", where=str(path), expected="a file to write")
         handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent)
-    except (OSError, ValueError) as problem:
-        reason = getattr(problem, "strerror", None) or problem
-        remedy = "give a folder that you may write into"
-        raise InputError(f"cannot be written ({reason})", where=str(target), remedy=remedy) from None
+    except InputError:
+        raise
+    except (OSError, ValueError, RuntimeError) as problem:
+        raise _unwritable(problem, path, "give a folder that you may write into") from None
     os.close(handle)
     beside = Path(name)
     try:
@@ -50,6 +55,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             os.fsync(written.fileno())
         os.chmod(beside, 0o666 & ~_umask())
         os.replace(beside, target)
+    except OSError as problem:
+        if problem.errno not in FULL:  # what was read, perhaps
+            raise
+        raise _unwritable(problem, path, "make room, or write elsewhere") from None
     finally:
         with suppress(FileNotFoundError):
             beside.unlink()
@@ -60,6 +69,11 @@ def write_text(path: str | Path, text: str) -> Path:
     with atomic_path(path) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
+
+
+def _unwritable(problem: Exception, path: str | Path, remedy: str) -> InputError:
+    reason = " ".join(str(getattr(problem, "strerror", None) or problem).split())
+    return InputError(f"cannot be written ({reason})", where=str(path), remedy=remedy)
 
 
 def _umask() -> int:
@@ -116,11 +130,12 @@ def log_writer(
 
 
 def _cell(name: str) -> str:
-    return f'"{name}"' if "," in name else name
+    name = _one_line(name)
+    return '"' + name.replace('"', '""') + '"' if "," in name or '"' in name else name
 
 
 def _one_line(text: object) -> str:
-    return " ".join(str(text).split())
+    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
 
 
 def _arrow(frame: pd.DataFrame) -> pa.Table:
@@ -129,7 +144,7 @@ def _arrow(frame: pd.DataFrame) -> pa.Table:
 
 def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
     head = "".join(f"# {key}: {value}\n" for key, value in notes.items())
-    head += ",".join(str(n) for n in frame.columns) + "\n"
+    head += ",".join(_cell(str(n)) for n in frame.columns) + "\n"
     with open(path, "wb") as stream:
         stream.write(head.encode("utf-8"))
         pacsv.write_csv(_arrow(frame), stream, pacsv.WriteOptions(include_header=False))

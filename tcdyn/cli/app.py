@@ -113,6 +113,14 @@ def _root(
     """Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta."""
 
 
+def _said(problem: BaseException) -> str:
+    """What the machine refused, in words."""
+    words = {MemoryError: "not enough memory; give a shorter log", RecursionError: "nested too deeply to be read"}
+    words |= {OverflowError: f"a number beyond all bounds ({problem})"}
+    reason = " ".join(str(getattr(problem, "strerror", None) or problem).split())
+    return next((said for kind, said in words.items() if isinstance(problem, kind)), f"the system refused ({reason})")
+
+
 def run(command: Callable[[], Any]) -> int:
     """Call ``command``; bad input becomes one sentence on standard error and exit code 2."""
     try:
@@ -127,6 +135,10 @@ def run(command: Callable[[], Any]) -> int:
         return 130
     except BrokenPipeError:
         return 0
+    except (OSError, MemoryError, RecursionError, OverflowError) as problem:  # what nobody nearer has put in words
+        place = f"{problem.filename}: " if isinstance(problem, OSError) and problem.filename else ""
+        print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
+        return 2
     return result if isinstance(result, int) else 0
 
 

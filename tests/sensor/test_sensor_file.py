@@ -22,6 +22,7 @@ from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import follow
 from tcdyn.pipeline.sensors import compensate_table
 from tcdyn.sensor import read_sensor, stated, step_times, table, write_sensor
+from tests.benchmarks.tables import compensated
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_world import lagged, logged, write, written
 
@@ -275,3 +276,14 @@ def test_a_long_swing_that_stands_in_one_line_of_the_spectrum_is_followed() -> N
     assert max(levels) < 2 * min(levels)  # three of five were a million times less, and the swing was taken for none
     done = smooth(y, 0.1, 1.5)
     assert np.sqrt(np.mean((done.temperature[:, 0] - x)[50:-50] ** 2)) < 0.1  # the noise of a reading
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_million_rows_need_no_more_memory_than_a_hundred_thousand(tmp_path: Path, ending: str) -> None:
+    few = compensated(tmp_path, 100_000, 1, 75.0, ending)
+    many = compensated(tmp_path, 1_000_000, 1, 75.0, ending)
+    assert (few[0], many[0]) == (0, 0)
+    assert many[2] < min(few[2] + 60, 450)  # MB
+    out = tmp_path / f"out{ending}"
+    assert len(pd.read_parquet(out) if ending == ".parquet" else written(out)) == 1_000_000

@@ -1,0 +1,171 @@
+"""What the machine refuses: writes, opens and renames that fail one after another, full disks, flipped bits, links."""
+
+from __future__ import annotations
+
+import builtins
+import errno
+import os
+import resource
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibration.errors import InputError
+from calibration.files.write import log_writer, write_log, write_text
+from tcdyn.cli.app import run
+from tcdyn.sensor import read_sensor, stated, write_sensor
+from tests.cli.test_main_job import tcdyn
+from tests.sensor.sensor_world import logged, write
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> tuple[list[object], Path]:
+    """A command on a small table, and its output, which is there already."""
+    t, _, y = logged((0.5,), 0.05, 400, 0.1, 2)
+    log = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y)
+    sensor = write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), tmp_path / "s.sensor.json")
+    out = write_text(tmp_path / "out.csv", "old")
+    return ["compensate", log, "--sensor", sensor, "--out", out, "--quiet"], out
+
+
+@contextmanager
+def refusing(at: int, calls: list[str]) -> Iterator[None]:
+    """Call number ``at`` of those that open, make, flush or rename files fails; ``calls`` gets their names."""
+    homes = [(builtins, "open"), (os, "open"), (os, "replace"), (os, "fsync"), (os, "chmod"), (tempfile, "mkstemp")]
+    real = {(home, name): getattr(home, name) for home, name in homes}
+
+    def counted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def one(*args: Any, **settings: Any) -> Any:
+            calls.append(name)
+            if len(calls) == at:
+                raise OSError(errno.EIO, "Input/output error")
+            return call(*args, **settings)
+
+        return one
+
+    with pytest.MonkeyPatch.context() as patch:
+        for (home, name), call in real.items():
+            patch.setattr(home, name, counted(name, call))
+        yield
+
+
+def test_whatever_call_fails_the_old_output_stays_and_one_sentence_says_so(
+    job: tuple[list[object], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words, out = job
+    before, failed = sorted(out.parent.iterdir()), set()
+    assert tcdyn(*words) == 0  # all that is imported on the way is there now
+    write_text(out, "old")
+    for at in range(1, 100):
+        calls: list[str] = []
+        capsys.readouterr()
+        with refusing(at, calls):
+            code = tcdyn(*words)
+        said = capsys.readouterr().err
+        if len(calls) < at:
+            break
+        failed.add(calls[at - 1])
+        assert (code, out.read_text(encoding="utf-8")) == (2, "old"), calls
+        assert said.startswith("tcdyn: ")
+        assert said.count("\n") == 1
+        assert sorted(out.parent.iterdir()) == before
+    assert {"open", "mkstemp", "fsync", "replace", "chmod"} <= failed
+    assert code == 0
+    assert out.read_text(encoding="utf-8") != "old"
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])
+def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str) -> None:
+    frame = pd.DataFrame({"time_s": np.arange(20_000.0), "a": np.random.default_rng(0).standard_normal(20_000)})
+    target, soft = tmp_path / f"out{ending}", resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def pieces() -> None:
+        with log_writer(target, ["time_s", "a"], {}) as write:
+            for start in range(0, len(frame), 1000):
+                write(frame[start : start + 1000])
+
+    ways: list[Callable[[], object]] = [lambda: write_log(frame, target), pieces]
+    if ending in (".tdms", ".txt"):
+        ways = ways[:1] if ending == ".tdms" else [lambda: write_text(target, "x" * 300_000)]
+    for way in ways:
+        for room in (0, 1, 1000, 70_000, 150_000):
+            target.write_text("old", encoding="utf-8")
+            try:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (room, soft[1]))
+                with pytest.raises(InputError, match="cannot be written"):
+                    way()
+            finally:
+                resource.setrlimit(resource.RLIMIT_FSIZE, soft)
+            assert target.read_text(encoding="utf-8") == "old"
+            assert list(tmp_path.iterdir()) == [target]
+        way()
+        assert target.stat().st_size > 150_000
+
+
+def test_a_flipped_bit_of_a_sensor_file_is_no_traceback(tmp_path: Path) -> None:
+    rng, path = np.random.default_rng(0), tmp_path / "s.sensor.json"
+    whole = write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), path).read_bytes()
+    said = []
+    for _ in range(500):
+        damaged = bytearray(whole)
+        damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            read_sensor(path)
+        except InputError as problem:
+            said.append(str(problem))
+    assert not any("\n" in sentence for sentence in said)
+    assert len(said) > 250  # digits that stay digits pass: there is no checksum
+
+
+def test_links_are_written_through_and_devices_are_spared(tmp_path: Path) -> None:
+    real, link = tmp_path / "real.csv", tmp_path / "link.csv"
+    real.write_text("old", encoding="utf-8")
+    link.symlink_to(real)
+    write_text(link, "new")
+    assert link.is_symlink()
+    assert real.read_text(encoding="utf-8") == "new"
+    with pytest.raises(InputError, match="device"):
+        write_text("/dev/null", "new")
+    link.unlink()
+    link.symlink_to(link)  # a circle
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(link, "new")
+
+
+def test_names_with_commas_quotes_and_control_characters_come_back(tmp_path: Path) -> None:
+    names = ["time_s", 'a,"b"_degC', "$x_degC", "=1+1_degC"]
+    frame = pd.DataFrame(np.arange(12.0).reshape(3, 4), columns=names)
+    notes = {"who": "a\x1b[31m\nb"}
+    for path in (write_log(frame, tmp_path / "whole.csv", notes), tmp_path / "parts.csv"):
+        if not path.exists():
+            with log_writer(path, names, notes) as put:
+                put(frame)
+        text = path.read_text(encoding="utf-8")
+        assert "\x1b" not in text
+        assert list(pd.read_csv(path, comment="#").columns) == names
+
+
+@pytest.mark.parametrize(
+    ("problem", "said"),
+    [
+        (MemoryError(), "not enough memory"),
+        (RecursionError("maximum recursion depth exceeded"), "nested too deeply"),
+        (OverflowError("int too large"), "beyond all bounds"),
+        (OSError(errno.EIO, "Input/output error", "log.csv"), "log.csv: the system refused"),
+    ],
+)
+def test_what_nobody_caught_is_one_sentence(problem: Exception, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    def command() -> None:
+        raise problem
+
+    assert run(command) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
