@@ -95,6 +95,8 @@ def test_every_number_of_the_rig_file_says_its_unit_by_its_ending() -> None:
         "gear_ratio",
         "poles",
         "slope",
+        "bath_h_exponent",
+        "bath_h_viscosity",
         "speed_exponent",
         "speed_exponent_low",
         "speed_exponent_high",

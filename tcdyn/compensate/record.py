@@ -201,7 +201,8 @@ class Compensated(Result):
     uncertainty of how a lag divides into its parts moves) and ``static_u`` [K].
     ``slope`` [K/s]; ``noise_sd (M,)`` [K]; ``intensity (M,)`` [K2/s3], the median over the record; ``flags``: bits
     MISSING, SPIKE, STUCK, SATURATED; ``method`` in words; ``events_s``: pairs of time and its standard uncertainty [s];
-    ``intensities``: as functions of time, one a channel (smoother only).
+    ``intensities``: as functions of time, one a channel (smoother only); ``by_event_K``: what one standard uncertainty
+    of each event's instant moves (N, M) [K], its square being in that of ``sd_noise``.
     """
 
     temperature: Array
@@ -220,6 +221,7 @@ class Compensated(Result):
     findings: tuple[Finding, ...] = ()
     events_s: tuple[tuple[float, float], ...] = ()
     intensities: tuple[Intensity, ...] = ()
+    by_event_K: tuple[Array, ...] = ()
 
     @classmethod
     def of(

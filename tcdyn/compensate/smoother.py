@@ -101,9 +101,9 @@ def smooth(
     for found in hidden:
         fit = averaged(fit, found)
     sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
-    for event, u in events.items():
-        if u > 0:
-            sd = np.hypot(sd, _event_sd(fit, event, u))
+    doubts = tuple(_by_event(fit, event, u) for event, u in events.items() if u > 0)
+    for moved in doubts:
+        sd = np.hypot(sd, moved)
     split_K: ArrayLike = 0.0
     if np.any(split := np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var))):
         divided = tuple(c.with_split_shift(float(u)) for c, u in zip(fit.stretch.chains, split))
@@ -117,12 +117,13 @@ def smooth(
         flags=fit.stretch.flags,
         method="fixed-interval smoother",
         findings=stretch.findings,
+        by_event_K=doubts,
         events_s=tuple(sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])),
         intensities=tuple(chosen),
     )  # fmt: skip
 
 
-def _event_sd(fit: Smoothed, event_s: float, u_s: float) -> Array:
+def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
     stretch, dt = fit.stretch, fit.stretch.dt_s
     time = np.arange(len(stretch.y)) * dt
@@ -137,9 +138,9 @@ def _event_sd(fit: Smoothed, event_s: float, u_s: float) -> Array:
         events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
         moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
         answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved).temperature)
-    sd = np.zeros_like(fit.sd)
-    sd[first:last] = 0.5 * np.abs(answers[1] - answers[0])
-    return sd
+    moved = np.zeros_like(fit.sd)
+    moved[first:last] = 0.5 * (answers[1] - answers[0])
+    return moved
 
 
 def deconvolve(

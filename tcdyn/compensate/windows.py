@@ -30,11 +30,11 @@ def over_window(
     """Covariance between samples, and means with that between channels, over ``length_s`` [s], as plain lists.
 
     ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
-    channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation and lag are in it; the static line's
-    uncertainty, one error for all samples, is not, nor is what is not known of an event. ``mean_degC`` (M,) of
+    channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation, lag and the instants of events are in it;
+    the static line's uncertainty, one error for all samples, is not. ``mean_degC`` (M,) of
     ``channels`` (M,), ``mean_covariance_K2`` (M, M): noise of each channel, lags (of a disk move together), static
-    lines, the reference that lines have in common; not the doubt of an event's instant. u of the difference of two
-    means is sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
+    lines, the reference that lines have in common, and the instants of events, common to both disks. u of the
+    difference of two means is sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
     Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
     """
     if start_s is None and not events:
@@ -55,7 +55,7 @@ def over_window(
             remedy="ask for another length",
         )
     between: dict[str, list[list[float]]] = {}
-    names, means, blocks, shared = list[str](), list[float](), [], []
+    names, means, blocks, shared, by_event = list[str](), list[float](), [], [], []
     rows = slice(first, last)
     for disk, traces in disks.items():
         found = compensated[disk]
@@ -64,7 +64,9 @@ def over_window(
         block = np.outer(rate, rate) * found.lag_covariance
         for i, name in enumerate(traces.columns):
             own = window_covariance(traces.measured_degC[:, i], dt_s, traces.chains[i], found, i, first, last)
-            between[name.removesuffix("_degC")] = own.tolist()
+            instants = np.array([moved[rows, i] for moved in found.by_event_K]).reshape(-1, last - first)
+            between[name.removesuffix("_degC")] = (own + instants.T @ instants).tolist()
+            by_event.append(instants.mean(axis=1))
             noise = max(float(own.mean()) - block[i, i] - divided[i] ** 2, 0.0)
             line = max(float(np.mean(found.static_u[rows, i] ** 2)) - shared[-1][i] ** 2, 0.0)
             block[i, i] += noise + divided[i] ** 2 + line
@@ -72,7 +74,8 @@ def over_window(
         means += found.temperature[rows].mean(axis=0).tolist()
         blocks.append(block)
     common = np.concatenate(shared)
-    whole = block_diag(*blocks) + np.outer(common, common)
+    moved_K = np.array(by_event)  # channels, events
+    whole = block_diag(*blocks) + np.outer(common, common) + moved_K @ moved_K.T
     variance = np.diag(whole)
     return {
         "log": log, "time_s": time[rows].tolist(), "covariance_K2": between, "channels": names,

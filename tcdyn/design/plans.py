@@ -30,6 +30,7 @@ from tcdyn.plunge.posterior import PlungeProblem
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, RunNoise, make_averages
 
 SPLIT_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
+EXPECTED_REL = 0.2  # by how much the lag that is expected may be off
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,8 @@ def predict_plunges(
     """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own expected lag.
 
     The covariance is the inverse of Fisher information plus prior at each of ``draws`` values of what nobody can plan
-    (h scale, burst, split of the lag, drawn from the priors), and their mean. Nothing is simulated or fitted.
+    (h and its form, burst, split of the lag, drawn from the priors; the lag within 20 %), and their mean. Nothing is
+    simulated or fitted.
     """
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
@@ -79,7 +81,9 @@ def predict_plunges(
             for at in map(layout.run, range(layout.runs)):
                 drawn = slice(at.start, at.start + len((*H_KINDS, *BURST_KINDS)))
                 theta[drawn] += sd[drawn] * np.clip(rng.standard_normal(len(theta[drawn])), -2.5, 2.5)
-            theta[layout.at("common_split")] += sd[layout.at("common_split")] * rng.standard_normal()
+            theta[layout.at("lag")] *= np.exp(EXPECTED_REL * rng.standard_normal())
+            for kind in ("common_split", "split"):
+                theta[layout.at(kind)] += sd[layout.at(kind)] * rng.standard_normal(len(theta[layout.at(kind)]))
         covariances.append(covariance(problem.evaluate(theta)[1], sd))
     u_h, *_, u_burst = np.sqrt(np.mean([np.diag(c)[: len(H_KINDS) + 1] for c in covariances], axis=0))
     lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]

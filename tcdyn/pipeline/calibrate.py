@@ -80,9 +80,9 @@ def calibrate_disk(
 
     ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
     for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself, where that was
-    stated apart from its certificate (in the rig's [traceability], common to all; their scatter tells the rest); ``line_u_K``: without an oven log, standard uncertainty of a
-    reading as it was logged. Raises InputError with file and place for anything that cannot
-    be used.
+    stated apart from its certificate (in the rig's [traceability], common to all; their scatter tells the rest);
+    ``line_u_K``: without an oven log, standard uncertainty of a reading as it was logged. Raises InputError with file
+    and place for anything that cannot be used.
     """
     if len(fluids) not in (1, len(immersion)):
         raise InputError(

@@ -90,7 +90,7 @@ class PlungePriors:
             ("junction depth, per channel", f"normal about the rig file's, sd {1e3 * self.depth_m:.2f} mm"),
             (
                 "static line, per channel",
-                f"as the oven told it; without an oven {self.static_offset_K:g} K and {self.static_gain:g} of the slope",
+                f"as the oven told it; without it sd {self.static_offset_K:g} K and {self.static_gain:g} of slope",
             ),
             (
                 "split of the lag over two stages",

@@ -106,11 +106,9 @@ def full_prior(
     mean, sd = layout.prior(priors, [run.entry.u_s for run in runs], initial_degC, h_u_rel)
     for j, c in enumerate(layout.channels):
         if (line := runs[0].lines.get(c)) is not None:
-            _, at, slope = best_known(line)
-            sd[layout.at("offset").start + j], sd[layout.at("gain").start + j] = (
-                max(at, KNOWN),
-                slope or priors.static_gain,
-            )
+            _, there, slope = best_known(line)
+            sd[layout.at("offset").start + j] = max(there, KNOWN)
+            sd[layout.at("gain").start + j] = slope or priors.static_gain
             sd[layout.at("bath")] = np.hypot(priors.bath_K, line.shared_u_K)
     return mean, sd
 

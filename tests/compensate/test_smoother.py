@@ -1,14 +1,18 @@
 """The fixed-interval smoother against dense Gaussian algebra, against simulated truth, and at its limits."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.lines.static import StaticLine
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import Burst, Intensity, invert, pieces, smooth, sweep, window_covariance
 from tcdyn.compensate.record import SATURATED, SPIKE, STUCK, stretch_of
 from tcdyn.compensate.states import smoothed
+from tcdyn.compensate.windows import over_window
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -111,6 +115,32 @@ def test_a_kink_stated_to_a_tenth_of_a_second_has_an_interval_that_holds_about_i
         untold.append(error < 1.96 * ours.sd[near, 0])
     assert 0.82 < np.mean(told) < 0.97
     assert np.mean(untold) < 0.4
+
+
+def test_means_just_after_an_uncertain_event_err_together_and_their_difference_does_not():
+    """Two channels see one kink, stated to a tenth of a second; means over the third of a second after it."""
+    rng, dt, at, u = np.random.default_rng(4), 1 / 75, 8.02, 0.1
+    t, chain = np.arange(0.0, 12.0, dt), Chain((0.5, 0.1), conditioning=NO_CONDITIONING)
+    since = np.maximum(t - at, 0.0)
+    x = 120 - 10 * since
+    clean, z, apart, untold = chain.response(x, dt), [], [], []
+    line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
+    for _ in range(40):
+        y = clean[:, None] + 0.1 * rng.standard_normal((len(t), 2))
+        drawn = at + u * rng.standard_normal()
+        ours = smooth(y, dt, chain, noise_sd=0.1, intensity=0.01, events_s=(drawn,), event_u_s=u)
+        traces = SimpleNamespace(columns=["a_degC", "b_degC"], lines=[line] * 2, measured_degC=y, chains=[chain] * 2)
+        found = over_window("log", t, (at,), {"fast": traces}, {"fast": ours}, 0.3)
+        c, first = np.array(found["mean_covariance_K2"]), int(np.searchsorted(t, found["time_s"][0]))
+        off = np.array(found["mean_degC"]) - x[first : first + len(found["time_s"])].mean()
+        z.append(off[0] / np.sqrt(c[0, 0]))
+        apart.append((off[0] - off[1]) / found["difference_u_K"][0][1])
+        instant = ours.by_event_K[0][first : first + len(found["time_s"]), 0].mean()
+        untold.append(off[0] / np.sqrt(c[0, 0] - instant**2))
+    assert np.mean(np.abs(z) < 1.96) > 0.8  # between the true and the stated instant the truth is bent
+    assert np.mean(np.abs(apart) < 1.96) > 0.85
+    assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.4  # of 40: three sigma of a standard deviation are a third
+    assert np.mean(np.abs(untold) < 1.96) < 0.6
 
 
 def test_the_uncertainty_of_an_events_time_stays_with_its_event():

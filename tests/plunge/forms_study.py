@@ -93,18 +93,23 @@ BATHS = {  # fluid, temperatures of the disk and of the two baths [degC], second
 }
 
 
-def plunged(
-    case: str, disks: int, seed: int, forms: tuple[Callable, ...] = FORMS
-) -> tuple[Draws, list[int], list[Any]]:
-    """Truth, form of each disk, and runs of ``disks`` in one bath; forms follow one another."""
+def plunged(case: str, disks: int, seed: int, lag_s: float | None = None) -> tuple[Draws, list[int], list[Any]]:
+    """Truth, form of each disk, and runs of ``disks`` in one bath; forms follow one another.
+
+    ``lag_s``: the disks' lags are this within 20 %, not drawn from 0.3 to 1 s.
+    """
     rng = np.random.default_rng([seed, list(BATHS).index(case)])
     fluid, name, start, baths, after_s = BATHS[case]
     d = draw_pairs(rng, disks, baths)
     d.initial = d.initial - 26.0 + start
-    chosen = np.repeat(np.arange(disks) % len(forms), 2)
+    if lag_s is not None:
+        mean = (d.tau1 + d.tau2).mean(axis=1)
+        scale = (lag_s * np.exp(np.repeat(0.2 * rng.standard_normal(disks), 2)) / mean)[:, None]
+        d.tau1, d.tau2 = scale * d.tau1, scale * d.tau2
+    chosen = np.repeat(np.arange(disks) % len(FORMS), 2)
 
     def h_of(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
-        return np.choose(chosen, [form(fluid, wall, bulk) for form in forms])
+        return np.choose(chosen, [form(fluid, wall, bulk) for form in FORMS])
 
     times, readings = simulate(d, after_s, rng, h_of=h_of)
     return d, chosen[::2].tolist(), make_runs(d, times, readings, rng, fluid_name=name)
