@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -62,6 +62,7 @@ def open_log(
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
     used = rig or load_rig()
     mapping, air = used.columns(disk), used.air_columns() if kind == "ehl" else {}
+    air = {name: column for name, column in air.items() if name not in without}
     layouts = layouts_of(used, disk)
     table = open_table(file, (*known_names(layouts), *mapping.values(), *air.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
@@ -77,11 +78,11 @@ def open_log(
     return converted(table, how), names
 
 
-def columns_not_there(file: str | Path, rig: Rig, disk: str) -> list[str]:
-    """The junctions' columns of a disk, where the file of an EHL log holds none of them; else nothing."""
-    mapping, wanted = rig.columns(), [n for n in rig.couples("ehl") if n.startswith(f"{disk}_")]
-    names = open_table(Path(file), (*known_names(layouts_of(rig, disk)), *mapping.values())).names
-    return [] if any(named(c, mapping, names) for c in wanted) else wanted
+def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str]) -> list[str]:
+    """Those of the ``wanted`` columns that the file of an EHL log does not hold."""
+    mapping = {**rig.columns(), **rig.air_columns()}
+    names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
+    return [c for c in wanted if named(c, mapping, names) is None]
 
 
 def as_logged(

@@ -80,7 +80,9 @@ def _hottest(course: pd.DataFrame) -> str:
 
 def _touching(course: pd.DataFrame) -> Flags:
     """Whether load, or friction where none was logged, stands at its upper level (N,), where no switch says so."""
-    name = "load_N" if "load_N" in course else "friction_N"
+    name = next((n for n in ("load_N", "friction_N") if n in course), None)
+    if name is None:
+        return np.zeros(len(course), dtype=bool)
     calm = course[name].rolling(51, center=True, min_periods=1).median()
     return np.asarray(calm > 0.5 * (calm.min() + calm.max()))
 
@@ -233,7 +235,7 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
             else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
         )
     found: list[Finding] = []
-    friction = float(touching["friction_N"])
+    friction = float(touching.get("friction_N", np.nan))
     if friction < 0:
         found.append(look("friction.negative", subject="friction_N", friction_N=friction))
     elif friction > 0.3 * on:

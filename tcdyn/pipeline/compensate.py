@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 import pandas as pd
 
+from calibration.columns import EHL_RUNNING, TORQUES, couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
@@ -158,19 +159,22 @@ def compensate_log(
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)
-    gone = [c for d in DISKS if kind == "ehl" and d not in records for c in columns_not_there(log, rig, d)]
+    gone, unused = _not_there(log, rig, records) if kind == "ehl" else ([], [])
     table = read_log(log, kind, rig, own, parted=False, without=gone)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings, known = [*gathered(table.findings)], dict[float, float]()
+    if refine and unused and way.removes_lag:
+        refine = False
+        findings.append(look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}"))
     if kind == "ehl":
         try:
             events = find_events(table.frame, table.path.name)
             known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         except InputError as problem:  # slopes that jump are found by the smoother
+            findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag and refine else []
             refine = False
-            findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag else []
         other = next(iter(records))
         findings += [
             note("compensate.one_disk", subject=d, other=other) for d in DISKS if d in here and d not in records
@@ -205,6 +209,18 @@ def compensate_log(
     begun = float(frame["time_s"].iloc[0])
     events_s = sorted(t - begun for t in known if t > begun) or [t for t, _ in next(iter(done.values())).events_s]
     return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way)
+
+
+def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[list[str], list[str]]:
+    """Columns of an EHL log that are neither there nor needed: of a disk without a record, and of what the unloading
+    alone would be fitted with; these once more."""
+    lone = [couples(rig.disk_setup(d).channels, d) for d in DISKS if d not in records]
+    junctions = [c for columns in lone if len(columns_not_there(log, rig, columns)) == len(columns) for c in columns]
+    running = columns_not_there(log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()])
+    torque = not set(TORQUES) <= set(running)
+    needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
+    unused = [c for c in running if c not in needless]
+    return [*junctions, *unused], unused
 
 
 def _refined(

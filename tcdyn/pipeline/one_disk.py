@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.log import Log, read_log
@@ -134,8 +135,8 @@ def estimate_one_disk(
     """
     rig, (name,) = rig or rig_of(records), records
     other = next(d for d in DISKS if d != name)
-    unread = columns_not_there(log, rig, other)
-    if not unread:
+    unread = [*couples(rig.disk_setup(other).channels, other)]
+    if columns_not_there(log, rig, unread) != unread:
         wanted = f"records={other}.disk.json"
         said = f"no record of the {other} disk, whose columns the log holds"
         raise InputError(said, where=Path(log).name, remedy=f"add {wanted}", parameters=(wanted,))
