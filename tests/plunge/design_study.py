@@ -1,4 +1,4 @@
-"""Does ``design`` foresee what ``calibrate`` gets? Simulated calibrations against the 10 to 90 % band of the prediction.
+"""Does ``design`` foresee what ``calibrate`` gets? Simulated calibrations against its 10 to 90 % band.
 
 ``python tests/plunge/design_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC, h(T) of five published
 forms, lags of 0.65 s within 20 %; each is fitted, other chain structures tried, and its u set against the band.
@@ -34,8 +34,8 @@ def main(disks: int, seed: int) -> None:
     low, high = told.low_s, told.high_s
     print(
         f"{disks} disks: u of the common lag foreseen {told.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; found "
-        f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; within "
-        f"{100 * np.mean((common >= low) & (common <= high)):.0f} %, below {100 * np.mean(common < low):.0f} %, above "
+        f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
+        f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, below {100 * np.mean(common < low):.0f} %, above "
         f"{100 * np.mean(common > high):.0f} %; differences foreseen {told.u_differential_s:.4f}, found "
         f"{np.sqrt(np.mean(apart**2)):.4f} rms"
     )
