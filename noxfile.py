@@ -44,7 +44,7 @@ def docs(session: nox.Session) -> None:
     """The manual, with its pictures, into docs/_build."""
     session.install(".[docs]")
     session.run("python", "docs/gallery/make.py")
-    session.run("sphinx-build", "-W", "--keep-going", "-n", "-q", "docs", "docs/_build")
+    session.run("sphinx-build", "-W", "--keep-going", "-n", "-q", "-j", "2", "docs", "docs/_build")
 
 
 @nox.session

@@ -5,7 +5,7 @@ from common import analysed, save
 from tcdyn.plots import draw_budget, draw_exponent, draw_map
 from tcdyn.plots.style import figure
 
-picture, axes = figure(1, 3, width_in=12.0, height_in=4.2)
+picture, axes = figure(1, 3, width_in=14.0, height_in=5.0)
 draw_budget(analysed(), axes[0])
 draw_exponent(analysed(), axes[1])
 draw_map(analysed(), "fast", axes[2])

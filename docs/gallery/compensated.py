@@ -16,5 +16,6 @@ done = smooth(logged, dt, Chain([0.55, 0.12]), events_s=(20.0,), lag_covariance=
 picture, (ax,) = figure(height_in=3.8)
 draw_compensated(done, logged, ax, window_s=(18, 26))
 ax.plot(t, true, "k:", linewidth=0.9, label="true")
+ax.set_xlim(18, 26)
 ax.legend(frameon=False, fontsize="small")
 save(picture, __file__)
