@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
-from calibration.rig import load_rig
-from calibration.stated.fit import amplitude_and_angle, harmonics
-from tcdyn.cli.common import Json, Quiet, check_choice, dump, say, spare_inputs, within
-from tcdyn.cli.simulate import RigPath, Seed, Uneven, contacts
-from tcdyn.contact import press_fit
-from tcdyn.simulate.ehl import EhlOptions
-from tcdyn.simulate.truth import draw_truth
+from tcdyn.cli.common import Json, Quiet, check_choice, contacts, dump, say, spare_inputs, within
+from tcdyn.cli.simulate import RigPath, Seed, Uneven
+
+if TYPE_CHECKING:
+    import numpy as np
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -50,9 +47,12 @@ def simulate_round(
 
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
+    from calibration.rig import load_rig
     from tcdyn.plots.around import draw_round, draw_round_surface
     from tcdyn.plots.style import figure
+    from tcdyn.simulate.ehl import EhlOptions
     from tcdyn.simulate.field import around_disks
+    from tcdyn.simulate.truth import draw_truth
 
     _check_picture(out, rig)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
@@ -89,6 +89,7 @@ def fit_round(
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
+    from calibration.rig import load_rig
     from tcdyn.plots.around import draw_fit
     from tcdyn.plots.style import figure
 
@@ -122,6 +123,9 @@ def fit_round(
 
 def _told(setup: DiskSetup) -> dict[str, Any]:
     """What a stated fit comes to; angles are those of the greatest conductance."""
+    from calibration.stated.fit import amplitude_and_angle, harmonics
+    from tcdyn.contact import press_fit
+
     pressure, bearing = press_fit(setup)
     shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
     waves = {n: dict(zip(("share", "angle_deg"), amplitude_and_angle(shares, n))) for n in (1, 2)}

@@ -11,9 +11,7 @@ import typer
 
 from calibration.disk import left_out_of
 from calibration.errors import InputError
-from calibration.files.write import write_text
 from calibration.finding import doubts
-from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
     OwnRigFile,
@@ -70,6 +68,8 @@ def beta(
     Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
     --report beta.html
     """
+    from calibration.files.write import write_text
+    from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.beta import estimate_beta, estimate_stages
     from tcdyn.pipeline.one_disk import estimate_one_disk
@@ -163,6 +163,7 @@ def campaign(
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
+    from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
     from tcdyn.traces import records_by_disk, rig_of

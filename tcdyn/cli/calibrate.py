@@ -8,11 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from calibration.files.write import write_text
 from calibration.finding import once, sentences
-from calibration.log import read_log
-from calibration.record import read_record, write_record
-from calibration.rig import load_rig
 from calibration.words import SPOKEN
 from tcdyn.cli.common import (
     Json,
@@ -72,6 +68,8 @@ def calibrate(
     Example: tcdyn calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv --immersion P2.csv
     --fluid mobil-jet-ii --out fast.disk.json --report fast.html
     """
+    from calibration.record import read_record, write_record
+    from calibration.rig import load_rig
     from tcdyn.pipeline import calibrate_disk
 
     target, fluids = out or Path(f"{disk}.disk.json"), fluid or ["mobil-jet-ii"]
@@ -115,6 +113,9 @@ def hole(
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
+    from calibration.files.write import write_text
+    from calibration.log import read_log
+    from calibration.rig import load_rig
     from tcdyn.pipeline.calibrate import untold
     from tcdyn.plunge.hole import compare_holes
     from tcdyn.plunge.run import bath_filled

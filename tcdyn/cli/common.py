@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import pandas as pd
 import typer
 from rich.console import Console
 from rich.markup import escape
@@ -26,10 +25,15 @@ from rich.progress import (
 )
 from rich.table import Table
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade, doubts, once
-from calibration.result import jsonable
 from calibration.words import SPOKEN
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from tcdyn.simulate.truth import BoreContact
 
 OPTIONS = {  # of parameters, where it is not the name with dashes
     "records": "--record", "dt_s": "--dt", "resample_s": "--resample", "start_s": "--covariance-from-s",
@@ -73,6 +77,26 @@ def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
     """Refuse a value that is none of ``allowed``."""
     if value not in allowed:
         raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
+
+
+def contacts(said: list[str] | None) -> dict[str, BoreContact]:
+    """What ``--uneven`` says of each disk's bore."""
+    from tcdyn.simulate.truth import BoreContact
+
+    contacts: dict[str, BoreContact] = {}
+    for text in said or ():
+        name, _, numbers = text.rpartition(":")
+        amplitude, _, angle = numbers.partition("@")
+        try:
+            size, at = float(amplitude), float(angle)
+        except ValueError:
+            raise InputError(
+                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
+            ) from None
+        if name:
+            check_choice("the disk of --uneven", name, DISKS)
+        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
+    return contacts
 
 
 @contextmanager
@@ -178,6 +202,8 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> None:
 
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
+    from calibration.result import jsonable
+
     return json.dumps(jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 

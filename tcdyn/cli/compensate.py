@@ -8,10 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from calibration.errors import InputError
-from calibration.files.write import write_text
-from calibration.log import write_log
-from calibration.result import jsonable
-from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
     OptionalRecordFiles,
@@ -100,6 +96,10 @@ def compensate(
 
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
+    from calibration.files.write import write_text
+    from calibration.log import write_log
+    from calibration.rig import load_rig
+
     if sensor:
         asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
                  "--report": report, "--covariance": covariance, "--noise-only": noise_only or None,
@@ -181,6 +181,8 @@ def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_o
 
 def _numbers(done: CompensatedLog) -> dict[str, Any]:
     """What ``--json`` prints: of a log without noise its channels, one by one."""
+    from calibration.result import jsonable
+
     if done.way.removes_lag:
         return done.to_dict()
     rows = {disk: jsonable(one.card()) for disk, one in done.disks.items()}

@@ -11,7 +11,6 @@ import typer
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.rig import load_rig
 from tcdyn.cli.common import Json, Quiet, RigFile, bounded, check_choice, dump, say, spare_inputs
 
 if TYPE_CHECKING:
@@ -64,6 +63,7 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
+    from calibration.rig import load_rig
     from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan, StepPlan
@@ -109,6 +109,7 @@ def _campaign(
     plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, json_: bool, quiet: bool
 ) -> None:
     from calibration.files.write import write_text
+    from calibration.rig import load_rig
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
 
     if out is not None and out.suffix.lower() != ".csv":

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from calibration.rig import load_rig
 from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, say, spare_inputs, warn, within
 from tcdyn.cli.tables import SensorFiles, only_with_records
 
@@ -59,6 +58,7 @@ def follow(
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
+    from calibration.rig import load_rig
     from tcdyn.pipeline.causal import Settings
     from tcdyn.pipeline.follow import follow as run
     from tcdyn.sensor import read_sensor

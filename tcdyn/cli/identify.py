@@ -5,19 +5,17 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.files.write import write_text
 from calibration.words import SPOKEN
-from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, in_options, say, spare_inputs, within
-from tcdyn.identify import Known, Model, compare, from_csv, joint_table, read_identified, several
-from tcdyn.identify.disturbance import BASELINES, NOISES
-from tcdyn.identify.models import as_model
+
+if TYPE_CHECKING:
+    from tcdyn.identify import Model
 
 
 def identify(
@@ -106,6 +104,11 @@ def identify(
 
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
     """
+    from calibration.files.write import write_text
+    from tcdyn.chain import NO_CONDITIONING
+    from tcdyn.identify import compare, from_csv, joint_table, read_identified
+    from tcdyn.identify.disturbance import BASELINES, NOISES
+
     if gain == 0:
         raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
     check_choice("--hold", hold, ("auto", "foh", "zoh"))
@@ -204,6 +207,9 @@ def standard_deviation(text: str) -> float:
 def structure(name: str, inputs: list[str], fixed: dict[str, float], asked: dict[str, Any]) -> Model:
     """The named model with the command's constraints: behind each input, or of several between plus signs one behind
     each."""
+    from tcdyn.identify import Known, several
+    from tcdyn.identify.models import as_model
+
     parts = [part.strip() for part in name.split("+")]
     if len(inputs) > 1:
         return several(parts if len(parts) > 1 else parts * len(inputs), inputs, **asked)

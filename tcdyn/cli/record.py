@@ -4,24 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import pandas as pd
 import typer
 from rich.console import Console
 
-from calibration.compare import RecordDiff, check_record, diff_records
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.files import read_numbers
-from calibration.files.write import write_text
 from calibration.finding import Grade, once, sentences
-from calibration.lines.static import lines_table
-from calibration.lines.transducers import fit_transducer
-from calibration.record import DiskRecord, read_record
-from calibration.rig import load_rig, rig_toml
-from calibration.stated.surface import fit_surface_flux
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, rich_table, say, spare_inputs
 
 app = typer.Typer(
@@ -30,6 +21,12 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from calibration.compare import RecordDiff
+    from calibration.record import DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
@@ -40,6 +37,9 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
     Example: tcdyn record show fast.disk.json
     """
+    from calibration.lines.static import lines_table
+    from calibration.record import read_record
+
     console = Console()
     found = read_record(record)
     if json_:
@@ -68,6 +68,9 @@ def diff(
 
     Example: tcdyn record diff fast.2026.disk.json fast.disk.json
     """
+    from calibration.compare import diff_records
+    from calibration.record import read_record
+
     console = Console()
     found = diff_records(read_record(old), read_record(new))
     if json_:
@@ -87,6 +90,9 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
 
     Example: tcdyn record check fast.disk.json
     """
+    from calibration.compare import check_record
+    from calibration.record import read_record
+
     doubts = sentences(check_record(read_record(record)))
     if json_:
         print(dump({"sound": not doubts, "doubts": doubts}), end="")
@@ -109,6 +115,8 @@ def rig(
 
     Example: tcdyn rig --show > rig.toml writes a file to start from; tcdyn rig --rig rig.toml checks it.
     """
+    from calibration.rig import load_rig, rig_toml
+
     found = load_rig(file)
     text = dump(found.to_dict()) if json_ else rig_toml(found)
     if show and not quiet:
@@ -133,6 +141,10 @@ def transducer(
 
     Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction
     """
+    from calibration.files import read_numbers
+    from calibration.files.write import write_text
+    from calibration.lines.transducers import fit_transducer
+
     if of is not None:
         check_choice("--of", of, ("load", "friction"))
     spare_inputs([table], out=out)
@@ -171,6 +183,9 @@ def spot(
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
+    from calibration.files import read_numbers
+    from calibration.stated.surface import fit_surface_flux
+
     check_choice("--disk", disk, DISKS)
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
@@ -190,6 +205,8 @@ def chain_rows(record: DiskRecord) -> pd.DataFrame:
     apart = {c: with_u(e.value, e.u) for c, e in record.chain.differential_lag_s.items()}
     rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
     rows.append(("common", record.chain.common_lag_s, ""))
+    import pandas as pd
+
     return pd.DataFrame(
         [(name, with_u(e.value, e.u), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
         columns=["channel", "lag s", "95 %", "minus common s"],

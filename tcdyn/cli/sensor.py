@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.files import sha256
 from calibration.finding import Finding, doubts
-from calibration.record import InputFile
-from calibration.result import jsonable
-from tcdyn.chain import NO_CONDITIONING
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, in_one_line, say, spare_inputs, warn
-from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units
-from tcdyn.sensor import SensorFile, read_sensor, stated, write_sensor
-from tcdyn.sensor.table import once_each, open_source, read_columns
-from tcdyn.sensor.units import matching, units_of
+from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units, value_and_u
+
+if TYPE_CHECKING:
+    from calibration.record import InputFile
+    from tcdyn.sensor import SensorFile
 
 app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a file that compensate and follow take.")
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
@@ -59,6 +55,8 @@ def new(
 
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
     """
+    from tcdyn.sensor import stated
+
     made = stated(
         name or named(out), column, [value_and_u(text, "--tau-s") for text in tau_s],
         filter_of(cutoff_hz, poles, shape), value_and_u(delay_s, "--delay-s"),
@@ -76,6 +74,8 @@ def show(
 
     Example: tcdyn sensor show probe.sensor.json
     """
+    from tcdyn.sensor import read_sensor
+
     sensor = read_sensor(file)
     print(dump(sensor.to_dict()), end="") if json_ else say(sensor.summary(), quiet)
 
@@ -226,6 +226,9 @@ def read(
     log: Path, columns: list[str], time: str | None, options: dict[str, Any], plain: tuple[str, ...] = ()
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
+    from tcdyn.sensor.table import open_source, read_columns
+    from tcdyn.sensor.units import matching, units_of
+
     opened = open_source(log, time, [*columns, *plain])
     names = []
     for wanted in (*columns, *plain):
@@ -242,34 +245,23 @@ def read(
 
 def source(log: Path) -> InputFile:
     """What the file says of the table it was made from."""
+    from calibration.files import sha256
+    from calibration.record import InputFile
+
     return InputFile(file=log.name, sha256=sha256(log))
 
 
 def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
     """The sensor with what was noticed while reading before what the fit noticed."""
+    from tcdyn.sensor.table import once_each
+
     return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
-
-
-def value_and_u(text: str, option: str) -> tuple[float, float]:
-    """A number and its standard uncertainty as people write them: "1.5+-0.1", "1.5 ± 0.1", "1.5".
-
-    >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
-    ((1.5, 0.1), (2.0, 0.0))
-    """
-    value, _, u = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
-    try:
-        found = float(value), float(u) if u.strip() else 0.0
-    except ValueError:
-        raise InputError(
-            f"{option} is {text!r}", expected="a number, or a number with its uncertainty: 1.5+-0.1"
-        ) from None
-    if not all(math.isfinite(x) for x in found):
-        raise InputError(f"{option} is {text!r}", expected="finite numbers")
-    return found
 
 
 def filter_of(cutoff_Hz: float | None, poles: int, shape: str) -> Conditioning:
     """The filter that was stated, none if it was not."""
+    from tcdyn.chain import NO_CONDITIONING
+
     check_choice("--shape", shape, FILTER_SHAPES)
     return NO_CONDITIONING if cutoff_Hz is None else Conditioning(cutoff_Hz, poles, shape)  # type: ignore[arg-type]
 
@@ -281,11 +273,13 @@ def named(out: Path) -> str:
 
 def finish(sensor: SensorFile, out: Path, json_: bool, quiet: bool, inputs: tuple[Path, ...] = ()) -> None:
     """Write the file, say what it holds; exit 1 where something asks to be looked at."""
+    from tcdyn.sensor import read_sensor, write_sensor
+
     spare_inputs(inputs, out=out)
     write_sensor(sensor, out)
     read_sensor(out)
     if json_:
-        print(dump(jsonable(sensor.to_dict())), end="")
+        print(dump(sensor.to_dict()), end="")
     else:
         say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0], quiet)
         warn(sensor.findings, quiet)

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-import pandas as pd
 import typer
 from rich.console import Console
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.rig import load_rig
 from tcdyn.cli.common import (
     Json,
     Quiet,
     Verbose,
     bounded,
     check_choice,
+    contacts,
     counted,
     dump,
     rich_table,
@@ -27,20 +25,12 @@ from tcdyn.cli.common import (
     stages,
     within,
 )
-from tcdyn.simulate.bath import FLUIDS, FluidName
-from tcdyn.simulate.campaign import (
-    ALL_TESTS,
-    DEFAULT_PLUNGES,
-    PlannedPlunge,
-    simulate_campaign,
-    write_json,
-    write_log,
-    write_traces,
-)
-from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
-from tcdyn.simulate.measure import simulate_oven
-from tcdyn.simulate.plunge import PlungeOptions, simulate_hole, simulate_plunge
-from tcdyn.simulate.truth import CLEAN, BoreContact, RigTruth, draw_truth
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from tcdyn.simulate.bath import FluidName
+    from tcdyn.simulate.truth import RigTruth
 
 app = typer.Typer(
     name="simulate",
@@ -79,6 +69,8 @@ def oven(
 
     Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
     """
+    from tcdyn.simulate.measure import simulate_oven
+
     truth = _log_truth(out, seed, rig, uncertain, clean)
     _write(out, json_, quiet, *simulate_oven(_disk(disk), seed, truth))
 
@@ -102,6 +94,8 @@ def immersion(
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
     """
+    from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
+
     truth = _log_truth(out, seed, rig, uncertain, clean)
     options = PlungeOptions(after_s=duration_s)
     _write(out, json_, quiet, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
@@ -113,6 +107,8 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, json_: Json = False, qu
 
     Example: tcdyn simulate hole --out hole.csv
     """
+    from tcdyn.simulate.plunge import simulate_hole
+
     _write(out, json_, quiet, *simulate_hole(seed, _log_truth(out, seed, None, False, clean)))
 
 
@@ -142,6 +138,8 @@ def ehl(
 
     Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven slow:0.5@30
     """
+    from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
+
     truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(contacts(uneven)).with_film_air(film_air_K)
     options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
     _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
@@ -167,6 +165,9 @@ def campaign(
 
     Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
     """
+    from calibration.rig import load_rig
+    from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
+
     tests = tuple(test or ("B3",))
     if "all" in tests:
         tests = ALL_TESTS
@@ -236,29 +237,16 @@ def _log_truth(out: Path, seed: int, rig: Path | None, uncertain: bool, clean: b
 
 
 def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
+    from calibration.rig import load_rig
+    from tcdyn.simulate.truth import CLEAN, draw_truth
+
     truth = draw_truth(seed, load_rig(rig), uncertain=uncertain)
     return truth.with_imperfections(CLEAN) if clean else truth
 
 
-def contacts(said: list[str] | None) -> dict[str, BoreContact]:
-    """What ``--uneven`` says of each disk's bore."""
-    contacts: dict[str, BoreContact] = {}
-    for text in said or ():
-        name, _, numbers = text.rpartition(":")
-        amplitude, _, angle = numbers.partition("@")
-        try:
-            size, at = float(amplitude), float(angle)
-        except ValueError:
-            raise InputError(
-                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
-            ) from None
-        if name:
-            check_choice("the disk of --uneven", name, DISKS)
-        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
-    return contacts
-
-
 def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+    from tcdyn.simulate.campaign import write_json, write_log, write_traces
+
     truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
@@ -276,6 +264,8 @@ def _disk(name: str) -> str:
 
 def _again(said: str) -> tuple[float, float]:
     """Length and time after the parting [s] of a contact given as 0.2@1."""
+    import numpy as np
+
     length, _, after = said.partition("@")
     try:
         out = float(length), float(after)
@@ -291,6 +281,8 @@ def _again(said: str) -> tuple[float, float]:
 
 
 def _fluid(name: str) -> FluidName:
+    from tcdyn.simulate.bath import FLUIDS
+
     for fluid in FLUIDS:
         if name == fluid:
             return fluid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,6 +30,24 @@ TableCouple = Annotated[str | None, typer.Option("--couple", help="of millivolts
 ColdJunction = Annotated[
     str, typer.Option("--cold-junction", help="of millivolts: reference junction in degC, or its column")
 ]
+
+
+def value_and_u(text: str, option: str) -> tuple[float, float]:
+    """A number and its standard uncertainty as people write them: "1.5+-0.1", "1.5 ± 0.1", "1.5".
+
+    >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
+    ((1.5, 0.1), (2.0, 0.0))
+    """
+    value, _, u = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
+    try:
+        found = float(value), float(u) if u.strip() else 0.0
+    except ValueError:
+        raise InputError(
+            f"{option} is {text!r}", expected="a number, or a number with its uncertainty: 1.5+-0.1"
+        ) from None
+    if not all(math.isfinite(x) for x in found):
+        raise InputError(f"{option} is {text!r}", expected="finite numbers")
+    return found
 
 
 def units(given: list[str] | None, couple: str | None, cold: str) -> dict[str, Any]:

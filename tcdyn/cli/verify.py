@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import pandas as pd
 import typer
 from rich.console import Console
 
 from calibration.finding import look
 from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
-from tcdyn.verify import KINDS, VerifyRow, verify_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from tcdyn.verify import VerifyRow
 
 COLOURS = {
     "differs": "bold red", "misprint": "magenta", "not checkable": "yellow", "same trend": "cyan", "agrees": "green"
@@ -34,6 +37,8 @@ def verify(
 
     Example: tcdyn verify --why --report verify.html
     """
+    from tcdyn.verify import verify_rows
+
     spare_inputs([], report=report, csv=csv)
     rows = verify_rows()
     if json_:
@@ -52,11 +57,15 @@ def verify(
 
 def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
     """How many rows there are of each class."""
+    from tcdyn.verify import KINDS
+
     return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
 
 
 def sentence(rows: Sequence[VerifyRow]) -> str:
     """The verdict in two sentences: what was found, and what it is evidence of."""
+    from tcdyn.verify import KINDS
+
     count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
     classes = "; ".join(f"{n} {KINDS[kind]}" for kind, n in by_kind(rows).items())  # type: ignore[index]
     return (
@@ -94,6 +103,8 @@ def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
 
 
 def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
+    import pandas as pd
+
     return pd.DataFrame([vars(row) for row in rows])
 
 
