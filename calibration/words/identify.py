@@ -180,6 +180,11 @@ IDENTIFY: dict[str, Words] = {
     "residuals.spikes": _spikes,
     "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
     "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
+    "response.unstated": lambda share, **_: (
+        f"No uncertainty was stated: an equal share of the magnitude, {100 * share:.2g} % as the residuals are."
+    ),
+    "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): dynamics are missing, "
+    "or it was stated too small; the intervals are as much wider.",
     "record.hold": "Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and "
     "rounded to them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half "
     "a sample, {half_s:.3g} s: give hold=zoh if it was set, hold=foh if it was measured.",

@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
     "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
     "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
     "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),
+    "response": ("tcdyn.cli.identify", "response", "Dynamics from a measured frequency response."),
     "sensor": ("tcdyn.cli.sensor", "app", "The lag of any thermocouple: stated, by plunge, pair, current or noise."),
     "compensate": ("tcdyn.cli.compensate", "compensate", "Undo static errors and lag of every logged thermocouple."),
     "follow": ("tcdyn.cli.follow", "follow", "Compensate a log while it grows, row by row."),

@@ -11,8 +11,21 @@ import typer
 
 from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
+from calibration.finding import doubts
 from calibration.words import SPOKEN
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, counted, dump, in_options, say, spare_inputs, within
+from tcdyn.cli.common import (
+    Json,
+    Quiet,
+    bounded,
+    check_choice,
+    counted,
+    dump,
+    in_one_line,
+    in_options,
+    say,
+    spare_inputs,
+    within,
+)
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
@@ -172,6 +185,71 @@ def identify(
         print(dump(contents[outputs[0]] if len(outputs) == 1 else contents), end="")
     elif len(outputs) > 1:
         say(joint_table(found).to_string(index=False), quiet)
+    asking = [f for c in found.values() for f in doubts((c.verdict, *c.best.findings))]
+    if asking:
+        in_one_line(data.name, asking)
+        raise typer.Exit(1)
+
+
+def response(
+    data: Annotated[Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")],
+    columns_: Annotated[str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")],
+    frequency: Annotated[str, typer.Option(help="Column of the frequency in Hz.")] = "frequency_Hz",
+    form: Annotated[
+        str,
+        typer.Option(help="What --columns hold: magnitude or dB, each with the phase, or complex (real, imaginary)."),
+    ] = "magnitude",
+    u: Annotated[
+        str | None, typer.Option("--u", help="Column of the uncertainty (1 sd) of real and imaginary part.")
+    ] = None,
+    coherence: Annotated[str | None, typer.Option(help="Column of the coherence, in place of --u.")] = None,
+    averages: Annotated[
+        float | None, typer.Option(help="Averages of that coherence.", callback=within(1, 1e12))
+    ] = None,
+    models: Annotated[
+        str | None, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2) (default: the processes P1 to P3DZ).")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
+    json_: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fit transfer functions to a measured frequency response; the one with the least BIC is written and told.
+
+    Example: tcdyn response bode.csv --frequency f_Hz --columns gain_dB,phase_deg --form dB --coherence g2 --averages 20
+    """
+    import pandas as pd
+
+    from calibration.files.write import write_text
+    from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
+
+    check_choice("--form", form, ("magnitude", "dB", "complex"))
+    both = columns("--columns", columns_)
+    if len(both) != 2:
+        raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
+    path = out or data.with_suffix(".identified.json")
+    spare_inputs([data], out=path)
+    measured = Response.read(
+        data, frequency, (both[0], both[1]), form=form, u=u, coherence=coherence, averages=averages
+    )
+    names = names_of(models) if models else CANDIDATES
+    fits = sorted((fit_response(measured, name) for name in names), key=lambda f: f.statistics["bic"])
+    best = next((f for f in fits if not doubts(f.findings)), fits[0])
+    best = replace(best, input_name=frequency, output_name=" and ".join(both))
+    least = fits[0].statistics["bic"]
+    rows = [
+        (f.model.name, *(f.statistics[k] for k in ("fit_percent", "p_misfit")), f.statistics["bic"] - least)
+        for f in fits
+    ]
+    table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
+    write_text(path, dump(best.to_dict()))
+    read_identified(path)
+    if json_:
+        print(dump(best.to_dict()), end="")
+    else:
+        say(f"{in_options(best.summary(), SPOKEN)}\n\n{table.to_string(index=False)}\nwrote {path}", quiet)
+    if doubts(best.findings):
+        in_one_line(data.name, best.findings)
+        raise typer.Exit(1)
 
 
 def columns(option: str, text: str) -> list[str]:

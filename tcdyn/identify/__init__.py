@@ -38,6 +38,7 @@ from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_scor
 from tcdyn.identify.data import IOData, Run
 from tcdyn.identify.data.tables import from_csv, from_frame
 from tcdyn.identify.fit import fit
+from tcdyn.identify.frequency import Response, fit_response
 from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
 from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
@@ -53,6 +54,7 @@ __all__ = [
     "Identified",
     "Known",
     "Model",
+    "Response",
     "Run",
     "Validation",
     "bode_band",
@@ -60,6 +62,7 @@ __all__ = [
     "compare",
     "confirm",
     "fit",
+    "fit_response",
     "from_control",
     "from_csv",
     "from_frame",

@@ -97,7 +97,13 @@ def fit(
     if (noise, baseline) != ("white", "none") and not structure.arx:
         found = with_noise(data, found, optimum, noise, baseline, covariance)
     plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
-    return found if plain else profiled(found, intervals == "profile")
+    return noted(found if plain else profiled(found, intervals == "profile"), data.findings)
+
+
+def noted(found: Fit, findings: tuple[Finding, ...]) -> Fit:
+    """``found`` with what was noticed in its data."""
+    told = replace(found.identified, findings=(*found.identified.findings, *findings))
+    return replace(found, identified=told) if findings else found
 
 
 def with_noise(

@@ -5,17 +5,21 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import newton
+from scipy.optimize import least_squares, newton
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.estimate import Estimate
+from tcdyn.fitting import correlation_length
 from tcdyn.identify.data import IOData
 from tcdyn.identify.level import LevelLag, level_lag
+
+STEP, DRAWS = 1e-5, 200  # of a weight, for slopes; of the bootstrap
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Narx:
     constant.
 
     Signals are scaled by ``u_scale``, ``y_scale`` = (centre, spread). ``held_out_percent`` is a free-simulation
-    score.
+    score; ``draws`` are other ``theta`` that the noise could have given.
     """
 
     terms: tuple[tuple[tuple[str, int], ...], ...]
@@ -36,6 +40,18 @@ class Narx:
     one_step_percent: float = float("nan")
     simulated_percent: float = float("nan")
     held_out_percent: float = float("nan")
+    draws: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def intervals(self) -> tuple[Estimate | None, ...]:
+        """Each of ``theta`` with its interval from the bootstrap ``draws``."""
+        return tuple(spanned(value, [d[k] for d in self.draws]) for k, value in enumerate(self.theta))
+
+    def lag_s(self, level: float) -> Estimate | None:
+        """:meth:`local_lag_s` with its interval from the bootstrap."""
+        return spanned(
+            self.local_lag_s(level), [replace(self, theta=one, draws=()).local_lag_s(level) for one in self.draws]
+        )
 
     @property
     def order(self) -> int:
@@ -49,16 +65,21 @@ class Narx:
 
     def simulate(self, u: Array, y0: Array) -> Array:
         """Free simulation: only the first ``order`` outputs ``y0`` are measured. NaN once it diverges."""
-        us, ys = (np.asarray(u) - self.u_scale[0]) / self.u_scale[1], np.full(len(u), np.nan)
+        return np.asarray(self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1] + self.y_scale[0])
+
+    def runs(self, u: Array, y0: Array, theta: Array) -> Array:
+        """Free simulations, scaled, side by side (N, M) with the weights ``theta`` (terms, M)."""
+        us, ys = (np.asarray(u) - self.u_scale[0]) / self.u_scale[1], np.full((len(u), theta.shape[1]), np.nan)
         k = self.order
-        ys[:k] = (np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1]
+        ys[:k] = ((np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
         signals = {"u": us, "y": ys}
         for t in range(k, len(u)):
-            value = self.value(lambda name, lag: signals[name][t - lag])  # noqa: B023
-            if not abs(value) < 1e3:
+            products = (math.prod((signals[name][t - lag] for name, lag in term), start=1.0) for term in self.terms)
+            value = sum(weight * product for weight, product in zip(theta, products))
+            ys[t] = np.where(np.abs(value) < 1e3, value, np.nan)
+            if np.isnan(ys[t]).all():
                 break
-            ys[t] = value
-        return np.asarray(ys * self.y_scale[1] + self.y_scale[0])
+        return ys
 
     def one_step(self, u: Array, y: Array) -> Array:
         """One-step predictions of scaled signals, NaN for the first samples."""
@@ -122,6 +143,7 @@ class TemperatureDependence:
             "lag_low_95_s": [self.lag.low.low95, self.lag.low.high95],
             "lag_high_95_s": [self.lag.high.low95, self.lag.high.high95],
             "bend": {"value": self.lag.bend.value, "u": self.lag.bend.u},
+            "narx_lag_s": [None if e is None else e.model_dump() for e in map(self.nonlinear.lag_s, self.levels)],
             "held_out_percent_linear": self.linear.held_out_percent,
             "held_out_percent_quadratic": self.nonlinear.held_out_percent,
         }
@@ -136,12 +158,11 @@ def narx(
     held_out: float = 0.3,
     max_terms: int = 10,
 ) -> Narx:
-    """A polynomial NARX chosen by FROLS with BIC on the first part of the record, scored on the rest by
-    simulation.
+    """A polynomial NARX whose terms FROLS chooses with BIC on the first part of the record, their weights by the error
+    of free simulation (:func:`refined`), scored on the rest by simulation.
 
     ``dead_samples`` are taken off the input first. The one-step score is reported only to show how much it
-    flatters: predicting a slow output from its last value is easy. Raises InputError for short or incomplete
-    records.
+    flatters: predicting a slow output from its last value is easy. Raises InputError for short or gappy records.
     """
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -174,7 +195,7 @@ def narx(
         model.fit(X=x[:edge], y=z[:edge])
     terms = tuple(tuple(signal_of(int(code)) for code in row if code) for row in np.atleast_2d(model.final_model))
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
-    found = Narx(terms, theta, us, ys, data.dt_s, degree)
+    found = refined(Narx(terms, theta, us, ys, data.dt_s, degree), u[:edge], y[:edge])
     simulated = found.simulate(u, y)
     return replace(
         found,
@@ -182,6 +203,49 @@ def narx(
         simulated_percent=percent(y[:edge], simulated[:edge]),
         held_out_percent=percent(y[edge:], simulated[edge:]),
     )
+
+
+def refined(found: Narx, u: Array, y: Array) -> Narx:
+    """``found`` with the weights of its terms that simulate ``y`` (N,) best, and ``draws`` of them by the bootstrap.
+
+    One-step least squares takes noise of the output for dynamics; least is here the sum of squares of free simulation,
+    begun at it. The residuals are drawn anew in blocks as long as they are correlated, twice over, and each draw moves
+    the weights by (J'J)^-1 J'e. ``found`` itself where it does not simulate at all.
+    """
+    k, size, seen = found.order, len(found.theta), (y - found.y_scale[0]) / found.y_scale[1]
+
+    def simulated(theta: Array) -> Array:
+        table = np.column_stack([theta, theta[:, None] + STEP * np.eye(size)])
+        return np.asarray(np.nan_to_num(found.runs(u, y, table), nan=1e3)[k:])
+
+    def slopes(theta: Array) -> Array:
+        table = simulated(theta)
+        return (table[:, 1:] - table[:, :1]) / STEP
+
+    begun = np.array(found.theta)
+    if not np.isfinite(found.runs(u, y, begun[:, None])).all():
+        return found
+    best = least_squares(
+        lambda theta: np.nan_to_num(found.runs(u, y, theta[:, None]), nan=1e3)[k:, 0] - seen[k:],
+        begun, jac=slopes, max_nfev=30, x_scale="jac",
+    )  # fmt: skip
+    e, rng = -best.fun - np.mean(-best.fun), np.random.default_rng(0)
+    e = e * np.sqrt(len(e) / max(len(e) - size, 1))
+    block = int(np.clip(2 * correlation_length(e), 1, len(e) // 4))
+    starts = rng.integers(0, len(e) - block + 1, (DRAWS, -(-len(e) // block)))
+    drawn = e[(starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, : len(e)]]
+    j = np.asarray(best.jac)
+    draws = best.x + np.linalg.lstsq(j, drawn.T, rcond=1e-10)[0].T
+    return replace(found, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
+
+
+def spanned(value: float, draws: Sequence[float]) -> Estimate | None:
+    """``value`` with the spread and the 95 % interval of its bootstrap ``draws``; None where there are none."""
+    good = np.array([d for d in draws if np.isfinite(d)])
+    if not np.isfinite(value) or len(good) < 0.9 * len(draws) or not len(good):
+        return None
+    low, high = np.quantile(good, [0.025, 0.975])
+    return Estimate(value=value, u=float(np.std(good)), low95=float(low), high95=float(high))
 
 
 def signal_of(code: int) -> tuple[str, int]:

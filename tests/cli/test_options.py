@@ -26,7 +26,7 @@ PRINT_NUMBERS = {
     "record show", "record diff", "record check", "simulate oven", "simulate immersion", "simulate hole",
     "simulate ehl", "simulate campaign", "round fit", "round simulate", "spot", "sensor new", "sensor show",
     "sensor plunge",
-    "sensor pair", "sensor current", "sensor noise",
+    "sensor pair", "sensor current", "sensor noise", "response",
 }  # fmt: skip
 PAGE_LONG = {"record show", "record diff", "spot"}  # their output is the answer: nothing to be quiet about
 LONG = {"demo", "calibrate", "beta", "compensate"}  # several stages, each worth a line with --verbose

@@ -19,7 +19,7 @@ from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.choose.shared import rival
 from tcdyn.identify.data import IOData
-from tcdyn.identify.fit import fit
+from tcdyn.identify.fit import fit, noted
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM, Validation, coloured, validate
@@ -219,6 +219,7 @@ def compared(
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
     first: InputError | None = None
+    noticed, data = data.findings, replace(data, findings=())
     train, test, from_s = divide(data, held_out)
     for number, (model, start, refused) in enumerate(models, 1):
         progress(model.name, number, len(models))
@@ -254,14 +255,8 @@ def compared(
         raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
     table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
     chosen = recommend(table, overdamped(fits))
-    fits = {name: noted(found, data.findings) for name, found in fits.items()}
+    fits = {name: noted(found, noticed) for name, found in fits.items()}
     return Comparison(table, fits, *chosen, grown=any(refused for *_, refused in models))
-
-
-def noted(found: Fit, findings: tuple[Finding, ...]) -> Fit:
-    """``found`` with what was noticed in its data."""
-    told = replace(found.identified, findings=(*found.identified.findings, *findings))
-    return replace(found, identified=told) if findings else found
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:

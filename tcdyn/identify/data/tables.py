@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -142,13 +142,16 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     path = Path(path)
     given = [options[role] for role in ("input", "output", "time", "run") if options.get(role) is not None]
     asked = {c for names in given for c in ([names] if isinstance(names, str) else names)}
+    return from_frame(table_of(path, asked), **{"name": path.name, **options})
+
+
+def table_of(path: Path, asked: Collection[str]) -> pd.DataFrame:
+    """A file's columns, of which those ``asked`` for and times are read."""
     table = open_table(path, asked)
     if isinstance(table, CsvTable):
-        frame = _text_frame(table)
-    else:
-        raw = read_whole(table, [n for n in table.names if n in asked or n in TIMES])
-        frame = pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
-    return from_frame(frame, **{"name": path.name, **options})
+        return _text_frame(table)
+    raw = read_whole(table, [n for n in table.names if n in asked or n in TIMES])
+    return pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
 
 
 def _text_frame(table: CsvTable) -> pd.DataFrame:

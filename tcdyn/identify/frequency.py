@@ -1,0 +1,237 @@
+"""Transfer functions fitted to measured frequency responses, with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from scipy import stats
+
+from calibration import Array
+from calibration.errors import InputError
+from calibration.estimate import Estimate
+from calibration.finding import Finding, look, note
+from tcdyn.chain.rational import Complex
+from tcdyn.fitting import Optimum, Problem, determined, least, minimise
+from tcdyn.identify.data.tables import numbers, table_of
+from tcdyn.identify.identified import Identified
+from tcdyn.identify.models import Model, as_model, bare
+from tcdyn.identify.start import from_poles, spread, stabilised
+from tcdyn.identify.validate import ALARM
+
+DELAYS, TAUS, ROUNDS, TRIED = 13, 9, 10, 4
+FAR = 1e3  # times the band of the data, beyond which no lag is looked for
+
+
+@dataclass(frozen=True)
+class Response:
+    """``response`` (F,) complex, output over input, at ``frequency_Hz`` (F,), each of its parts with the standard
+    uncertainty ``u`` (F,); None where it is not known, then it is taken as an equal share of the magnitude."""
+
+    frequency_Hz: Array
+    response: Complex
+    u: Array | None = None
+    name: str = "frequency response"
+
+    def __post_init__(self) -> None:
+        f, h, u = self.frequency_Hz, self.response, self.u
+        if len(f) != len(h) or not (np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)):
+            raise InputError("not all is a number", where=self.name, expected="frequencies above 0, responses not 0")
+        if len(np.unique(f)) < len(f):
+            raise InputError(
+                "a frequency stands there twice", where=self.name, remedy="average the repeats, or leave one out"
+            )
+        if u is not None and not (len(u) == len(f) and np.isfinite(u).all() and np.all(u > 0)):
+            raise InputError("not all u are above 0", where=self.name, expected="one for each frequency")
+
+    @classmethod
+    def of(
+        cls,
+        frequency_Hz: Array,
+        *,
+        magnitude: Array,
+        phase_deg: Array,
+        u: Array | None = None,
+        coherence: Array | None = None,
+        averages: float | None = None,
+        name: str = "frequency response",
+    ) -> Response:
+        """From magnitude and phase [deg]; the uncertainty stated, or of H1 = S_uy/S_uu from its ``coherence`` g2 (F,)
+        over so many independent ``averages`` n: u = |H| sqrt((1 - g2)/(2 n g2)).
+
+        Source: Bendat and Piersol, Random Data, 4th ed. (2010), 9.2.
+        """
+        f, size, phase = (np.asarray(x, dtype=float) for x in (frequency_Hz, magnitude, phase_deg))
+        if coherence is not None:
+            g2 = np.asarray(coherence, dtype=float)
+            if averages is None or not averages >= 1 or not np.all((g2 > 0) & (g2 < 1)):
+                raise InputError("coherence", where=name, expected="between 0 and 1, with the number of averages")
+            u = size * np.sqrt((1 - g2) / (2 * averages * g2))
+        return cls(f, size * np.exp(1j * np.deg2rad(phase)), None if u is None else np.asarray(u, dtype=float), name)
+
+    @classmethod
+    def read(
+        cls, path: str | Path, frequency: str, columns: tuple[str, str], *, form: str = "magnitude",
+        u: str | None = None, coherence: str | None = None, averages: float | None = None,
+    ) -> Response:  # fmt: skip
+        """From a table: ``columns`` are magnitude and phase [deg], with ``form`` "dB" the first in decibels, "complex"
+        real and imaginary part; ``u`` or ``coherence`` are columns too. Rows with a gap are left out."""
+        asked = [c for c in (frequency, *columns, u, coherence) if c is not None]
+        frame, where = table_of(Path(path), asked), Path(path).name
+        for c in asked:
+            if c not in frame:
+                raise InputError(f"no column {c!r}", where=where, expected=", ".join(map(str, frame.columns)))
+        table = {c: numbers(frame, c, where) for c in asked}
+        whole = np.isfinite(list(table.values())).all(axis=0)
+        f, a, b = (table[c][whole] for c in (frequency, *columns))
+        if form == "complex":
+            a, b = np.abs(a + 1j * b), np.rad2deg(np.angle(a + 1j * b))
+        of_u, of_g = (None if c is None else table[c][whole] for c in (u, coherence))
+        size = 10 ** (a / 20) if form == "dB" else a
+        return cls.of(f, magnitude=size, phase_deg=b, u=of_u, coherence=of_g, averages=averages, name=where)
+
+
+def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
+    """The weighted least-squares fit of ``model`` to a frequency response, start-free, with uncertainties.
+
+    Minimises sum |H - G(2 pi i f)|^2/u^2, begun at the linear problem of Levy, weighted as by Sanathanan and Koerner
+    (1963), over dead times. Errors of different frequencies are taken as independent. Where no uncertainty is stated
+    its size is that of the residuals; where these are larger than was stated (chi-squared, 1 %), the intervals are
+    widened by as much and a finding says so. Raises InputError for too few frequencies.
+
+    >>> f = np.geomspace(0.01, 1, 12)
+    >>> h = 2 * np.exp(-2j * np.pi * f * 0.3) / (1 + 2j * np.pi * f * 1.5)
+    >>> round(fit_response(Response(f, h), "P1D").theta["Tp1"], 6)
+    1.5
+    """
+    structure = as_model(model)
+    if structure.parts or structure.arx:
+        raise InputError(f"{structure.name} with a frequency response", expected="one input, and no noise model")
+    freedom = 2 * len(data.frequency_Hz) - len(structure.free)
+    if freedom < 1:
+        raise InputError(f"{len(data.frequency_Hz)} frequencies for {len(structure.free)} parameters", where=data.name)
+    problem = posed(data, structure)
+    ranked = [(float(a[0] @ a[0]), x) for x in starts(data, structure) if (a := problem.evaluate(x)) is not None]
+    ranked.sort(key=lambda item: item[0])
+    if not ranked:
+        raise InputError(f"no stable {structure.name} was found", where=data.name, remedy="try another model")
+    best = least([minimise(problem, x, limit=100, tolerance=0.0) for _, x in ranked[:TRIED]])
+    return identified(data, structure, best, freedom)
+
+
+def posed(data: Response, model: Model) -> Problem:
+    """Residuals (2F,), real parts and then imaginary ones, over their uncertainty."""
+    u = np.abs(data.response) if data.u is None else data.u
+    w = 2 * np.pi * np.array([data.frequency_Hz.min(), data.frequency_Hz.max()])
+
+    def evaluate(x: Array) -> tuple[Array, Array] | None:
+        theta = values(model, x)
+        rational = model.rational(theta)
+        if not rational.stable:
+            return None
+        logs = np.array([theta[n] if model.positive(n) else 1.0 for n in model.free])
+        slopes = rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * logs
+        r = (rational.frequency_response(data.frequency_Hz) - data.response) / u
+        j = slopes / u[:, None]
+        return np.concatenate([r.real, r.imag]), np.vstack([j.real, j.imag])
+
+    ends = {"Td": (0.0, model.delay_max_s or longest_s(data)), "Zeta": (np.log(1e-3), np.log(20.0))}
+    lag = (np.log(1 / (FAR * w[1])), np.log(FAR / w[0]))
+    box = [ends.get(n, lag if model.positive(n) else (-np.inf, np.inf)) for n in model.free]
+    return Problem(model.free, evaluate, lower=np.array([b[0] for b in box]), upper=np.array([b[1] for b in box]))
+
+
+def longest_s(data: Response) -> float:
+    """The longest dead time that the spacing of the frequencies can tell from a shorter one [s]."""
+    return float(0.5 / np.min(np.diff(np.sort(np.append(data.frequency_Hz, 0.0)))))
+
+
+def values(model: Model, x: Array) -> dict[str, float]:
+    """All parameters at x, whose positive ones are logarithms."""
+    return model.full({n: float(np.exp(v) if model.positive(n) else v) for n, v in zip(model.free, x)})
+
+
+def starts(data: Response, model: Model) -> Iterator[Array]:
+    """x to begin at: linear problems over dead times, and for process models one lag's total shared out."""
+    s = 2j * np.pi * data.frequency_Hz
+    rest = data.response * polyval(s, np.array(model.known.den)) * s**model.integrators
+    rest = rest / polyval(s, np.array(model.known.num))
+    u = np.abs(data.response) if data.u is None else data.u
+    weight = np.abs(rest / data.response) / u
+    slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (2 * np.pi * data.frequency_Hz.max())
+    late = float(np.clip(2 * slope, 0.1 / data.frequency_Hz.max(), longest_s(data)))
+    zeros = sum(n.startswith("b") for n in model.names) - 1 if model.kind == "tf" else int("Tz" in model.names)
+    begun: list[dict[str, float]] = []
+    for k, delay in enumerate(np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]):
+        if model.order and "Tc" not in model.names:
+            num, den = levy(s, rest * np.exp(s * delay), weight, zeros, model.order)
+            begun.append(from_poles(model, num, den, float(delay)) if num[0] else {})
+        if model.kind == "process" and k % 4 == 0:
+            taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), TAUS)
+            begun += [spread(model, tau, delay, pattern) for tau, pattern in product(taus.tolist(), range(3))]
+    for theta in filter(None, begun):
+        theta = {**dict.fromkeys(model.names, 0.0), **theta, **model.fixed}
+        if "Kp" in model.free:
+            shape = model.rational({**theta, "Kp": 1.0}).frequency_response(data.frequency_Hz) / u
+            theta["Kp"] = float(
+                np.real(np.vdot(shape, data.response / u)) / max(np.real(np.vdot(shape, shape)), 1e-300)
+            )
+        yield np.array([np.log(max(theta[n], 1e-12)) if model.positive(n) else theta[n] for n in model.free])
+
+
+def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple[Array, Array]:
+    """Numerator and denominator, ascending, of B(s) - h A(s) = 0 in least squares, the weight over |A| of the round
+    before; scaled by the middle frequency."""
+    middle = float(np.exp(np.mean(np.log(np.abs(s)))))
+    z, below = s / middle, np.ones(1)
+    for _ in range(ROUNDS):
+        w = weight / np.abs(polyval(z, below))
+        table = np.column_stack([z**k for k in range(zeros + 1)] + [-h * z**k for k in range(1, poles + 1)])
+        rows, target = table * w[:, None], h * w
+        x = np.linalg.lstsq(np.vstack([rows.real, rows.imag]), np.append(target.real, target.imag), rcond=1e-12)[0]
+        above, below = x[: zeros + 1], stabilised(np.append(1.0, x[zeros + 1 :]))
+    return above / middle ** np.arange(zeros + 1), below / middle ** np.arange(poles + 1)
+
+
+def identified(data: Response, model: Model, best: Optimum, freedom: int) -> Identified:
+    """The answer with its uncertainties and what was noticed."""
+    theta, n = values(model, best.theta), 2 * len(data.frequency_Hz)
+    chi2, found = float(best.residual @ best.residual), list[Finding]()
+    p, scale = 1.0, chi2 / freedom
+    if data.u is None:
+        found.append(note("response.unstated", share=np.sqrt(scale)))
+    else:
+        p = float(stats.chi2.sf(chi2, freedom))
+        if p < ALARM:
+            found.append(look("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
+        scale = max(scale, 1.0) if p < ALARM else 1.0
+    free = [theta[k] if model.positive(k) else 1.0 for k in model.free]
+    covariance = scale * best.covariance * np.outer(free, free)
+    u = dict(zip(model.free, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()))
+    for i, name in enumerate(model.free):
+        low, high, x = best.problem.lower[i], best.problem.upper[i], best.theta[i]
+        if x <= low or x >= high:
+            found.append(look("fit.bound", subject=name, end="lower" if x <= low else "upper", value=theta[name]))
+        elif u[name] > abs(theta[name]) and bare(name) not in ("Tz", "Td") and name[0] not in "ab":
+            found.append(look("fit.undetermined", subject=name, value=theta[name], u=u[name]))
+    if not determined(best.information):
+        found.append(look("fit.indistinct", subject=model.name))
+    error = np.abs(model.rational(theta).frequency_response(data.frequency_Hz) - data.response)
+    spread_ = np.linalg.norm(data.response - data.response.mean()) or 1.0
+    count = len(model.free) + (data.u is None)
+    deviance = n * np.log(max(chi2, 1e-300) / n) if data.u is None else chi2
+    statistics = {
+        "n": float(n), "parameters": float(len(model.free)), "rms": float(np.sqrt(np.mean(error**2))),
+        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)), "p_misfit": p,
+        "aicc": deviance + 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1),
+        "bic": deviance + count * float(np.log(n)),
+    }  # fmt: skip
+    estimates = {k: Estimate.normal(theta[k], u[k]) for k in model.free}
+    return replace(
+        Identified(model, theta, covariance, estimates, dt_s=0.0, statistics=statistics, findings=tuple(found)),
+        noise_sd=float(np.sqrt(np.mean(error**2) / 2)),
+    )

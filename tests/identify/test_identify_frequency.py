@@ -1,0 +1,119 @@
+"""Frequency responses: coverage against formulas and Welch's estimate of recursions, files, the command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.signal import coherence, csd, lfilter, welch
+
+from calibration.errors import InputError
+from tcdyn.identify import Response, fit_response, read_identified
+from tests.cli.test_main_job import tcdyn
+
+F = np.geomspace(0.005, 2.0, 25)
+TRUTH = {"Kp": 1.8, "Tp1": 2.4, "Tp2": 0.5, "Td": 0.2}
+
+
+def closed_form(f: np.ndarray, late: float = 0.2) -> np.ndarray:
+    w = 2 * np.pi * f
+    size = 1.8 / np.sqrt(1 + (2.4 * w) ** 2) / np.sqrt(1 + (0.5 * w) ** 2)
+    return size * np.exp(-1j * (np.arctan(2.4 * w) + np.arctan(0.5 * w) + late * w))
+
+
+def measured(seed: int, share: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
+    """Response with noise of ``share`` of the magnitude and 0.002 in each part, and that noise's sd."""
+    rng, h = np.random.default_rng(seed), closed_form(F)
+    u = share * np.abs(h) + 0.002
+    return h + u * (rng.normal(size=25) + 1j * rng.normal(size=25)), u
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_intervals_hold_the_truth(stated):
+    held, misfit = [], []
+    for seed in range(40):
+        h, u = measured(seed, 0.03 if stated else 0.05)
+        if not stated:
+            h = closed_form(F) * (1 + (h - closed_form(F)) * 0.05 / u)
+        found = fit_response(Response(F, h, u if stated else None), "P2D")
+        held.append([found.estimates[n].covers(v) for n, v in TRUTH.items()])
+        misfit.append(found.statistics["p_misfit"] < 0.01)
+    assert 0.90 < np.mean(held) < 0.99  # of 160, nominal 0.95; standard error 0.017
+    assert np.mean(misfit) < 0.06
+
+
+def test_every_structure_is_found_from_no_start_and_too_small_a_one_is_told():
+    h, u = measured(1)
+    for name in ("P2D", "P2DZ", "P3D", "TF(1,3)D", "TF(2,3)D"):
+        assert fit_response(Response(F, h, u), name).statistics["p_misfit"] > 0.01
+    small = fit_response(Response(F, h, u), "P1")
+    assert [f.code for f in small.findings if f.code == "response.misfit"]
+    pair = 1 / (1 + 2 * 0.1 * 2j * np.pi * F * 0.8 + (2j * np.pi * F * 0.8) ** 2)
+    found = fit_response(Response(F, pair, 0.01 * np.abs(pair)), "P2U")
+    assert (found.theta["Tw"], found.theta["Zeta"]) == pytest.approx((0.8, 0.1), rel=1e-6)
+    ramp = fit_response(Response(F, pair / (2j * np.pi * F)), "P2UI")
+    assert ramp.theta["Tw"] == pytest.approx(0.8, rel=1e-6)
+
+
+def test_the_coherence_of_a_welch_estimate_says_how_sure_it_is():
+    held, rng, dt, tau = [], np.random.default_rng(3), 0.01, 0.15
+    a = np.exp(-dt / tau)
+    for _ in range(25):
+        u = rng.normal(size=60_000)
+        y = lfilter([0.0, 1 - a], [1.0, -a], u)
+        y = np.append(y[1:], y[-1]) + 0.05 * rng.normal(size=60_000)  # held input, read as its end
+        how = {"fs": 1 / dt, "nperseg": 2000, "noverlap": 0}
+        f, cross = csd(u, y, **how)
+        h, g2 = cross / welch(u, **how)[1], coherence(u, y, **how)[1]
+        low = slice(2, 60)
+        s = 2j * np.pi * f[low]
+        h = h[low] / ((1 - a) / (1 - a * np.exp(-s * dt)) * (1 + s * tau))  # sampling's own share, by formula
+        data = Response.of(
+            f[low], magnitude=np.abs(h), phase_deg=np.rad2deg(np.angle(h)), coherence=g2[low], averages=30
+        )
+        found = fit_response(data, "P1")
+        held.append(found.estimates["Tp1"].covers(tau))
+    assert np.mean(held) > 0.8  # of 25, nominal 0.95
+
+
+def test_the_command_takes_three_forms_of_one_table_and_says_what_is_wrong(tmp_path: Path, capsys):
+    h, u = measured(2)
+    frame = pd.DataFrame(
+        {"f": F, "m": np.abs(h), "p": np.rad2deg(np.angle(h)), "dB": 20 * np.log10(np.abs(h)), "re": h.real,
+         "im": h.imag, "u": u}
+    )  # fmt: skip
+    frame.to_csv(tmp_path / "bode.csv", index=False)
+    common = ("response", tmp_path / "bode.csv", "--frequency", "f", "--u", "u", "--models", "P1,P2D,P2", "--columns")
+    said = []
+    for form, columns in (("magnitude", "m,p"), ("dB", "dB,p"), ("complex", "re,im")):
+        assert tcdyn(*common, columns, "--form", form, "--out", tmp_path / f"{form}.json", "--json") == 0
+        said.append(json.loads(capsys.readouterr().out)["theta"]["Tp1"])
+    assert said == pytest.approx([said[0]] * 3, rel=1e-6)
+    assert said[0] == pytest.approx(2.4, rel=0.1)
+    found = read_identified(tmp_path / "dB.json")
+    assert found.model.name == "P2D"
+    assert tcdyn(*common, "m,p", "--out", tmp_path / "a.json") == 0
+    assert "P2D" in capsys.readouterr().out
+    assert tcdyn(*common[:6], "--models", "P1", "--columns", "m,p", "--out", tmp_path / "b.json") == 1
+    assert "times the stated uncertainty" in capsys.readouterr().err
+    for wrong, why in ((("m",), "two columns"), (("m,q",), "no column 'q'"), (("m,p", "--form", "polar"), "--form")):
+        assert tcdyn(*common, *wrong) == 2
+        assert why in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("data", "why"),
+    [
+        ({"frequency_Hz": np.array([0.0, 1.0]), "response": np.ones(2)}, "above 0"),
+        ({"frequency_Hz": np.array([1.0, 1.0]), "response": np.ones(2)}, "twice"),
+        ({"frequency_Hz": F, "response": closed_form(F), "u": np.zeros(25)}, "not all u are above 0"),
+    ],
+)
+def test_what_is_no_frequency_response_is_refused(data, why):
+    with pytest.raises(InputError, match=why):
+        Response(**data)
+    with pytest.raises(InputError, match="2 frequencies for 4"):
+        fit_response(Response(np.array([0.1, 1.0]), np.ones(2) + 0j), "P2D" if why else "P1")
