@@ -30,7 +30,7 @@ class Constant:
 class LoggerTable:
     """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
     millivolts: bool = False
     couple: Literal["E", "J", "K", "N", "T"] = "J"
     cold_junction_degC: Annotated[float, Field(ge=-50, le=100)] = 0.0

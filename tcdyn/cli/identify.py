@@ -207,7 +207,7 @@ def response(
         float | None, typer.Option(help="Averages of that coherence.", callback=within(1, 1e12))
     ] = None,
     models: Annotated[
-        str | None, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2) (default: the processes P1 to P3DZ).")
+        str | None, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2) (default: ten processes, P1 to P3D).")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
     json_: Json = False,

@@ -138,9 +138,9 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
         events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
         moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
         answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved).temperature)
-    moved = np.zeros_like(fit.sd)
-    moved[first:last] = 0.5 * (answers[1] - answers[0])
-    return moved
+    half = np.zeros_like(fit.sd)
+    half[first:last] = 0.5 * (answers[1] - answers[0])
+    return half
 
 
 def deconvolve(

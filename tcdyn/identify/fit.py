@@ -26,7 +26,6 @@ from tcdyn.identify.disturbance import (
     mixed,
     through_model,
 )
-from tcdyn.identify.equation import colour
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, covariance_of, profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
@@ -88,7 +87,7 @@ def fit(
     if problem.precision.any():  # how much the first sample tells of them is known by now
         problem = replace(problem, noise_sd=rms(optimum, problem))
         optimum = search(problem, start=optimum.theta)
-    model_noise = colour(problem, optimum.theta)
+    model_noise = Noise(tuple(problem.colour(optimum.theta).tolist()), fitted=0) if structure.arx else Noise()
     if loss != "linear":
         optimum = ordered(problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0))
     elif problem.input_sd and not structure.arx:

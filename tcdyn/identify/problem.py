@@ -159,6 +159,12 @@ class Posed:
         """d(natural parameter)/dx of the free model parameters (n_model,)."""
         return np.array([np.exp(v) if self.model.positive(n) else 1.0 for n, v in zip(self.model.free, x)])
 
+    def colour(self, x: Array) -> Array:
+        """Coefficients, behind its first, of the A(q) whose 1/A(q) colours a white noise that comes in before the
+        model's own poles."""
+        poles = np.concatenate([f.poles for f in self.rationals(x)[0].factors if f.free])
+        return np.asarray(np.poly(np.exp(poles * self.dt_s)).real[1:])
+
     @cached_property
     def parts(self) -> list[slice]:
         """Slices of the residual vector within which samples follow each other without a gap."""
@@ -274,7 +280,8 @@ class Posed:
             if answer is None:
                 return None
             if self.model.arx:
-                return equation_error(self, x, answer[0] * root, (answer[1].T * root).T)
+                moved = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
+                return equation_error(self.colour, x, moved, self.parts, answer[0] * root, (answer[1].T * root).T)
             whiten = (noise or Noise()).whiten
             return whiten(answer[0] * root, self.parts), whiten((answer[1].T * root).T, self.parts)
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from calibration.errors import InputError
 from tcdyn.identify import IOData, compare, fit, several, transfer
 from tcdyn.identify.choose.held_out import blocks_out
-from tcdyn.identify.equation import regressed
+from tcdyn.identify.choose.shared import regressed
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
 

@@ -35,8 +35,9 @@ def main(disks: int, seed: int) -> None:
     print(
         f"{disks} disks: u of the common lag foreseen {told.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; found "
         f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
-        f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, below {100 * np.mean(common < low):.0f} %, above "
-        f"{100 * np.mean(common > high):.0f} %; differences foreseen {told.u_differential_s:.4f}, found "
+        f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, "
+        f"below {100 * np.mean(common < low):.0f} %, "
+        f"above {100 * np.mean(common > high):.0f} %; differences foreseen {told.u_differential_s:.4f}, found "
         f"{np.sqrt(np.mean(apart**2)):.4f} rms"
     )
 

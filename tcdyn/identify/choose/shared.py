@@ -8,17 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from calibration import Array
 from calibration.errors import InputError
 from tcdyn.identify.choose.held_out import blocks_out, divide, judged
 from tcdyn.identify.data import IOData
-from tcdyn.identify.equation import STRIDES, regressed
 from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, as_template, bare, several, transfer
+from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, pose
 from tcdyn.identify.validate import coloured
 
 MOST_POLES = 5
 UNSEEN = 1.05  # times either of them, above which it is not
+STRIDES = (1, 3, 10)  # samples, of the regressions that starts come from
+LONGEST, SHORTEST = 0.9999, 1e-3  # of a start's discrete poles
 LATEST = 4  # samples of dead time that regressions ask for
 SEEN = 0.97  # times the errors in data kept from the fit, below which a model of coloured residuals is worth while
 
@@ -72,3 +75,43 @@ def candidates(data: IOData, order: int, arx: bool, options: Mapping[str, Any], 
             yield fit(data, model, **options, start=starts)
         except InputError:
             continue
+
+
+def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple[Array, float]:
+    """Denominator 1 + a1 s + .. (order + 1,) of an ARX regression of every ``stride``-th sample, all inputs behind the
+    same poles and ``late`` samples, and its criterion N ln S + 2 parameters.
+
+    Poles are put into the stable half plane; one that alternates from sample to sample has no likeness in continuous
+    time, and gets its size.
+    """
+    rows, outputs = [], []
+    m = order + late
+    for s in posed.segments:
+        n = len(s.y) // stride
+        if n <= m:
+            continue
+        y = np.where(s.seen, s.y, np.nan)[: n * stride : stride]
+        u = (
+            s.inputs[: n * stride].reshape(n, stride, -1).mean(axis=1)
+            if posed.hold == "zoh"
+            else s.inputs[::stride][:n]
+        )
+        columns = [y[m - i : n - i] for i in range(1, order + 1)]
+        columns += [v[m - late - i : n - late - i] for v in u.T for i in range(order + 1)]
+        rows.append(np.column_stack([*columns, np.ones(n - m)]))
+        outputs.append(y[m:])
+    if not rows:
+        return np.ones(1), np.inf
+    table, y = np.vstack(rows), np.concatenate(outputs)
+    good = np.isfinite(table).all(axis=1) & np.isfinite(y)
+    table, y = table[good], y[good]
+    if len(y) <= table.shape[1]:
+        return np.ones(1), np.inf
+    size = np.linalg.norm(table, axis=0) + 1e-300
+    theta = np.linalg.lstsq(table / size, y, rcond=1e-10)[0] / size
+    error = y - table @ theta
+    z = np.roots(np.append(1.0, -theta[:order])) + 0j
+    far, angle = np.abs(z), np.where(z.imag == 0, 0.0, np.angle(z))
+    far = np.clip(np.where(far > 1, 1 / np.maximum(far, 1.0), far), SHORTEST, LONGEST)
+    below = np.poly((np.log(far) + 1j * angle) / (stride * posed.dt_s)).real[::-1]
+    return below / below[0], float(len(y) * np.log(error @ error / len(y) + 1e-300) + 2 * len(theta))
