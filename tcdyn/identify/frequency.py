@@ -158,8 +158,8 @@ def values(model: Model, x: Array) -> dict[str, float]:
 def starts(data: Response, model: Model) -> Iterator[Array]:
     """x to begin at: linear problems over dead times, and for process models one lag's total shared out."""
     s = 2j * np.pi * data.frequency_Hz
-    rest = data.response * polyval(s, np.array(model.known.den)) * s**model.integrators
-    rest = rest / polyval(s, np.array(model.known.num))
+    known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
+    rest: Complex = data.response * known * s**model.integrators
     u = np.abs(data.response) if data.u is None else data.u
     weight = np.abs(rest / data.response) / u
     slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (2 * np.pi * data.frequency_Hz.max())
@@ -168,7 +168,7 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
     begun: list[dict[str, float]] = []
     for k, delay in enumerate(np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]):
         if model.order and "Tc" not in model.names:
-            num, den = levy(s, (rest * np.exp(s * delay)).astype(complex), weight, zeros, model.order)
+            num, den = levy(s, np.multiply(rest, np.exp(s * delay)), weight, zeros, model.order)
             begun.append(from_poles(model, num, den, float(delay)) if num[0] else {})
         if model.kind == "process" and k % 4 == 0:
             taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), TAUS)
