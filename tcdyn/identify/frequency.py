@@ -168,7 +168,7 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
     begun: list[dict[str, float]] = []
     for k, delay in enumerate(np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]):
         if model.order and "Tc" not in model.names:
-            num, den = levy(s, np.multiply(rest, np.exp(s * delay)), weight, zeros, model.order)
+            num, den = levy(s, rest * np.exp(s * float(delay)), weight, zeros, model.order)
             begun.append(from_poles(model, num, den, float(delay)) if num[0] else {})
         if model.kind == "process" and k % 4 == 0:
             taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), TAUS)
