@@ -157,7 +157,7 @@ def values(model: Model, x: Array) -> dict[str, float]:
 
 def starts(data: Response, model: Model) -> Iterator[Array]:
     """x to begin at: linear problems over dead times, and for process models one lag's total shared out."""
-    s: Complex = 2j * np.pi * data.frequency_Hz
+    s = np.asarray(2j * np.pi * data.frequency_Hz, complex)
     known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
     rest: Complex = data.response * known * s**model.integrators
     u = np.abs(data.response) if data.u is None else data.u
