@@ -94,6 +94,7 @@ def _print(rows: Sequence[VerifyRow], why: bool) -> None:
 def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
     """A row as lines of at most ``width`` columns: class, source, quantity, both numbers, the reason if there is one.
 
+    >>> from tcdyn.verify import VerifyRow
     >>> listed(VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic"), "because", 60)
     ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
     """

@@ -14,8 +14,8 @@ from calibration import Array
 from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
+from tcdyn.fitting.noise import equation_error
 from tcdyn.identify.data import Segment
-from tcdyn.identify.equation import equation_error
 from tcdyn.identify.models import Model, bare
 
 Initial = Literal["equilibrium", "zero", "estimated"]

@@ -223,14 +223,13 @@ def chain_on_grid(
     by_lag = (parts(lag_s + step_lag, logit) - parts(shorter, logit)) / (lag_s + step_lag - shorter)
     by_z = (parts(lag_s, logit + step_z) - parts(lag_s, logit - step_z)) / (2 * step_z)
     *taus, delay, zero = parts(lag_s, logit)
-    y = u
     for tau in taus[1:]:
         if tau > 1e-7:
-            y = np.asarray(lag_on_grid(y, dt_s, 1 / tau))
+            u = np.asarray(lag_on_grid(u, dt_s, 1 / tau))
     first = max(float(taus[0]), 1e-7)
-    lagged = np.asarray(lag_on_grid(y, dt_s, 1 / first))
-    rate = (y[:, 0] - lagged[:, 0]) / first  # of the lagged column: what a zero adds per second
-    y = lagged + zero / first * (y - lagged)
+    lagged = np.asarray(lag_on_grid(u, dt_s, 1 / first))
+    rate = (u[:, 0] - lagged[:, 0]) / first  # of the lagged column: what a zero adds per second
+    y = lagged + zero / first * (u - lagged)
     d_lag, d_z = rate * by_lag[-1], rate * by_z[-1]
     for i, tau in enumerate(taus):
         floor = max(float(tau), 1e-4)

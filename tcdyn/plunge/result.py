@@ -219,8 +219,11 @@ class PlungeFit:
                 fluid = self.runs[int(subject) - 1].fluid.name
                 out.append(look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull))
             elif pull > (UNUSUAL if kind in ("bath", "h_exponent", "h_viscosity") else DOUBTED):
-                said = look if pull > DOUBTED else note
-                out.append(said("plunge.pull", where=where, subject="" if where else subject, kind=kind, sds=pull))
+                where, subject = (where, "") if where else ("", subject)
+                said = (look if pull > DOUBTED else note)(
+                    "plunge.pull", where=where, subject=subject, kind=kind, sds=pull
+                )
+                out.append(said)
         for run, model, surface, factor in zip(self.runs, problem.models, self.optimum.surfaces, problem.noise):
             beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
             out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]

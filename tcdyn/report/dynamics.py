@@ -9,7 +9,7 @@ from calibration.disk import Conditioning
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, Fit, IOData
-from tcdyn.identify.advice import COLUMNS, order_table
+from tcdyn.identify.choose.advice import COLUMNS, order_table
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import figure

@@ -42,7 +42,7 @@ def few(verdict):
 
 
 def test_a_row_that_differs_ends_in_exit_code_one(monkeypatch, tmp_path):
-    monkeypatch.setattr(command, "verify_rows", lambda: few("differs"))
+    monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: few("differs"))
     result = CliRunner().invoke(app, ["--csv", str(tmp_path / "rows.csv")])
     assert result.exit_code == 1
     assert "1 differ" in result.output
@@ -91,7 +91,7 @@ def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monke
 
 def test_the_summary_counts_the_classes_and_each_row_says_its_own(monkeypatch):
     rows = [VerifyRow("x", "table 0", "1", "1", "agrees", "because", kind) for kind in ("physics", "rule", "rule")]
-    monkeypatch.setattr(command, "verify_rows", lambda: rows)
+    monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: rows)
     result = CliRunner().invoke(app, ["--json"])
     told = json.loads(result.output)
     assert told["classes"] == {"physics": 1, "trend": 0, "rule": 2, "arithmetic": 0}
@@ -101,7 +101,7 @@ def test_the_summary_counts_the_classes_and_each_row_says_its_own(monkeypatch):
 
 
 def test_rows_that_agree_end_well_and_print_their_reasons_when_asked(monkeypatch):
-    monkeypatch.setattr(command, "verify_rows", lambda: few("agrees"))
+    monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: few("agrees"))
     result = CliRunner().invoke(app, ["--why"])
     assert result.exit_code == 0
     assert "because" in result.output
@@ -117,7 +117,7 @@ def test_a_changed_formula_is_caught(monkeypatch):
 
 
 def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
-    monkeypatch.setattr(command, "verify_rows", lambda: few("not checkable"))
+    monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: few("not checkable"))
     page = tmp_path / "verify.html"
     assert CliRunner().invoke(app, ["--report", str(page)]).exit_code == 0
     html = page.read_text()
@@ -128,7 +128,7 @@ def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
 def test_the_list_fits_eighty_columns_and_gives_a_shared_reason_once(monkeypatch):
     long = [VerifyRow(f"error of mesh {k} at 2, 4, 8, 15 s, %", "table 3.2", "1, 2", "3, 4", "same trend", "word " * 40,
             "trend") for k in range(4)]  # fmt: skip
-    monkeypatch.setattr(command, "verify_rows", lambda: [*few("agrees"), *long])
+    monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: [*few("agrees"), *long])
     result = CliRunner().invoke(app, [], env={"COLUMNS": "80"})
     assert max(len(line) for line in result.output.splitlines()) <= 80
     assert result.output.count("word") == 40

@@ -14,7 +14,7 @@ import tcdyn
 from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
-from tcdyn.identify.advice import as_chain, order_table, recommend, verdict
+from tcdyn.identify.choose.advice import as_chain, order_table, recommend, verdict
 from tcdyn.identify.models import process
 
 

@@ -144,7 +144,7 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "effect of a deeper inner row: sign", "tcdyn/partition/effects.py",
-        "depth[3:, :, :3] += np.tensordot", "depth[3:, :, :3] -= np.tensordot", "tests/partition/test_effects.py",
+        "depth[p:, :, :p] += np.tensordot", "depth[p:, :, :p] -= np.tensordot", "tests/partition/test_effects.py",
     ),
     Mutation(
         "inverse of a chain: half the bandwidth", "tcdyn/compensate/inverse.py", "w = 2 * np.pi * bandwidth_Hz /",

@@ -14,7 +14,7 @@ from calibration.errors import InputError
 from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.identify.advice import COLUMNS, as_chain, order_table, recommend, verdict
+from tcdyn.identify.choose.advice import COLUMNS, as_chain, order_table, recommend, verdict
 from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.choose.shared import rival

@@ -13,7 +13,7 @@ from calibration import Array
 from calibration.errors import InputError
 from tcdyn.chain.rational import product
 from tcdyn.fitting import correlation_length
-from tcdyn.identify.advice import DECISIVE
+from tcdyn.identify.choose.advice import DECISIVE
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit

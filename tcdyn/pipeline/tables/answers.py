@@ -89,8 +89,7 @@ def budget_table(p: Partition) -> pd.DataFrame:
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
     rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
-    told = [(source, *map(_u, parts)) for source, parts in zip(rows, table)]
-    return pd.DataFrame(told, columns=columns)
+    return pd.DataFrame([(source, *map(_u, parts)) for source, parts in zip(rows, table)], columns=columns)
 
 
 def _u(u: float) -> str:
@@ -236,7 +235,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 
     A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
     """
-    test, gone, by_source = p.test, p.withheld, both_budget(p)
+    test, gone = p.test, p.withheld
     a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
     both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
     return {
@@ -274,7 +273,8 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "status": p.status,
         "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
         "crosscheck": p.crosscheck.to_dict(),
-        "budget": [{**asdict(row), "u_beta_both": by_source.get(row.source, 0.0)} for row in p.budget.rows],
+        "budget": [asdict(row) for row in p.budget.rows],
+        "budget_both": [{"source": name, "u_beta": u} for name, u in both_budget(p).items()],
         "surface": {
             "fast_max_degC": a["surface fast"],
             "slow_max_degC": a["surface slow"],

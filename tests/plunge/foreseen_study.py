@@ -1,6 +1,6 @@
 """Does ``design`` foresee what ``calibrate`` gets? Simulated calibrations against its 10 to 90 % band.
 
-``python tests/plunge/design_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC, h(T) of five published
+``python tests/plunge/foreseen_study.py N SEED``: N disks plunged in hot oil at 110 and 138 degC, h(T) of five published
 forms, lags of 0.65 s within 20 %; each is fitted, other chain structures tried, and its u set against the band.
 """
 
