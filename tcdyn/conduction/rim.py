@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from calibration import Array
@@ -228,11 +228,9 @@ def lag_bank(
             raise InputError(f"lag_bank: {s} lies outside a record of {len(u)} samples")
         late = -np.expm1(-rates * dt_s * (1 - s.fraction))
         extra.append(s.before * (whole - late) + s.after * late - u[s.index] * whole)
-    for k, rate in enumerate(rates):
-        x = rate * dt_s
-        decay, rise = np.exp(-x), -np.expm1(-x)
+    rises, ramps = hold_weights(rates * dt_s)
+    for k, (decay, rise, ramp) in enumerate(zip(np.exp(-rates * dt_s), rises, ramps)):
         if hold == "foh":
-            ramp = 1 - rise / x if x > 1e-4 else x / 2 - x * x / 6
             drive = ramp * u[1:] + (rise - ramp) * u[:-1]
         else:
             drive = rise * u[:-1]
@@ -240,3 +238,54 @@ def lag_bank(
                 drive[s.index] += add[k]
         out[k, 1:] = lfilter([1.0], [1.0, -decay], drive, zi=[decay * start[k]])[0]
     return out.T
+
+
+def bank_means(u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | NDArray[np.int64]) -> Array:
+    """Means (R, K) of ``lag_bank(u, dt_s, rates)`` over the record's last sum(counts) samples, in blocks of ``counts``
+    (R,) samples one after the other; nothing else of the bank is worked out.
+
+    The states where blocks begin follow from one to the next; summing x_(n+1) = d x_n + r (u_(n+1) - u_n) + (1 - d) u_n
+    over a block gives its mean from the states at its two ends.
+
+    >>> u = np.array([0.0, 1.0, 4.0, 2.0, 2.0])
+    >>> np.allclose(bank_means(u, 0.1, np.array([2.0]), [1, 2]), [[lag_bank(u, 0.1, np.array([2.0]))[2, 0]],
+    ...     [lag_bank(u, 0.1, np.array([2.0]))[3:, 0].mean()]])
+    True
+    """
+    u = np.asarray(u, dtype=float)
+    lengths = np.array([len(u) - int(np.sum(counts)), *counts])
+    at = np.cumsum(lengths) - lengths
+    u = np.append(u, u[-1])
+    rise, ramp = hold_weights(rates * dt_s)
+    driven = np.empty((len(lengths), len(rates)))
+    for m in np.unique(lengths).tolist():
+        same = np.flatnonzero(lengths == m)
+        driven[same] = u[at[same, None] + np.arange(m + 1)] @ _driving(m, dt_s, rates.tobytes())
+    decay = np.exp(-rates * dt_s * lengths[:, None])
+    states = np.empty((len(lengths) + 1, len(rates)))
+    states[0] = u[0]
+    for k, (left, added) in enumerate(zip(decay, driven)):
+        states[k + 1] = left * states[k] + added
+    whole = np.add.reduceat(u[:-1], at[1:])[:, None]
+    ends = states[1:-1] - states[2:] + ramp * (u[np.append(at[2:], len(u) - 1)] - u[at[1:]])[:, None]
+    return np.asarray((whole + ends / rise) / lengths[1:, None])
+
+
+def hold_weights(x: Array) -> tuple[Array, Array]:
+    """Shares of a step that lags of ``x`` = rate dt take up within a sample: of one held, and of a ramp to it."""
+    rise = -np.expm1(-x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return rise, np.where(x > 1e-4, 1 - rise / x, x / 2 - x * x / 6)
+
+
+@lru_cache(maxsize=64)
+def _driving(m: int, dt_s: float, rates: bytes) -> Array:
+    """What samples 0 to ``m`` of a block add to the states at its end, (m + 1, K)."""
+    x = np.frombuffer(rates) * dt_s
+    rise, ramp = hold_weights(x)
+    left = np.exp(-x * np.arange(m - 1, -1, -1)[:, None])
+    weights = np.zeros((m + 1, len(x)))
+    weights[1:] = ramp * left
+    weights[:-1] += (rise - ramp) * left
+    weights.setflags(write=False)
+    return weights

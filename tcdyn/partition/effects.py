@@ -11,7 +11,7 @@ from scipy import ndimage, signal
 from calibration import Array
 from calibration.disk import DiskSetup
 from tcdyn.chain import discretised
-from tcdyn.conduction.rim import lag_bank
+from tcdyn.conduction.rim import bank_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement import statement_effects
 from tcdyn.partition.uneven import Unmeasured, round_effects
@@ -123,7 +123,7 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     driven = np.repeat(by_inputs(setup, g.static)[:, None], len(base), axis=1)
     for k, error in enumerate(errors.T, start=len(inner)):
         i = 1 + k % len(inner)
-        bank = blocks @ lag_bank(error, dt, rim.rates_1_s)
+        bank = bank_means(error, dt, rim.rates_1_s, window.counts)
         driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
     rates = np.gradient(base, window.at_s, axis=0)
     known = stated_effects(moved, driven, np.ones(len(base)), rates, disk.drives)

@@ -19,7 +19,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.rim import Profile, lag_bank
+from tcdyn.conduction.rim import Profile, bank_means
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
@@ -130,9 +130,9 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
 
     def heated(taus_s: tuple[float, ...]) -> RimMeans:
         power, _ = power_seen(test, rows, with_lags(like, taus_s))
-        bank = lag_bank(power, test.dt_s, rim.rates_1_s)
+        bank = bank_means(power, test.dt_s, rim.rates_1_s, window.counts)
         inputs = np.column_stack([blocks @ power, rim.inputs[:, rim.rest]])
-        return replace(rim, inputs=inputs, banks=np.concatenate([(blocks @ bank)[None], rim.banks[rim.rest]]))
+        return replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]]))
 
     def model(p: Array) -> tuple[Array, Array] | None:
         """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),

@@ -17,7 +17,7 @@ from calibration.disk import DISKS
 from calibration.estimate import Estimate
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Rim, lag_bank, points_of
+from tcdyn.conduction.rim import Rim, bank_means, lag_bank, points_of
 from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
@@ -81,7 +81,7 @@ class About:
         [K]."""
         window = self.fit.side.window
         air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
-        bank = window.blocks @ lag_bank(air, self.test.dt_s, self.rim.rates_1_s)
+        bank = bank_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
         s = self.rim.setup
         points, film = points_of(s, s.outer), self.rim.films[0]
         gains = cached_gains(

@@ -21,7 +21,7 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.flux import track
 from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, lag_bank, node_rates
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
@@ -236,7 +236,7 @@ def disk_window(
     blocks = sparse.csr_array((*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t)))
     seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
     (power, held), rates = power_seen(test, rows, chain), node_rates(dt)
-    bank = lag_bank(power, dt, rates, **held)
+    bank = blocks @ lag_bank(power, dt, rates, **held) if held else bank_means(power, dt, rates, counts)
     inner = straight[:, inner_row] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
     return DiskWindow(
@@ -253,7 +253,7 @@ def disk_window(
             test.half_width_m,
             rates,
             inputs=blocks @ np.column_stack([power, *feeds]),
-            banks=np.stack([blocks @ b for b in (bank, *(lag_bank(u, dt, rates) for u in feeds))]),
+            banks=np.stack([bank, *(bank_means(u, dt, rates, counts) for u in feeds)]),
             profile=profile,
         ),
     )

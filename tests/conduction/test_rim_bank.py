@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.errors import InputError
-from tcdyn.conduction.rim import Switch, cardinal, lag_bank, node_rates
+from tcdyn.conduction.rim import Switch, bank_means, cardinal, lag_bank, node_rates
 
 DT = 1 / 75
 
@@ -63,3 +63,14 @@ def test_a_switch_outside_the_record_and_a_negative_step_are_refused():
         lag_bank([1.0, 1.0], DT, node_rates(DT), "zoh", [Switch(1, 0.5, 1.0, 0.0)])
     with pytest.raises(InputError, match="positive"):
         node_rates(-1.0)
+
+
+@pytest.mark.parametrize("lead", [0, 1, 37])
+def test_block_means_are_those_of_the_bank(lead):
+    rng = np.random.default_rng(lead)
+    counts = np.array([5, 5, 75, 1, 1, 1, 8, 8, 3])
+    u = 20 + np.cumsum(rng.normal(size=lead + counts.sum()))
+    rates = node_rates(DT)
+    bank, starts = lag_bank(u, DT, rates)[lead:], np.cumsum(counts) - counts
+    means = np.add.reduceat(bank, starts) / counts[:, None]
+    assert np.abs(bank_means(u, DT, rates, counts) - means).max() < 1e-9

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.rig import UncertaintyTable
-from tcdyn.conduction.rim import lag_bank
+from tcdyn.conduction.rim import bank_means
 from tcdyn.partition.uneven import Unmeasured
 from tcdyn.partition.window import DiskWindow, Perturbation, RimMeans
 
@@ -62,7 +62,7 @@ def by_conductivity_slope(window: DiskWindow, share: float, h_W_m2K: float, u_pe
     inner = own * steel.bend(uniform_filter1d(readings, width, axis=0, mode="nearest"))
     driven = window.blocks @ inner @ g.direct[rim.inner]
     for k, x in enumerate(inner.T, start=1):
-        driven = driven + window.blocks @ lag_bank(x, dt_s, rim.rates_1_s) @ g.gains[k].T
+        driven = driven + bank_means(x, dt_s, rim.rates_1_s, window.counts) @ g.gains[k].T
     predicted = rest + share * power
     return np.asarray(other + share * heat - predicted + driven - own * steel.bend(predicted))
 
