@@ -14,8 +14,8 @@ from tcdyn.chain import discretised
 from tcdyn.conduction.rim import bank_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement import statement_effects
-from tcdyn.partition.uneven import Unmeasured, round_effects
-from tcdyn.partition.window import DiskWindow, Perturbation, inner_gradient, known_round, sampled
+from tcdyn.partition.uneven import Unevenness, Unmeasured, round_effects
+from tcdyn.partition.window import DiskWindow, Perturbation, sampled, steady_start_s
 from tcdyn.traces import DiskTraces
 
 AMBIENT = -1  # of what ``stated_effects`` gives
@@ -102,6 +102,17 @@ def by_inputs(setup: DiskSetup, static: Array) -> Array:
     """Steady answers of ``static`` (I, P) in the order of ``driven``, see ``stated_effects``: (3 k + 1, P)."""
     k = len(setup.inner)
     return np.concatenate([static[1 : k + 1]] * 3 + [static[k + 1 : k + 2]])
+
+
+def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
+    """Rise of temperature with radius at the inner row in every sample, (N, k) [K/m], from the model itself."""
+    rest, power = window.rim.gradient(h_W_m2K)
+    return sampled(window, rest + share * power)
+
+
+def known_round(test: EhlTest, disk: str) -> Unevenness:
+    """What is known of the harmonic round the bore of a disk: at first its prior, about the test's steady window."""
+    return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
 
 
 def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float) -> Effects:

@@ -21,12 +21,12 @@ from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, bank_means
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import effects
+from tcdyn.partition.effects import effects, known_round
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
-from tcdyn.partition.window import POWER, DiskWindow, RimMeans, disk_window, known_round, power_seen, stretch_of
+from tcdyn.partition.window import POWER, DiskWindow, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2

@@ -24,13 +24,14 @@ from tcdyn.partition.cooling import (
     slowed,
 )
 from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, together
+from tcdyn.partition.effects import known_round
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import ENOUGH, JOINT_WINDOW_S, LOG_H, DiskFit, disk_fit, joint_problem, unknowns
 from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import DiskLine, at_one_radius, at_own_temperature, steady_lines
 from tcdyn.partition.uneven import Unevenness, found_in
-from tcdyn.partition.window import known_round, stretch_of
+from tcdyn.partition.window import stretch_of
 
 NUMBERS = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
 SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])  # which of them the rim's form scales

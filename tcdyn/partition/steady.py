@@ -12,11 +12,11 @@ from calibration import Array
 from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import effects
+from tcdyn.partition.effects import effects, inner_gradient
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.steel import follows_temperature, linear_about
 from tcdyn.partition.uneven import Unmeasured
-from tcdyn.partition.window import DiskWindow, inner_gradient, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3

@@ -7,6 +7,7 @@ matters, and one filter bank of that stretch serves every heat transfer coeffici
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import zip_longest
 from typing import Any
 
@@ -23,7 +24,6 @@ from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.nonuniform import cached_gains
 from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.uneven import Unevenness
 from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
@@ -94,6 +94,10 @@ class RimMeans:
         """Where speeds change: what the film comes to, and what its exponent changes in that."""
         return slice(self.ambient + 1, self.ambient + 2), slice(self.ambient + 2, self.ambient + 3)
 
+    @cached_property
+    def _kept(self) -> dict[tuple[float, Perturbation, tuple[Point, ...], bool], RimGains]:
+        return {}
+
     def gains(
         self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = (), bore: bool = False
     ) -> RimGains:
@@ -101,6 +105,12 @@ class RimMeans:
 
         With ``bore`` those at the inner row, of a rim that reaches to the bore.
         """
+        key = h_W_m2K, p, extra, bore
+        if key not in self._kept:
+            self._kept[key] = self._gains(*key)
+        return self._kept[key]
+
+    def _gains(self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool) -> RimGains:
         s = self.setup
         moved = zip_longest(s.rows, p.deeper_m, fillvalue=0.0)
         places = [(s.junctions[str(c)].depth_m + float(dx), s.junctions[str(c)].z_m) for c, dx in moved]
@@ -207,11 +217,6 @@ def steady_start_s(test: EhlTest) -> float:
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded, 10.0))
 
 
-def known_round(test: EhlTest, disk: str) -> Unevenness:
-    """What is known of the harmonic round the bore of a disk: at first its prior, about the test's steady window."""
-    return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
-
-
 def disk_window(
     test: EhlTest,
     disk: DiskTraces,
@@ -263,12 +268,6 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
     """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
-
-
-def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Rise of temperature with radius at the inner row in every sample, (N, k) [K/m], from the model itself."""
-    rest, power = window.rim.gradient(h_W_m2K)
-    return sampled(window, rest + share * power)
 
 
 def sampled(window: DiskWindow, of_blocks: Array) -> Array:
