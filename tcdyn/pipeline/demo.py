@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,17 @@ from calibration.disk import DISKS
 from calibration.estimate import rounded
 from calibration.files.write import write_text
 from calibration.log import write_log
-from calibration.record import read_record, write_record
+from calibration.record import DiskRecord, read_record, write_record
 from calibration.result import Result, jsonable
-from calibration.rig import load_rig
+from calibration.rig import Rig, load_rig
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
+from tcdyn.pipeline.campaign.spread import spread
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
 from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 
 AFTER_S = 5.0
+Stage = Callable[[Path, Rig, Mapping[str, DiskRecord], Path], CompensatedLog | BetaRun]
 FLUID = "mobil-jet-ii"
 
 
@@ -67,33 +70,49 @@ def run_demo(
 ) -> DemoRun:
     """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the command line.
 
-    No stage reads the truth; it is read last, for the ``comparison``.
+    Disks, and the two uses of a log, are independent of each other and go to ``n_jobs`` processes. No stage reads the
+    truth; it is read last, for the ``comparison``.
     """
     folder = Path(out)
     progress("simulating the campaign")
     files = simulate_campaign(
         folder, seed, tests, n_jobs=n_jobs, progress=lambda name, *_: progress(f"simulated {name}")
     )
-    rig = load_rig(files.rig)
-    calibrations = {}
-    for disk in DISKS:
-        run = calibrate_disk(
-            rig, disk, files.ovens[disk], files.plunges[disk], [FLUID],
-            progress=lambda what, d=disk: progress(f"{d} disk: {what}"),  # type: ignore[misc]
-        )  # fmt: skip
-        write_record(run.record, folder / f"{disk}.disk.json")
-        calibrations[disk] = run
-    records = {d: read_record(folder / f"{d}.disk.json") for d in DISKS}
-    betas, compensated = {}, {}
-    for name, log in files.ehl.items():
-        done = compensate_log(log, records, rig, progress=lambda what, n=name: progress(f"{n}: compensating, {what}"))  # type: ignore[misc]
-        write_log(done.frame, folder / f"EHL_{name}.compensated.csv", done.metadata)
-        compensated[name] = done
-        beta = estimate_beta(log, rig, records, progress=lambda what, n=name: progress(f"{n}: {what}"))  # type: ignore[misc]
-        write_text(folder / f"EHL_{name}.beta.json", json.dumps(beta.to_dict(), indent=2) + "\n")
-        betas[name] = beta
+    rig, workers = load_rig(files.rig), max(n_jobs, 1)
+    progress("calibrating both disks")
+    runs: dict[int, Any] = dict(spread(partial(_calibrated, files, rig), DISKS, workers))
+    calibrations = {disk: runs[i] for i, disk in enumerate(DISKS)}
+    progress("compensating every test, and its heat partition")
+    jobs = [(name, stage) for name in files.ehl for stage in (_compensated, _partition)]
+    done: dict[int, Any] = dict(spread(partial(_on_log, files, rig), jobs, workers))
+    compensated = {name: done[i] for i, (name, stage) in enumerate(jobs) if stage is _compensated}
+    betas = {name: done[i] for i, (name, stage) in enumerate(jobs) if stage is _partition}
     comparison = compare_with_truth(files, calibrations, betas, compensated)
     return DemoRun(files, calibrations, betas, compensated, comparison)
+
+
+def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> Any:
+    run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], [FLUID])
+    write_record(run.record, files.folder / f"{disk}.disk.json")
+    return run
+
+
+def _on_log(files: CampaignFiles, rig: Rig, job: tuple[str, Stage]) -> Any:
+    name, stage = job
+    records = {d: read_record(files.folder / f"{d}.disk.json") for d in DISKS}
+    return stage(files.ehl[name], rig, records, files.folder / f"EHL_{name}")
+
+
+def _compensated(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> CompensatedLog:
+    done = compensate_log(log, records, rig)
+    write_log(done.frame, out.with_name(f"{out.name}.compensated.csv"), done.metadata)
+    return done
+
+
+def _partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
+    beta = estimate_beta(log, rig, records)
+    write_text(out.with_name(f"{out.name}.beta.json"), json.dumps(beta.to_dict(), indent=2) + "\n")
+    return beta
 
 
 def compare_with_truth(
