@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.files.seal import SEAL, check_seal, sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
@@ -170,12 +171,12 @@ class DiskRecord(Result, RecordPart):
         return table
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of the record's file."""
-        return self.model_dump(mode="json", by_alias=True)
+        """The content of the record's file, with its checksum."""
+        return sealed(self.model_dump(mode="json", by_alias=True))
 
     def to_json(self) -> str:
         """The record as JSON text."""
-        return self.model_dump_json(by_alias=True, indent=2) + "\n"
+        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
 
 
 def now_utc() -> str:
@@ -224,7 +225,7 @@ def read_json(path: str | Path, expected: str, writer: str, called: str = "file"
 
 
 def parse_record(data: Any, where: str) -> DiskRecord:
-    """Check a record that is already parsed JSON; ``where`` names it in errors."""
+    """Check a record that is already parsed JSON, and its checksum if it has one; ``where`` names it in errors."""
     if not isinstance(data, dict):
         raise InputError("is no disk record", where=where, expected="a JSON object with the key schema")
     if "schema" not in data:
@@ -236,20 +237,17 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         raise InputError(
             f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected, remedy=remedy
         )
-    data = _from_0_1(data) if schema == OF_0_1 else data
-    return validated(
-        DiskRecord,
-        data,
-        where,
-        "a record as `tcdyn calibrate` writes it",
-        "do not edit records by hand; calibrate again",
-    )
+    made = _from_0_1(data) if schema == OF_0_1 else data
+    remedy = "do not edit records by hand; calibrate again"
+    return validated(DiskRecord, made, where, "a record as `tcdyn calibrate` writes it", remedy)
 
 
 def validated(model: type[_Model], data: Any, where: str, expected: str, remedy: str) -> _Model:
-    """``data`` as a ``model``; InputError that names the first key that is wrong."""
+    """``data`` as a ``model``; InputError that names the first key that is wrong, or says that ``data`` carries another
+    checksum than its own."""
+    plain = {k: v for k, v in data.items() if k != SEAL} if isinstance(data, dict) else data
     try:
-        return model.model_validate(data)
+        found = model.model_validate(plain)
     except ValidationError as problem:
         first = problem.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -257,6 +255,8 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
         got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
         what = f"{key + ': ' if key else ''}{message}{got}"
         raise InputError(what, where=where, expected=expected, remedy=remedy) from None
+    check_seal(data, where, f"{remedy}; the key {SEAL} taken out, it is used as it stands")
+    return found
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:

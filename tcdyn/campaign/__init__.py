@@ -3,7 +3,7 @@ far better than levels (design, section 13)."""
 
 from tcdyn.campaign.compress import compressed, kept_of
 from tcdyn.campaign.joined import JoinedCampaign, joined
-from tcdyn.campaign.kept import KeptTest, checked, rig_fingerprint, sealed
+from tcdyn.campaign.kept import KeptTest, checked, rig_fingerprint
 from tcdyn.campaign.posterior import Posterior, solve
 
 __all__ = [
@@ -15,6 +15,5 @@ __all__ = [
     "joined",
     "kept_of",
     "rig_fingerprint",
-    "sealed",
     "solve",
 ]

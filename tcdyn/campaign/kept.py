@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,12 +12,11 @@ from calibration import Array
 from calibration.compare import OF_A_LOG
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.files.seal import SEAL, check_seal, checksum
 from calibration.record import DiskRecord
-from calibration.result import jsonable
 from calibration.rig import Rig
 
 SCHEMA = "tcdyn.kept/1"
-SEAL = "sha256"
 AGAIN = "analyse its log again: tcdyn beta LOG --out FILE"
 ANSWERS = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 
@@ -119,33 +116,18 @@ def _all(numbers: Iterable[float]) -> list[float]:
     return [_short(x) for x in numbers]
 
 
-def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a result file as JSON holds it, with the checksum of all the rest of it.
-
-    >>> sealed({"beta": 0.7}) == sealed(sealed({"beta": 0.7}))
-    True
-    """
-    plain: dict[str, Any] = json.loads(json.dumps(jsonable({k: v for k, v in data.items() if k != SEAL})))
-    return {**plain, SEAL: _checksum(plain)}
-
-
 def checked(data: Any, where: str) -> dict[str, Any]:
     """The same content, if it is what was written; raises InputError, naming the file, if a digit of it is another.
 
+    >>> from calibration.files.seal import sealed
     >>> checked({**sealed({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
     Traceback (most recent call last):
     calibration.errors.InputError: D4.beta.json: its content is not what was written: the checksum does not fit...
     """
     if not isinstance(data, dict) or SEAL not in data:
         raise InputError("holds no checksum", where=where, expected="a beta.json of this version", remedy=AGAIN)
-    if _checksum({k: v for k, v in data.items() if k != SEAL}) != data[SEAL]:
-        raise InputError("its content is not what was written: the checksum does not fit", where=where, remedy=AGAIN)
+    check_seal(data, where, AGAIN)
     return data
-
-
-def _checksum(plain: Mapping[str, Any]) -> str:
-    text = json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord]) -> str:
@@ -155,4 +137,4 @@ def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord]) -> str:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
     known = {d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"}) for d in DISKS}
-    return _checksum({"tables": tables, "records": known})
+    return checksum({"tables": tables, "records": known})

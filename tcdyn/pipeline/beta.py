@@ -13,13 +13,14 @@ import pandas as pd
 
 from calibration.disk import DISKS, left_out_of
 from calibration.errors import InputError
+from calibration.files.seal import sealed
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
-from tcdyn.campaign import kept_of, rig_fingerprint, sealed
+from tcdyn.campaign import kept_of, rig_fingerprint
 from tcdyn.campaign.stages import stage_of
 from tcdyn.contact import (
     LEAST_ZERO,
@@ -60,7 +61,7 @@ class BetaRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        return sealed({**data, "kept": kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
+        return sealed(data | {"kept": kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -102,8 +103,7 @@ def prepare(
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load, friction = forces_N(frame, events, steady, stated)
-    left_out = left_out or {}
-    out = left_out_of(left_out, rig.setups)
+    out = left_out_of(left_out := left_out or {}, rig.setups)
     no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
     found += [*events.findings, *told]
@@ -212,8 +212,8 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    names = [*setup.stand_ins(out[disk])[channel]] if channel in setup.inner else []
-    cost: dict[str, Any] = {"stand_ins": names, "kept": [c for c in setup.outer if c not in out[disk]]}
+    names, kept = setup.stand_ins(out[disk]).get(channel, ()), [c for c in setup.outer if c not in out[disk]]
+    cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
     return (look if why else note)("channel.left_out", subject=name, why=why or "as asked for", **cost)
 
 

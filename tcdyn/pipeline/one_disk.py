@@ -12,12 +12,12 @@ import pandas as pd
 from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.files.seal import sealed
 from calibration.log import Log, read_log
 from calibration.opened import columns_not_there
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.campaign import sealed
 from tcdyn.campaign.stages import stage_of
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from calibration.files.seal import SEAL
 from calibration.log import Log
 from calibration.record import DiskRecord
-from tcdyn.campaign import sealed
-from tcdyn.campaign.kept import SEAL
 from tcdyn.pipeline.beta import BetaRun
 
 SHOWN = 16  # hexadecimal digits of a checksum
@@ -30,7 +29,7 @@ def log_row(log: Log) -> tuple[str, str, str, str]:
 def record_rows(records: Mapping[str, DiskRecord]) -> list[tuple[str, str, str, str]]:
     """The records: the logs that they were made from, when, and the checksum of their content."""
     return [
-        (f"record, {d} disk", ", ".join(f.file for f in r.inputs), f"made {r.created[:10]}", sealed(r.to_dict())[SEAL])
+        (f"record, {d} disk", ", ".join(f.file for f in r.inputs), f"made {r.created[:10]}", r.to_dict()[SEAL])
         for d, r in records.items()
     ]
 

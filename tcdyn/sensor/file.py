@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -14,6 +15,7 @@ from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.files.seal import sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine
@@ -136,8 +138,8 @@ class SensorFile(Result, RecordPart):
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of the file."""
-        return self.model_dump(mode="json", by_alias=True)
+        """The content of the file, with its checksum."""
+        return sealed(self.model_dump(mode="json", by_alias=True))
 
 
 def sensor_file(
@@ -244,7 +246,7 @@ def read_sensor(path: str | Path) -> SensorFile:
 
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
     """Write the file, whole or not at all."""
-    return write_text(path, sensor.model_dump_json(by_alias=True, indent=2) + "\n")
+    return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 
 def from_identified(model: Identified, sensor: str = "") -> SensorFile:

@@ -14,10 +14,11 @@ from scipy import stats
 from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.files.seal import sealed
 from calibration.lines.static import fit_static_lines
 from calibration.record import DiskRecord, now_utc
 from calibration.rig import load_rig, parse_rig
-from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, sealed, solve
+from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve
 from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.kept import Loading

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import builtins
 import errno
+import json
 import os
 import resource
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from calibration.errors import InputError
+from calibration.files.seal import sealed
 from calibration.files.write import log_writer, write_log, write_text
+from calibration.record import read_record
 from tcdyn.cli.app import run
+from tcdyn.pipeline.campaign.answers import read_answer
 from tcdyn.sensor import read_sensor, stated, write_sensor
 from tests.cli.test_main_job import tcdyn
 from tests.sensor.sensor_world import logged, write
@@ -108,20 +112,28 @@ def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str
         assert target.stat().st_size > 150_000
 
 
-def test_a_flipped_bit_of_a_sensor_file_is_no_traceback(tmp_path: Path) -> None:
-    rng, path = np.random.default_rng(0), tmp_path / "s.sensor.json"
-    whole = write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), path).read_bytes()
-    said = []
+@pytest.mark.parametrize("kind", ["sensor", "record", "answer"])
+def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(tmp_path: Path, kind: str, campaign: Any) -> None:
+    rng, path, read = np.random.default_rng(0), tmp_path / "stored.json", cast(Callable[[Path], object], read_sensor)
+    if kind == "sensor":
+        write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), path)
+    elif kind == "record":
+        read = read_record
+        path.write_bytes(campaign.record_paths["fast"].read_bytes())
+    else:
+        read = read_answer
+        path.write_text(json.dumps(sealed({"beta": rng.normal(size=50)})), encoding="utf-8")
+    whole, sound, said = path.read_bytes(), read(path), []
     for _ in range(500):
         damaged = bytearray(whole)
         damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
         path.write_bytes(damaged)
         try:
-            read_sensor(path)
-        except InputError as problem:
+            assert read(path) == sound, bytes(damaged)
+        except (InputError, ValueError) as problem:
             said.append(str(problem))
     assert not any("\n" in sentence for sentence in said)
-    assert len(said) > 250  # digits that stay digits pass: there is no checksum
+    assert len(said) > 250  # the others are spaces between keys, and digits beyond a double's
 
 
 def test_links_are_written_through_and_devices_are_spared(tmp_path: Path) -> None:

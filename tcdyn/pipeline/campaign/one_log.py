@@ -12,11 +12,11 @@ import numpy as np
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.files.seal import sealed
 from calibration.finding import sentences
 from calibration.log import read_log
 from calibration.record import DiskRecord
 from calibration.rig import Rig
-from tcdyn.campaign import sealed
 from tcdyn.campaign.stages import stages
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.events import EhlTest
