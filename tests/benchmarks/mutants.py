@@ -1,0 +1,136 @@
+"""Do the default tests bite? Random operators of the library swapped one at a time: + and -, * and /, < and >.
+
+Run: ``python -m tests.benchmarks.mutants N [SEED]``. Each mutant is made in a copy; first the tests that import its
+module are run, then those of its room, then golden answers and the main job, all of them part of the default run: what
+these let live, the whole run would have to see. A test that does not end counts as one that fails.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = ("calibration", "immersion", "tcdyn")
+SWAPPED = {
+    ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.Lt: ">", ast.Gt: "<", ast.LtE: ">=", ast.GtE: "<=",
+}  # fmt: skip
+SIGNS = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Lt: "<",
+    ast.Gt: ">",
+    ast.LtE: "<=",
+    ast.GtE: ">=",
+}
+TESTS_OF = {"chain": "compensate", "contact": "simulate", "traces": "partition", "design": "plunge", "pipeline": "cli",
+            "plots": "report", "verify": "verify"}  # fmt: skip
+LIMIT_s = 400.0
+
+
+def places(path: Path) -> Iterator[tuple[int, int, type]]:
+    """Offset in the text, length and kind of each operator that stands between two things on one line."""
+    text = path.read_text(encoding="utf-8")
+    starts = [0, *(m.end() for m in re.finditer("\n", text))]
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.BinOp) and type(node.op) in SWAPPED:
+            pairs = [(node.left, type(node.op), node.right)]
+        elif isinstance(node, ast.Compare):
+            around = zip([node.left, *node.comparators], node.ops, node.comparators)
+            pairs = [(left, type(op), right) for left, op, right in around if type(op) in SWAPPED]
+        else:
+            continue
+        for left, kind, right in pairs:
+            if left.end_lineno is None or left.end_col_offset is None:
+                continue
+            line = text[starts[left.end_lineno - 1] :].split("\n", 1)[0].encode()
+            begin = starts[left.end_lineno - 1] + len(line[: left.end_col_offset].decode())
+            end = starts[right.lineno - 1] + len(
+                text[starts[right.lineno - 1] :].split("\n", 1)[0].encode()[: right.col_offset].decode()
+            )
+            found = re.search(rf"(?<![*/<>]){re.escape(SIGNS[kind])}(?![*/=])", text[begin:end]) or re.search(
+                re.escape(SIGNS[kind]), text[begin:end]
+            )
+            if found:
+                yield begin + found.start(), len(SIGNS[kind]), kind
+
+
+def stages(file: str) -> list[list[str]]:
+    """Tests that import the module, those of its room, and the whole job."""
+    parts = Path(file).with_suffix("").parts
+    module = ".".join(p for p in parts if p != "__init__")
+    direct = [
+        str(p.relative_to(ROOT))
+        for p in sorted((ROOT / "tests").rglob("test_*.py"))
+        if re.search(rf"\b{re.escape(module)}\b", p.read_text(encoding="utf-8"))
+    ]
+    room = (
+        parts[1]
+        if parts[0] == "tcdyn" and len(parts) > 2
+        else Path(parts[-1]).stem
+        if parts[0] == "tcdyn"
+        else parts[0]
+    )
+    own = next(
+        (f"tests/{name}" for name in (TESTS_OF.get(room), room) if name and (ROOT / "tests" / name).is_dir()), ""
+    )
+    return [
+        [file, *direct[:8]],
+        [own] if own else [],
+        ["tests/golden", "tests/cli/test_main_job.py", "tests/test_results.py"],
+    ]
+
+
+def killed(copy: Path, file: str) -> str:
+    """The stage that saw the mutant, or nothing."""
+    env = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
+    for name, tests in zip(("module", "room", "job"), stages(file)):
+        if not tests:
+            continue
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+        try:
+            ended = subprocess.run(command, cwd=copy, env=env, capture_output=True, timeout=LIMIT_s, check=False)
+        except subprocess.TimeoutExpired:
+            return f"{name}, without end"
+        if ended.returncode not in (0, 5):
+            return name
+    return ""
+
+
+def main(count: int, seed: int) -> None:
+    """Draw ``count`` operators, print each with who saw it, and the share."""
+    rng = Random(seed)
+    files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
+    every = [(p, *place) for p in files for place in places(p)]
+    seen = 0
+    with TemporaryDirectory() as folder:
+        copy = Path(folder)
+        for part in (*ROOMS, "tests", "docs"):
+            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
+            shutil.copy(ROOT / name, copy / name)
+        for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
+            file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
+            mutant = text[:at] + SWAPPED[kind] + text[at + length :]
+            (copy / file).write_text(mutant, encoding="utf-8")
+            who = killed(copy, file)
+            (copy / file).write_text(text, encoding="utf-8")
+            seen += bool(who)
+            row = text.count("\n", 0, at)
+            line = text.splitlines()[row].strip()
+            print(f"{k} {file}:{row + 1} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}", flush=True)
+    print(f"{seen} of {count} seen")
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)
