@@ -45,7 +45,7 @@ FAULTS = {
     "misplaced": "junction {names} looks {mm:.1f} mm {way} than rig.toml says",
     "late": "channel {names} answers {s:.2f} s {when} than its record says: a bubble in its cement, or a column "
     "shifted in time",
-    "offset": "channel {names} reads {size:+.1f} K off: its static line or reference junction",
+    "offset": "channel {names} reads {size:+.1f} K off: its unit, static line or reference junction",
     "unknown": "its junctions do not read as the rim model says (chi-square {chi2:.0f} for {dof} data), and no "
     "single swap, misplacement or offset explains it",
 }
@@ -134,7 +134,7 @@ def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: 
     steady = Estimate.normal(n["steady"], n["steady_u"])
     said = (
         f"The ways to beta agree: {low:.3f} to {high:.3f}, speed law {steady}; the "
-        f"largest difference, {one} against {other}, is {apart:.3f} or {z:.1f} standard deviations"
+        f"most significant difference, {one} against {other}, is {apart:.3f} or {z:.1f} standard deviations"
     )
     if "strained" not in n:
         return f"{said}."
@@ -285,10 +285,10 @@ PARTITION: dict[str, Words] = {
     "headline.both": _headline,
     "headline.withheld": lambda subject, **_: (
         f"No beta is given: what the joint fit of {f'the {subject} disk' if subject else 'both disks'} finds is "
-        "impossible."
+        "impossible, or the frictional power that it shares out is off by far."
     ),
     "answers.impossible": lambda ways, **_: (
-        f"impossible numbers (beta outside 0 to 1, h not above zero) by {', '.join(ways)}: withheld"
+        f"impossible numbers (beta outside 0 to 1, h not above zero, power off by far) by {', '.join(ways)}: withheld"
     ),
     "power.scale": _power,
     "structures.other": _other_structure,

@@ -70,7 +70,8 @@ def units(given: list[str] | None, couple: str | None, cold: str) -> dict[str, A
 def only_with_records(options: list[str]) -> None:
     """Refuse what belongs to the rig's logs."""
     if options:
-        raise InputError(f"{options[0]} with --sensor", remedy="leave one of them out: --sensor is for any table")
+        remedy = "leave one of them out: the first needs records of disks, --sensor is for any table"
+        raise InputError(f"{options[0]} with --sensor", remedy=remedy)
 
 
 def of_table(

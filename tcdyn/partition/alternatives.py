@@ -32,6 +32,7 @@ H_OF = {  # the heat transfer coefficients that a way finds beside beta
 WAYS = tuple(H_OF)
 EXPONENT_U = 5.0  # an exponent known worse than this is not known
 OFF_SCALE, OFF_SCALE_Z = 0.1, 5.0  # of the frictional power against the heat that both disks show, to be told
+FAR_OFF = 2.0  # times it or a part of it: shares of it that add to one tell nothing
 UNITS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
     "friction in pounds-force": 4.448,
     "friction in kilograms-force": 9.807,
@@ -187,8 +188,8 @@ def cannot_be(beta: Estimate, *h: Estimate) -> bool:
 
 
 def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:
-    """Keys of what no disk can do: beta outside 0 to 1, h not above zero, an exponent that nothing tells; with a number
-    goes the whole way that it stands in.
+    """Keys of what no disk can do: beta outside 0 to 1, h not above zero, an exponent that nothing tells, shares of a
+    frictional power that is off by far; with a number goes the whole way that it stands in.
 
     >>> some = {way: Estimate.normal(0.7, 0.01) for way in WAYS}
     >>> some |= {h: Estimate.normal(700.0, 9.0) for hs in H_OF.values() for h in hs}
@@ -200,7 +201,10 @@ def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> f
         if cannot_be(answers[way], *(answers[h] for h in hs)):
             out |= {way, *hs}
     if both:
-        if cannot_be(both["beta"], both["h_fast"], both["h_slow"]):
+        fast, slow = answers["joint fast"], answers["joint slow"]
+        scale, u = power_scale(fast.value, slow.value), float(np.hypot(fast.u, slow.u))
+        far = not 1 / FAR_OFF < scale < FAR_OFF and abs(scale - 1) > OFF_SCALE_Z * u
+        if far or cannot_be(both["beta"], both["h_fast"], both["h_slow"]):
             out |= {f"both {name}" for name in both}
         if both["exponent"].u > EXPONENT_U:
             out.add("both exponent")

@@ -54,7 +54,7 @@ from tcdyn.partition.steady import (
 from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
-WINDOW_S = 5.0
+WINDOW_S, LOST_K = 5.0, 20.0  # of the cooling fit; a channel at rest that is off by more reads something else
 NOTHING: Mapping[str, Unevenness] = {}
 EXCHANGED_Z, SAME_Z = 5.0, 3.0  # the exponent this far from the speed law's, and its opposite this near
 
@@ -221,16 +221,18 @@ def longer_than_lag(test: EhlTest, window_s: float) -> None:
 
 
 def heeded(found: SensorCheck) -> list[Finding]:
-    """What the sensor map suspects. Raises InputError where a channel is dead or swapped."""
+    """What the sensor map suspects. Raises InputError where a channel is dead, swapped or off by ``LOST_K``."""
     suspected = [suspect.finding for suspect in found.suspects]
     for finding in suspected:
-        if finding.grade is Grade.REFUSE:
+        n = finding.numbers
+        lost = n["kind"] == "dead" or (n["kind"] == "offset" and abs(n["size"] or 0.0) > LOST_K)
+        if lost or finding.grade is Grade.REFUSE:
             raise InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
                 parameters=("sensor_check=False",),
-                column=finding.numbers["columns"][0] if finding.numbers["kind"] == "dead" else "",
+                column=n["columns"][0] if lost else "",
             )
     return suspected
 
@@ -242,8 +244,8 @@ def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
     at_rest = away >= EXCHANGED_Z and cables_exchanged(test)
     if away < EXCHANGED_Z or (opposite > SAME_Z and not at_rest):
         return []
-    beta = both.estimates["beta"].value
-    return [look("cables.exchanged", exponent=n.value, u=n.u, assumed=assumed, beta=beta, at_rest=at_rest)]
+    numbers: dict[str, Any] = {"exponent": n.value, "u": n.u, "assumed": assumed, "beta": both.estimates["beta"].value}
+    return [look("cables.exchanged", **numbers, at_rest=at_rest)]
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:
@@ -259,8 +261,7 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
     scale = power_scale(joint["fast"].beta, joint["slow"].beta)
     if scale <= 0 or abs(scale - 1) < OFF_SCALE:
         return found
-    again = check_sensors(replace(test, power_W=test.power_W * scale))
-    return again if again.sound else found
+    return again if (again := check_sensors(replace(test, power_W=test.power_W * scale))).sound else found
 
 
 def followed(test: EhlTest) -> EhlTest:

@@ -17,7 +17,7 @@ SHOWN = 16  # hexadecimal digits of a checksum
 def sources_of(runs: Sequence[BetaRun]) -> pd.DataFrame:
     """Logs, records and rig of one test or several."""
     rows = [log_row(run.log) for run in runs] + record_rows(runs[0].records)
-    return table([*rows, ("rig", "rig.toml, or the records' own", "", runs[0].rig_sha256)])
+    return table([*rows, ("rig", "rig.toml or, without one, the records'", "", runs[0].rig_sha256)])
 
 
 def log_row(log: Log) -> tuple[str, str, str, str]:
@@ -37,4 +37,4 @@ def record_rows(records: Mapping[str, DiskRecord]) -> list[tuple[str, str, str, 
 def table(rows: Sequence[tuple[str, str, str, str]]) -> pd.DataFrame:
     """As a page shows them, of checksums the first digits."""
     short = [(*row, checksum[:SHOWN]) for *row, checksum in rows]
-    return pd.DataFrame(short, columns=["what", "file", "of", "SHA-256 begins"])
+    return pd.DataFrame(short, columns=["what", "file", "size or day", "SHA-256 begins"])

@@ -48,8 +48,26 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     assert said.err.count("\n") == 1
     assert said.err.startswith("tcdyn: B3.csv: look: ")
     assert kept["joint"]["fast"]["beta"]["value"] is None
+    assert (kept["status"], kept["headline"]["beta"]["value"]) == ("withheld", None)
     scale = next(f for f in kept["findings"] if f["code"] == "power.scale")
     assert scale["numbers"]["units"][0] == "friction in pounds-force"
+
+
+@pytest.mark.slow
+def test_a_channel_in_degrees_fahrenheit_is_left_out_by_name(
+    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = pd.read_csv(campaign.files.ehl["B3"])
+    log["fast_e_degC"] = 1.8 * log["fast_e_degC"] + 32
+    log.to_csv(tmp_path / "B3.csv", index=False)
+    records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
+    out = tmp_path / "beta.json"
+    assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet") == 1
+    kept = json.loads(out.read_text())
+    assert "fast_e is left out: fast disk: channel e reads +" in capsys.readouterr().err
+    truth = json.loads(campaign.files.truth.read_text())["tests"]["B3"]["beta"]
+    beta = kept["headline"]["beta"]
+    assert abs(beta["value"] - truth) < 3 * beta["u"] < 0.03
 
 
 @pytest.mark.parametrize(("share", "grade"), [(0.5 * FEW, Grade.NOTE), (2 * FEW, Grade.LOOK)])
