@@ -88,9 +88,10 @@ def follow(
         warn(before.findings, silent)
         say(f"following {log}; Ctrl-C ends it", silent)
 
+    options: Any = {"time": time, **units(unit, couple, cold_junction)}
     with asked_to_stop() as stop:
         done = run(
-            log, records, out, rig_table, settings, options={"time": time, **units(unit, couple, cold_junction)},
+            log, records, out, rig_table, settings, options=options,
             state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce,
         )  # fmt: skip
     warn(done.findings, silent)

@@ -47,7 +47,7 @@ class GrowingLog:
     findings: tuple[Finding, ...] = ()
 
     def new_rows(self) -> list[list[float]] | None:
-        """New rows of the canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
+        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
         names, new = list(self.places), self.table.new_rows(list(self.places.values()))
         if not new or not (self.how or self.units):
             return new
@@ -58,7 +58,7 @@ class GrowingLog:
         for name, unit in self.units.items():
             cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
             done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
-        return np.where(np.isinf(done), np.nan, done).tolist()  # type: ignore[no-any-return]
+        return [list(map(float, row)) for row in np.where(np.isinf(done), np.nan, done)]
 
     def given_back(self, rows: Array, names: Sequence[str]) -> Array:
         """Answers (k, columns ``names``) in the units of the table's own columns."""
