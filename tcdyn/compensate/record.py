@@ -14,7 +14,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, by_share, look, sentences
-from calibration.noise import SPIKES, SpikeRule, bridged, long_runs, rounding_sd, trace_noise_sd
+from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
 from tcdyn.chain.bursts import made_white, noise_and_white
@@ -87,8 +87,7 @@ def stretch_of(
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
         own = [c for c in range(m) if listed[c].conditioning == filter_]
         good, group = flags[:, own] == GOOD, [listed[c] for c in own]
-        rule = _spikes_beside(min(c.lag_s for c in group) / dt_s)
-        x = np.where(good, data[:, own], np.nan)
+        rule, x = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s), np.where(good, data[:, own], np.nan)
         if noise_sd is None:
             told, [(data[:, own], moved)] = noise_and_white([x], [dt_s], filter_, noise[own], group, rule)
         else:
@@ -112,16 +111,6 @@ def stretch_of(
         filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
         noise_sd is not None or coloured, np.hypot(folded_u, rounded), tuple(found),
     )  # fmt: skip
-
-
-def _spikes_beside(lag_samples: float) -> SpikeRule:
-    """The rule for spikes of a chain whose lag is so many samples: what passes it lasts for half the lag and longer.
-
-    >>> [_spikes_beside(lag).width for lag in (0.0, 5.0, 50.0)]
-    [3, 3, 9]
-    """
-    rule = SPIKES["compensator"]
-    return replace(rule, width=int(np.clip(2 * int(lag_samples / 4) + 1, 3, rule.width)))
 
 
 def _flags(y: Array) -> NDArray[np.uint8]:
