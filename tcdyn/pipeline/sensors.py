@@ -28,6 +28,7 @@ from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open
 from tcdyn.sensor.units import Unit, doubtful, matching, units_of
 
 MOST_VALUES = 400_000  # that are smoothed at once
+TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
 DECIMALS = 5
 
 
@@ -145,7 +146,7 @@ def compensate_table(
         while stretch is not None:
             if rows >= tell_at:
                 progress(f"row {rows + 1} on")
-                tell_at = rows + max(rows, MOST_VALUES)
+                tell_at = rows + max(rows, TOLD_ROWS)
             answer, numbers, said, memory = _answered(stretch, worn, shown(source.path))
             if memory > stretch.beside:  # too little beside it for both sweeps to settle: again, with more
                 stretch = stretches.send(memory)

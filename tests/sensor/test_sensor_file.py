@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,10 +12,12 @@ import pandas as pd
 import pytest
 
 from calibration import files
+from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.lines.couples import emf_mV
 from calibration.lines.static import StaticLine
 from tcdyn.chain import Chain
+from tcdyn.chain.noise import LoggerNoise
 from tcdyn.compensate import smooth
 from tcdyn.compensate.intensity import spectral_level
 from tcdyn.identify import IOData, fit
@@ -155,6 +158,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
     monkeypatch.setattr(pipeline, "DECIMALS", 12)
     monkeypatch.setattr(table, "LEAST_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
+    monkeypatch.setattr(pipeline, "TOLD_ROWS", 1)
     t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y)
     for intensity in (10.0, 0.01):
@@ -255,6 +259,13 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
     for name, back, per_K in (("T1", 1.8 * x + 32, 1.8), ("b_K", x + 273.15, 1.0), ("c_degC", x, 1.0)):
         assert done[name].to_numpy() == pytest.approx(back, abs=1e-4), name
         assert done[u_name(name) if name != "T1" else "T1_u_degF"].to_numpy() == pytest.approx(per_K * u, abs=1e-4)
+
+
+def test_what_is_said_of_colour_is_true_without_a_filter() -> None:
+    n = LoggerNoise(np.array([0.2]), np.array([0.1]), np.array([0.3]), Conditioning(5.0, 1), ((1.0, 0.1),))
+    assert "as by a lag of 0.032 s" in n.findings("T1")[0].sentence
+    two = replace(n, shaping=Conditioning(4.0, 2)).findings("T1")[0].sentence
+    assert "through the conditioning filter" in two
 
 
 def test_waves_of_few_samples_are_no_spikes() -> None:
