@@ -166,8 +166,8 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
 def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
     """Lines T = logged of the ``channels``, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
 
-    Of each channel by itself, in ``WIRE_RANGE_DEGC``, and nowhere less. So much may come or go within 100 K, for wire is
-    off by a slope as well as by an offset: u^2(T) = u_K^2 (1 + (T - 85 degC)^2 / (100 K)^2).
+    Of each channel by itself, in ``WIRE_RANGE_DEGC``, and nowhere less. So much may come or go within 100 K: wire is
+    off by a slope as well as by an offset, u^2(T) = u_K^2 (1 + (T - 85 degC)^2 / (100 K)^2).
 
     >>> [round(float(static_u(unit_lines(0.9)["a"], t)), 2) for t in (20.0, 85.0, 150.0)]
     [1.07, 0.9, 1.07]

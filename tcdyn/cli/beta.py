@@ -68,15 +68,17 @@ def beta(
     --report beta.html
     """
     from calibration.files.write import write_text
+    from calibration.opened import refuse_spare_records
     from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.beta import estimate_beta, estimate_stages
     from tcdyn.pipeline.one_disk import estimate_one_disk
-    from tcdyn.traces import records_by_disk
+    from tcdyn.traces import records_by_disk, rig_of
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
     own_rig = load_rig(rig) if rig else None
+    refuse_spare_records(log, own_rig or rig_of(records), records)
     estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
     with stages(quiet or json_, verbose) as progress:
         options = {

@@ -141,6 +141,18 @@ def test_a_forgotten_record_is_refused(made: StudyRig, tmp_path: Path) -> None:
         estimate_one_disk(both, None, {"fast": made.records["fast"]})
 
 
+@pytest.mark.parametrize("command", ["beta", "compensate"])
+def test_a_record_of_the_disk_that_the_log_does_not_hold_is_one_too_many(
+    made: StudyRig, lone: Path, tmp_path: Path, command: str
+) -> None:
+    words = [command, str(lone), "--out", str(tmp_path / "out.csv")]
+    for disk, record in made.records.items():
+        words += ["--record", str(write_record(record, tmp_path / f"{disk}.disk.json"))]
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, InputError)  # exit code 2, by main
+    assert "holds no column of the slow disk, whose record was given" in str(done.exception)
+
+
 def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(made: StudyRig, lone: Path) -> None:
     done = compensate_log(lone, {"fast": made.records["fast"]})
     assert "from the unloading" in done.metadata["fast_common_lag_s"]
