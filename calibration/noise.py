@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb
 from typing import Literal
 
@@ -40,6 +40,14 @@ class SpikeRule:
     def longest(self) -> int:
         """How many samples in a row may be a spike."""
         return self.width // 2
+
+    def behind(self, lag_samples: float) -> SpikeRule:
+        """The rule for readings of a chain whose lag is so many samples: what passes it lasts for half the lag.
+
+        >>> [SPIKES["compensator"].behind(lag).width for lag in (0.0, 5.0, 50.0)]
+        [3, 3, 9]
+        """
+        return replace(self, width=int(np.clip(2 * int(lag_samples / 4) + 1, 3, self.width)))
 
 
 SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answer"]

@@ -15,6 +15,7 @@ from calibration.columns import (
     TORQUES,
     UNITS,
     Layout,
+    couples,
     in_other_units,
     is_couple,
     match_columns,
@@ -83,6 +84,15 @@ def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str]) -> list
     mapping = {**rig.columns(), **rig.air_columns()}
     names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
     return [c for c in wanted if named(c, mapping, names) is None]
+
+
+def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
+    """Refuse the record of a disk of which an EHL log of the other one holds no column."""
+    own = {d: [*couples(rig.disk_setup(d).channels, d)] for d in records}
+    gone = [d for d in records if columns_not_there(file, rig, own[d]) == own[d]]
+    for disk in gone if len(gone) < len(records) else ():
+        said = f"holds no column of the {disk} disk, whose record was given"
+        raise InputError(said, where=shown(Path(file)), remedy=f"leave out the {disk} disk's record, or map columns")
 
 
 def as_logged(

@@ -24,6 +24,7 @@ from calibration.traceability import PRT_U_DEGC
 
 SIGNIFICANT = 0.01
 FAR_K = 10.0  # beyond the oven's range
+MIDDLE_DEGC = 85.0  # of what a disk's junctions read
 WIRE_RANGE_DEGC = (-40.0, 333.0)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
 
 
@@ -165,9 +166,15 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
 def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
     """Lines T = logged of the ``channels``, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
 
-    It is the same at every temperature of ``WIRE_RANGE_DEGC``, and of each channel by itself.
+    Of each channel by itself, in ``WIRE_RANGE_DEGC``, and nowhere less. So much may come or go within 100 K: wire is
+    off by a slope as well as by an offset, u^2(T) = u_K^2 (1 + (T - 85 degC)^2 / (100 K)^2).
+
+    >>> [round(float(static_u(unit_lines(0.9)["a"], t)), 2) for t in (20.0, 85.0, 150.0)]
+    [1.07, 0.9, 1.07]
     """
-    known = {"covariance": ((0.0, 0.0), (0.0, u_K**2)), "range_degC": WIRE_RANGE_DEGC}
+    slope = (u_K / 100.0) ** 2
+    covariance = (slope, -MIDDLE_DEGC * slope), (-MIDDLE_DEGC * slope, u_K**2 + MIDDLE_DEGC**2 * slope)
+    known = {"covariance": covariance, "range_degC": WIRE_RANGE_DEGC}
     return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in channels}  # type: ignore[arg-type]
 
 

@@ -12,7 +12,10 @@ SENSOR: dict[str, Words] = {
     "sensor.carried": lambda columns, **_: (
         f"{some(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
     ),
-    "sensor.unit_assumed": "column {subject} states no unit: read as degrees Celsius",
+    "sensor.unit_assumed": lambda subject, count=1, **_: (
+        f"{'column' if count == 1 else 'columns'} {subject} {'states' if count == 1 else 'state'} no unit: read as "
+        "degrees Celsius"
+    ),
     "sensor.unit_doubt": "column {subject} reads {value:.4g} {unit} in the middle; is that its unit?",
     "sensor.few_decimals": "the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz",
     "sensor.uneven": "rows stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): answers are that "

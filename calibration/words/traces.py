@@ -31,8 +31,11 @@ TRACES: dict[str, Words] = {
     "avoids it",
     "noise.unexplained": "{subject}: in a part of its spectrum the noise is {ratio:.1f} times what white noise before "
     "and behind the conditioning filter explains; its level was taken no lower than where temperatures move",
-    "noise.coloured": "{subject}: noise of {before_K:.2g} K comes through the conditioning filter, "
-    "of {after_K:.2g} K from behind it; all that follows counts with both",
+    "noise.coloured": lambda subject, before_K, after_K, lag_s=0.0, **_: (
+        f"{subject}: noise of {before_K:.2g} K "
+        + (f"is coloured as by a lag of {lag_s:.2g} s" if lag_s else "comes through the conditioning filter")
+        + f", of {after_K:.2g} K {'is white' if lag_s else 'from behind it'}; all that follows counts with both"
+    ),
     "traces.coarse": lambda subject, step_K, channels, **_: (
         f"{subject} disk: the logger writes in steps of {step_K:.2g} K, coarser than the noise, in "
         f"{', '.join(channels)}: such rounding is no white noise, and lags and transient fits may be further off than "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -130,11 +130,11 @@ def checked(data: Any, where: str) -> dict[str, Any]:
     return data
 
 
-def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord]) -> str:
+def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS) -> str:
     """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
-    if missing := [d for d in DISKS if d not in records]:
+    if missing := [d for d in disks if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
-    known = {d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"}) for d in DISKS}
+    known = {d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"}) for d in disks}
     return checksum({"tables": tables, "records": known})

@@ -97,7 +97,8 @@ class LoggerNoise:
         """Noise from before the filter, hum, and what no part of the model explains."""
         out, (before, after) = [], self.to_dict().values()
         if self.coloured:
-            out.append(note("noise.coloured", subject=subject, before_K=before, after_K=after))
+            lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
+            out.append(note("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s))
         for f, amplitude in self.lines:
             out.append(note("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude))))
         if (folded := float(np.max(self.folded_u_K))) > 0:

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 
 from calibration.disk import left_out_of
-from calibration.errors import InputError
 from calibration.finding import doubts
 from tcdyn.cli.common import (
     Json,
@@ -69,17 +68,17 @@ def beta(
     --report beta.html
     """
     from calibration.files.write import write_text
+    from calibration.opened import refuse_spare_records
     from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.beta import estimate_beta, estimate_stages
     from tcdyn.pipeline.one_disk import estimate_one_disk
-    from tcdyn.traces import records_by_disk
+    from tcdyn.traces import records_by_disk, rig_of
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
     own_rig = load_rig(rig) if rig else None
-    if len(records) == 1 and report is not None:
-        raise InputError("--report with one record: its page compares both disks", remedy="leave it out, or give both")
+    refuse_spare_records(log, own_rig or rig_of(records), records)
     estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
     with stages(quiet or json_, verbose) as progress:
         options = {
@@ -97,10 +96,12 @@ def beta(
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
+            from tcdyn.report.one_disk import write_one_disk_report
             from tcdyn.report.sources import sources_of
 
-            tests = {run.log.path.stem: run.partition for run in runs}
-            write_beta_report(report, tests, sources=sources_of(runs))
+            tests: Any = {run.log.path.stem: run.partition for run in runs}
+            write: Any = write_one_disk_report if len(records) == 1 else write_beta_report
+            write(report, tests, sources=sources_of(runs))
     if json_:
         data = [run.to_dict() for run in runs]
         print(texts[0] if len(runs) == 1 else dump(data), end="")

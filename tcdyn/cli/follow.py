@@ -13,7 +13,7 @@ import typer
 
 from calibration.errors import InputError
 from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, say, spare_inputs, warn, within
-from tcdyn.cli.tables import SensorFiles, only_with_records
+from tcdyn.cli.tables import ColdJunction, SensorFiles, TableCouple, TableUnits, TimeColumn, only_with_records, units
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
@@ -25,6 +25,10 @@ def follow(
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: OwnRigFile = None,
+    time: TimeColumn = None,
+    unit: TableUnits = None,
+    couple: TableCouple = None,
+    cold_junction: ColdJunction = "0",
     behind_s: Annotated[
         float,
         typer.Option("--behind-s", help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0"),
@@ -84,10 +88,12 @@ def follow(
         warn(before.findings, silent)
         say(f"following {log}; Ctrl-C ends it", silent)
 
+    options: Any = {"time": time, **units(unit, couple, cold_junction)}
     with asked_to_stop() as stop:
         done = run(
-            log, records, out, rig_table, settings, state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce
-        )
+            log, records, out, rig_table, settings, options=options,
+            state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce,
+        )  # fmt: skip
     warn(done.findings, silent)
     say(f"{done.ended}: {done.rows_read} rows read, {done.rows_written} written to {out}", silent)
     if json_:

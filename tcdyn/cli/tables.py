@@ -80,12 +80,13 @@ def of_table(
     """Compensate a table, say what came of it; exit 1 where something asks to be looked at."""
     from tcdyn.pipeline.sensors import compensate_table
     from tcdyn.sensor import read_sensor
+    from tcdyn.sensor.table import once_each
 
     spare_inputs([log, *files], out=out)
     sensors = [read_sensor(path) for path in files]
     with stages(quiet or json_, verbose) as progress:
         done = compensate_table(log, sensors, out, progress=progress, **options)
-    found = (*(f for s in sensors for f in s.findings), *done.findings)
+    found = once_each([*(f for s in sensors for f in s.findings), *done.findings])
     if json_:
         print(dump(done.to_dict()), end="")
     else:

@@ -86,8 +86,8 @@ def stretch_of(
             )
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
         own = [c for c in range(m) if listed[c].conditioning == filter_]
-        good, group, rule = flags[:, own] == GOOD, [listed[c] for c in own], SPIKES["compensator"]
-        x = np.where(good, data[:, own], np.nan)
+        good, group = flags[:, own] == GOOD, [listed[c] for c in own]
+        rule, x = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s), np.where(good, data[:, own], np.nan)
         if noise_sd is None:
             told, [(data[:, own], moved)] = noise_and_white([x], [dt_s], filter_, noise[own], group, rule)
         else:

@@ -11,7 +11,7 @@ from calibration import Array
 from calibration.estimate import Estimate
 from calibration.finding import Finding, doubts, look, note
 from tcdyn.compensate.record import Compensated
-from tcdyn.fitting import minimise
+from tcdyn.fitting import Optimum, minimise
 from tcdyn.partition.alternatives import cannot_be
 from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded, longer_than_lag
 from tcdyn.partition.cooling import (
@@ -45,17 +45,20 @@ class OneDisk:
 
     ``answers``: ``NUMBERS`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h in W/m2K;
     ``z``: of the difference of those two in standard uncertainties of it; ``budget``: of beta, by
-    source, by the joint fit and by the cooling fit.
+    source, by the joint fit and by the cooling fit. ``optimum``: where the joint fit ended; ``compensated``: by disk,
+    the traces of ``rows`` of the log.
     """
 
     test: EhlTest
     disk: str
+    rows: slice
     line: DiskLine
     joint: DiskFit
+    optimum: Optimum
     cooling: CoolingFit
     uneven: Unevenness
     sensors: SensorCheck | None
-    compensated: Compensated
+    compensated: Mapping[str, Compensated]
     answers: Mapping[str, Estimate]
     z: float
     budget: Mapping[str, tuple[float, float]]
@@ -129,11 +132,11 @@ def analyse_one(
     if test.slowing:
         test = slowed(test, {name: (fit.share, fit.h_W_m2K)})
         fit = disk_fit(test, test.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
-    found = _round(test, fit)
+    found, best = _round(test, fit)
     even, again = evened(test, {name: found})
     if again is not None:
         fit = disk_fit(again, again.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
-        found = _round(again, fit)
+        found, best = _round(again, fit)
         even, _ = evened(again, {name: found})
         findings += [told for told in (found.finding(name),) if told is not None]
     progress("cooling fit")
@@ -155,16 +158,19 @@ def analyse_one(
     u = np.sqrt(np.diag(covariance))
     answers = {n: Estimate.normal(float(x), float(s)) for n, x, s in zip(NUMBERS, of_fast, u)}
     budget = _budget([q.source for q in fit.shift.of], per_sd, root, float(form[JOINT]))
-    return OneDisk(even, name, line, fit, cooling, found, sensors, cooled.shown, answers, z, budget, tuple(findings))
+    return OneDisk(
+        even, name, rows, line, fit, best, cooling, found, sensors, {name: cooled.shown}, answers, z, budget,
+        tuple(findings),
+    )  # fmt: skip
 
 
-def _round(test: EhlTest, fit: DiskFit) -> Unevenness:
-    """The harmonic round the bore of the disk, by its joint fit."""
+def _round(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
+    """The harmonic round the bore of the disk, by its joint fit, and where that ended."""
     problem, unknown = joint_problem([fit.side]), unknowns([fit.side])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
     best = minimise(problem, start, tolerance=ENOUGH)
     left = best.theta[4:], best.covariance[4:, 4:], unknown
-    return found_in(*left, fit.disk, float(np.exp(best.theta[LOG_H])), known_round(test, fit.disk))
+    return found_in(*left, fit.disk, float(np.exp(best.theta[LOG_H])), known_round(test, fit.disk)), best
 
 
 def _budget(sources: list[str], per_sd: Array, root: Array, form: float) -> dict[str, tuple[float, float]]:

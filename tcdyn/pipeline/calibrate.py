@@ -114,7 +114,7 @@ def calibrate_disk(
     fit = with_structure_doubt(fit)
     pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
     strained = {f.subject for f in pulled}
-    if len(strained) > len(setup.channels) // 2:
+    if static is not None and len(strained) > len(setup.channels) // 2:
         findings.append(look("calibrate.other_disk", subject=disk, count=len(strained)))
     findings += fit.findings
     record = DiskRecord(

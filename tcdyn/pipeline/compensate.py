@@ -18,7 +18,7 @@ from calibration.finding import Finding, look, note, sentences
 from calibration.lines.static import shared_u_K
 from calibration.log import COMPENSATED, Log, read_log
 from calibration.noise import white_noise_sd
-from calibration.opened import columns_not_there, log_kind
+from calibration.opened import columns_not_there, log_kind, refuse_spare_records
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
@@ -159,6 +159,8 @@ def compensate_log(
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     kind, own = log_kind(log, rig, records)
+    if kind == "ehl":
+        refuse_spare_records(log, rig, records)
     gone, unused = _not_there(log, rig, records) if kind == "ehl" else ([], [])
     table = read_log(log, kind, rig, own, parted=False, without=gone)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}

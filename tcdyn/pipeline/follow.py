@@ -23,10 +23,10 @@ from calibration.rig import Rig
 from tcdyn.pipeline.causal import Causal, CausalState, Settings
 from tcdyn.pipeline.compensate import DECIMALS
 from tcdyn.pipeline.learn import begin
-from tcdyn.pipeline.source import GrowingLog, Known, growing_log
+from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
 from tcdyn.traces import rig_of
 
-STATE = "tcdyn.follow/4"
+STATE = "tcdyn.follow/5"
 STOPPED = "stopped"
 SAVE_EVERY_S = 10.0
 
@@ -55,6 +55,7 @@ def follow(
     rig: Rig | None = None,
     settings: Settings | None = None,
     *,
+    options: TableOptions | None = None,
     state: str | Path | None = None,
     idle_s: float = 30.0,
     poll_s: float = 0.2,
@@ -67,7 +68,8 @@ def follow(
     The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written as they come, whole
     lines only. ``state``: a file from which a run that was stopped goes on, and to which this one writes where it
     stands, at the end and every ten seconds; ``out`` is cut back to what that file knows, so that no row is lost or
-    doubled. ``announce`` is called with the plan before the first row is written.
+    doubled. ``announce`` is called with the plan before the first row is written. ``options``: what tells the time and
+    the units of any table where its names do not.
 
     Raises InputError for a log that is no growing text table, is compensated already, became shorter, or is not the
     one of the state file; for an end before anything could be learnt.
@@ -85,10 +87,10 @@ def follow(
             "log and output are the same file", where=str(out), remedy="name another out", parameters=("out",)
         )
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
-    source = _header(log, rig, records, patience)
+    source = _header(log, rig, records, options, patience)
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
-    table, names, key = source.table, list(source.places), _key(log, records, settings)
+    table, names, key = source.table, list(source.places), _key(source, records, settings)
     state = Path(state) if state else None
     rows: list[list[float]] = []
     left = _restored(state, key, table, out) if state and state.exists() else None
@@ -105,11 +107,11 @@ def follow(
     saved_at = time.monotonic()
     with _opened(out, size) as stream:
         if not left:
-            size += _append(stream, _head(table, plan), out)
+            size += _append(stream, _head(source, plan), out)
         while True:
             if rows:
                 now, done = plan.advance(now, np.array(rows))
-                size += _append(stream, _lines(done), out)
+                size += _append(stream, _lines(source.given_back(done, plan.output_names)), out)
                 written += len(done)
             ended = patience.ended()
             if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
@@ -122,10 +124,11 @@ def follow(
                 break
             rows = _rows(source, patience)
         rest = plan.rest(now)  # a run that goes on from the state file writes these rows again, then better known
-        _append(stream, _lines(rest), out)
+        _append(stream, _lines(source.given_back(rest, plan.output_names)), out)
         written += len(rest)
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
-    return FollowRun(table.rows, written, table.bad, ended, plan, (*plan.findings, *torn, *now.findings))
+    found = (*source.findings, *plan.findings, *torn, *now.findings)
+    return FollowRun(table.rows, written, table.bad, ended, plan, found)
 
 
 @dataclass
@@ -154,12 +157,14 @@ class _Patience:
         return f"no growth for {self.idle_s:g} s" if still else ""
 
 
-def _header(log: Path, rig: Rig | None, records: Known, patience: _Patience) -> GrowingLog | None:
+def _header(
+    log: Path, rig: Rig | None, records: Known, options: TableOptions | None, patience: _Patience
+) -> GrowingLog | None:
     """The log once it can be read; None when the run was stopped before. Raises what is wrong with its header."""
     while True:
         problem = InputError("no two rows came below the header", where=shown(log))
         try:
-            if found := growing_log(log, rig, records):
+            if found := growing_log(log, rig, records, options):
                 patience.saw(True)
                 return found
         except InputError as error:
@@ -175,7 +180,7 @@ def _header(log: Path, rig: Rig | None, records: Known, patience: _Patience) -> 
 
 def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
     """New rows of canonical columns; none after a pause."""
-    rows = source.table.new_rows(list(source.places.values()))
+    rows = source.new_rows()
     patience.saw(rows is not None)
     return rows or []
 
@@ -204,13 +209,15 @@ def _learnt(
     return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
 
 
-def _key(log: Path, records: Known, settings: Settings) -> dict[str, Any]:
+def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
     """What a state file must agree with."""
     texts = {d: r.to_json() for d, r in records.items()} if isinstance(records, Mapping) else {
         f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)
     }  # fmt: skip
     digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
-    return {"schema": STATE, "log": log.name, "records": digests, "settings": vars(settings)}
+    units = {n: vars(u) for n, u in source.units.items()}
+    log = source.table.path.name
+    return {"schema": STATE, "log": log, "records": digests, "settings": vars(settings), "units": units}
 
 
 def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
@@ -258,10 +265,11 @@ def _append(stream: IO[bytes], text: str, path: Path) -> int:
     return len(data)
 
 
-def _head(table: GrowingTable, plan: Causal) -> str:
+def _head(source: GrowingLog, plan: Causal) -> str:
+    table = source.table
     notes = {**table.table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, **plan.notes()}
     lines = [f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n" for k, v in notes.items()]
-    return "".join(lines) + ",".join(plan.output_names) + "\n"
+    return "".join(lines) + ",".join(source.called(plan.output_names)) + "\n"
 
 
 def _lines(rows: np.ndarray) -> str:

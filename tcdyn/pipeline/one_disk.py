@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,14 @@ import pandas as pd
 from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
+from calibration.estimate import rounded, with_u
 from calibration.files.seal import sealed
 from calibration.log import Log, read_log
 from calibration.opened import columns_not_there
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
+from tcdyn.campaign import rig_fingerprint
 from tcdyn.campaign.stages import stage_of
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
@@ -33,7 +35,9 @@ class OneDiskRun(Result):
 
     log: Log
     partition: OneDisk
+    rig_sha256: str = ""
     stages: int = 1
+    records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
         return f"<OneDiskRun of {self.log.path.name}; summary() says it in words>"
@@ -104,15 +108,18 @@ class OneDiskRun(Result):
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
-        p, a = self.partition, self.partition.answers
-        rows = [
-            (
-                f"{way} fit, {p.disk} disk",
-                *(("withheld", "") if way in p.withheld else (str(a[way]), str(a[f"h {way}"]))),
-            )
-            for way in WAYS
-        ]
-        return pd.DataFrame(rows, columns=["way", "β [1]", "h [W/m²K]"])
+        return ways_of(self.partition)
+
+
+def ways_of(p: OneDisk) -> pd.DataFrame:
+    """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true is withheld."""
+    rows, a = [], p.answers
+    for way in WAYS:
+        low, high = (rounded(end, a[way].u)[0] for end in (a[way].low95, a[way].high95))
+        lag = with_u(a["lag_s"].value, a["lag_s"].u) if way == "joint" else ""
+        said = (str(a[way]), f"{low} to {high}", str(a[f"h {way}"]), lag)
+        rows.append((f"{way} fit, {p.disk} disk", *(("withheld", "", "", "") if way in p.withheld else said)))
+    return pd.DataFrame(rows, columns=["way", "β [1]", "95 % of β", "h [W/m²K]", "lag [s]"])
 
 
 def estimate_one_disk(
@@ -150,6 +157,6 @@ def estimate_one_disk(
             found = analyse_one(test, window_s=window_s, sensor_check=sensor_check, progress=progress)
         except InputError as problem:
             raise problem.at(table.path.name) from None
-        return OneDiskRun(table, found, count)
+        return OneDiskRun(table, found, rig_fingerprint(rig, records, (name,)), count, records)
 
     return without_lost(attempt, without, rig, progress)

@@ -28,6 +28,7 @@ from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open
 from tcdyn.sensor.units import Unit, doubtful, matching, units_of
 
 MOST_VALUES = 400_000  # that are smoothed at once
+TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
 DECIMALS = 5
 
 
@@ -138,12 +139,14 @@ def compensate_table(
             f"the output would hold column {clash[0]!r} twice", where=shown(source.path), remedy="rename it"
         )
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
-    rows, found = 0, list(told)
+    rows, found, tell_at = 0, list(told), 0
     with log_writer(out, header, notes) as write:
         stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
         stretch = next(stretches, None)
         while stretch is not None:
-            progress(f"row {rows + 1} on")
+            if rows >= tell_at:
+                progress(f"row {rows + 1} on")
+                tell_at = rows + max(rows, TOLD_ROWS)
             answer, numbers, said, memory = _answered(stretch, worn, shown(source.path))
             if memory > stretch.beside:  # too little beside it for both sweeps to settle: again, with more
                 stretch = stretches.send(memory)

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
+from calibration import Array
 from calibration.columns import KNOWN, TORQUES, match_columns
 from calibration.errors import InputError
 from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
+from calibration.finding import Finding
 from calibration.lines.static import StaticLine
 from calibration.opened import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import TIMES
-from tcdyn.sensor.units import matching, time_column, unit_in
+from tcdyn.sensor.units import Unit, matching, time_column, u_name, units_of
 from tcdyn.traces import DiskChannels, disk_channels
 
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
@@ -31,16 +34,57 @@ Known = Mapping[str, DiskRecord] | Sequence[SensorFile]
 class GrowingLog:
     """The growing log, which field of a row is which canonical column, and how junctions are measured.
 
-    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows.
+    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows. ``how``: what makes
+    seconds and degrees Celsius of columns in another unit; ``units``: of the columns that are given back in their own.
     """
 
     table: GrowingTable
     places: dict[str, int]
     channels: list[DiskChannels]
     level_K2_s3: float | None
+    how: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    def new_rows(self) -> list[list[float]] | None:
+        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
+        names, new = list(self.places), self.table.new_rows(list(self.places.values()))
+        if not new or not (self.how or self.units):
+            return new
+        rows = np.array(new)
+        done = rows.copy()
+        for name, convert in self.how.items():
+            done[:, names.index(name)] = convert(rows[:, names.index(name)])
+        for name, unit in self.units.items():
+            cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
+            done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
+        return [list(map(float, row)) for row in np.where(np.isinf(done), np.nan, done)]
+
+    def given_back(self, rows: Array, names: Sequence[str]) -> Array:
+        """Answers (k, columns ``names``) in the units of the table's own columns."""
+        out = np.array(rows)
+        for name, unit in self.units.items():
+            at, u_at = names.index(name), names.index(u_name(name))
+            out[:, at], out[:, u_at] = unit.back(rows[:, at]), unit.per_K * rows[:, u_at]
+        return out
+
+    def called(self, names: Sequence[str]) -> list[str]:
+        """What the output calls the columns ``names``: by their units, and degrees Celsius where it was millivolts."""
+        own = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
+        own |= {n: unit.names(n)[0] for n, unit in self.units.items()}
+        return [own.get(n, n) for n in names]
 
 
-def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None:
+class TableOptions(TypedDict, total=False):
+    """How any table is read where its names do not say it, as ``compensate_table`` takes it."""
+
+    time: str | None
+    unit: Mapping[str, str] | str
+    couple: str
+    cold: float | str
+
+
+def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None) -> GrowingLog | None:
     """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
     wanted = (*KNOWN, *TIMES)
     if rig and isinstance(records, Mapping):
@@ -58,34 +102,38 @@ def growing_log(log: Path, rig: Rig | None, records: Known) -> GrowingLog | None
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
     if rig is None or not isinstance(records, Mapping):
-        return _table_source(growing, records, where)  # type: ignore[arg-type]
+        return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
     kind, own = kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own)
     chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own))
     how = as_logged(chosen, table.names, rig, own or "", mapping)
-    if other := [column for name, column in chosen.items() if column in how and name not in TORQUES]:
-        raise InputError(f"column {other[0]!r} is in another unit", where=where, expected="degrees Celsius to follow")
+    converted = {name: how[column] for name, column in chosen.items() if column in how and name not in TORQUES}
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
         raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")
-    return GrowingLog(growing, places, channels_of(kind, records, rig), INTENSITY_K2_S3[kind])
+    return GrowingLog(growing, places, channels_of(kind, records, rig), INTENSITY_K2_S3[kind], converted)
 
 
-def _table_source(growing: GrowingTable, sensors: Sequence[SensorFile], where: str) -> GrowingLog:
-    """Any table that grows: all its columns, the time called time_s, those that sensors cover in their own units."""
+def _table_source(
+    growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
+) -> GrowingLog:
+    """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
     names, dialect = growing.table.names, growing.table.dialect
-    time, scale = time_column(names, None, where)
-    if scale != 1.0 or not is_number(dialect.first_row[names.index(time)], dialect.decimal):
-        raise InputError(f"column {time} holds no seconds", where=where, expected="time as a number of seconds")
+    time, scale = time_column(names, options.get("time"), where)
+    if not is_number(dialect.first_row[names.index(time)], dialect.decimal):
+        raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
+    own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     channels = channels_of("table", sensors, None, where, [n for n in names if n != time])
-    covered = channels[0].columns
+    covered, cold = channels[0].columns, options.get("cold", 0.0)
     for name in covered:
-        if covered.count(name) > 1 or unit_in(name) == "mV":
-            what = "has two sensors" if covered.count(name) > 1 else "is in millivolts"
-            raise InputError(
-                f"column {name!r} {what}", where=where, expected="one sensor, and a temperature, to follow"
-            )
-    return GrowingLog(growing, {"time_s" if n == time else n: i for i, n in enumerate(names)}, channels, None)
+        if covered.count(name) > 1:
+            raise InputError(f"column {name!r} has two sensors", where=where, expected="one sensor a column")
+    if isinstance(cold, str):
+        matching(cold, names, where)
+    units, told = units_of(covered, options.get("unit", ""), options.get("couple", ""), cold)
+    how: dict[str, Callable[[Array], Array]] = {} if scale == 1.0 else {"time_s": lambda t: t * scale}
+    other = {n: u for n, u in units.items() if u.name != "degC"}
+    return GrowingLog(growing, own, channels, None, how, other, tuple(told))
 
 
 def channels_of(

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from calibration.disk import DISKS, DiskSetup
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.one_disk import WAYS, OneDisk
 from tcdyn.partition.steady import exponent_sensitivity
 from tcdyn.partition.uneven import radial_shape
 from tcdyn.pipeline.tables import both_budget, met
@@ -33,7 +34,7 @@ def shown(setup: DiskSetup, left_out: Collection[str]) -> dict[str, str]:
     return {c: style for c, style in zip(central, STYLES) if c not in left_out}
 
 
-def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
+def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
     """Readings (grey) and compensated traces with 95 % bands about the parting; time from the parting [s]."""
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
@@ -55,7 +56,7 @@ def draw_unloading(p: Partition, disk: str, ax: Axes, before_s: float = 1.5, aft
     return dressed(ax, "time from parting [s]", "temperature [°C]", legend=True)
 
 
-def draw_fit(p: Partition, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
+def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
     """Block means of the readings and the joint fit's model about the parting, and below them the residuals [K]."""
     m = met(p, disk)
     near = np.abs(m.at_s) <= around_s
@@ -102,6 +103,20 @@ def draw_lines(p: Partition, ax: Axes) -> Axes:
     )
 
 
+def draw_line(p: OneDisk, ax: Axes) -> Axes:
+    """The steady line of the only disk as beta over h, and the points that its two ways pick on it."""
+    colour, fast = DISK_COLOUR[p.disk], p.disk == "fast"
+    h = np.array([0.0, 1.25 * max(p.answers[f"h {way}"].value for way in WAYS)])
+    share = p.line.line.intercept + p.line.line.slope * h
+    word = "β = A + B h" if fast else "β = 1 - (C + D h)"
+    ax.plot(h, share if fast else 1 - share, color=colour, linestyle=DISK_LINE[p.disk], label=f"steady line, {word}")
+    for at, way in ((1, "cooling"), (2, "joint")):
+        if way not in p.withheld:
+            _point(ax, p.answers[f"h {way}"], p.answers[way], at, colour, f"{way} fit")
+    ax.set_xlim(0, h[-1])
+    return dressed(ax, f"h of the {p.disk} disk [W/m²K]", "heat partition β [1]", legend=True)
+
+
 def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, colour: str, label: str) -> None:
     """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
     marker, size = (("o", 14), ("s", 9), ("^", 5))[way]
@@ -112,10 +127,13 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, colour: str, label: 
     )  # fmt: skip
 
 
-def draw_ways(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
+def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
     """beta by every way with its 95 % interval; a simulation's truth as a line."""
-    rows = [("joint, both disks", p.both.estimates["beta"])] if "both beta" not in p.withheld else []
-    rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
+    if isinstance(p, OneDisk):
+        rows = [(f"{way} {p.disk}", p.answers[way]) for way in WAYS if way not in p.withheld]
+    else:
+        rows = [("joint, both disks", p.both.estimates["beta"])] if "both beta" not in p.withheld else []
+        rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
     for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
         ax.errorbar(
@@ -141,16 +159,18 @@ def _way_words(name: str) -> str:
     return f"{kind} fit, {disk} disk" if disk in DISKS else name.replace("joint,", "joint fit,")
 
 
-def draw_budget(p: Partition, ax: Axes) -> Axes:
+def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
     """Standard uncertainty of the headline's beta by source, largest on top; all together at the foot."""
-    parts = {source: u for source, u in both_budget(p).items() if u >= LEAST_SHOWN}
+    lone = isinstance(p, OneDisk)
+    parts = {source: joint for source, (joint, _) in p.budget.items()} if isinstance(p, OneDisk) else both_budget(p)
+    parts = {source: u for source, u in parts.items() if u >= LEAST_SHOWN}
     together = sum(u**2 for u in parts.values()) ** 0.5
     names = ["all together", *reversed(parts)]
     y = np.arange(len(names)) + np.where(np.arange(len(names)) > 0, 0.5, 0.0)
     ax.barh(y, [together, *reversed(parts.values())], height=0.6, color=DARK)
     ax.axhline(0.75, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
-    ax.set_xlabel("standard uncertainty of β by the joint fit of both disks [1]")
+    ax.set_xlabel(f"standard uncertainty of β by the joint fit{'' if lone else ' of both disks'} [1]")
     return ax
 
 
@@ -191,12 +211,11 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
     return dressed(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
 
-def draw_temperatures(p: Partition, ax: Axes) -> Axes:
-    """Central thermocouples of both disks over the whole test (figure 6.1)."""
+def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
+    """Central thermocouples of the disks over the whole test (figure 6.1)."""
     t = p.test.time_s
     step = max(len(t) // 6000, 1)
-    for disk in DISKS:
-        one = p.test.disks[disk]
+    for disk, one in sorted(p.test.disks.items()):
         for ch, style in shown(one.setup, one.left_out).items():
             y = one.readings_degC[::step, one.setup.channels.index(ch)]
             ax.plot(
@@ -208,9 +227,9 @@ def draw_temperatures(p: Partition, ax: Axes) -> Axes:
     return dressed(ax, "time [s]", "temperature [°C]", ncols=2)
 
 
-def draw_uneven(p: Partition, disk: str, ax: Axes) -> Axes:
+def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     """A disk seen along its shaft: temperature less its mean round it, junctions, and an arrow to the hottest side."""
-    known, setup = p.both.uneven[disk], p.test.disks[disk].setup
+    known, setup = p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk], p.test.disks[disk].setup
     size, at = known.amplitude_K, known.angle_deg
     inner, outer = setup.bore_radius_m * 1e3, setup.outer_radius_m * 1e3
     r, angle = np.linspace(inner, outer, 40), np.linspace(0.0, 2 * np.pi, 181)

@@ -12,6 +12,7 @@ from calibration.disk import DISKS
 from calibration.estimate import rounded
 from calibration.finding import Finding
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.one_disk import OneDisk
 from tcdyn.pipeline.tables import (
     both_budget,
     budget_table,
@@ -174,7 +175,7 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
     ]
 
 
-def test_sections(p: Partition, name: str) -> list[Section]:
+def test_sections(p: Partition | OneDisk, name: str) -> list[Section]:
     """The sensors' readings against each other, the conditions, and the whole record."""
     whole, (ax,) = figure(height_in=3.8)
     draw.draw_temperatures(p, ax)
@@ -216,12 +217,12 @@ def profile_section(p: Partition, name: str) -> Section:
     )
 
 
-def sensor_sections(p: Partition, name: str) -> list[Section]:
+def sensor_sections(p: Partition | OneDisk, name: str) -> list[Section]:
     """The pairs of junctions of each disk as tables 6.2 to 6.5 of the thesis judge them."""
     if p.sensors is None:
         return []
     out = []
-    for disk in DISKS:
+    for disk in [d for d in DISKS if d in p.test.disks]:
         matrix = p.sensors.matrix(disk).rename_axis("junction").reset_index()
         matrix = matrix.iloc[:-1].drop(columns=matrix.columns[1])  # each pair stands once
         words = (
@@ -243,14 +244,14 @@ def sensor_sections(p: Partition, name: str) -> list[Section]:
     return out
 
 
-def verdict(p: Partition) -> str:
+def verdict(p: Partition | OneDisk) -> str:
     """The answer first, then whether the ways to it agree."""
     return f"{p.headline.sentence.replace('beta =', 'β =', 1)}\n\n{p.crosscheck.sentence}"
 
 
-def assumed(p: Partition) -> list[str]:
+def assumed(p: Partition | OneDisk) -> list[str]:
     """What nobody measured, with the values in use."""
-    s = p.test.disks["fast"].setup
+    s = next(p.test.disks[d].setup for d in DISKS if d in p.test.disks)
     return [
         f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
         f"{s.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table [uncertainty], as is the washer",

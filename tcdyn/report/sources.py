@@ -10,11 +10,12 @@ from calibration.files.seal import SEAL
 from calibration.log import Log
 from calibration.record import DiskRecord
 from tcdyn.pipeline.beta import BetaRun
+from tcdyn.pipeline.one_disk import OneDiskRun
 
 SHOWN = 16  # hexadecimal digits of a checksum
 
 
-def sources_of(runs: Sequence[BetaRun]) -> pd.DataFrame:
+def sources_of(runs: Sequence[BetaRun | OneDiskRun]) -> pd.DataFrame:
     """Logs, records and rig of one test or several."""
     rows = [log_row(run.log) for run in runs] + record_rows(runs[0].records)
     return table([*rows, ("rig", "rig.toml or, without one, the records'", "", runs[0].rig_sha256)])

@@ -126,7 +126,9 @@ class SensorFile(Result, RecordPart):
             if times := self.times.get(name):
                 said = (f"{k.removesuffix('_s').replace('632', '63.2')} {e.text('s')}" for k, e in times.items())
                 lines.append("    " + ", ".join(said))
-        lines += [f"  {k}: {v:.4g}" for k, v in self.fit.items() if isinstance(v, float)]
+        for k, v in self.fit.items():
+            estimate = isinstance(v, dict) and set(v) == set(Estimate.model_fields)
+            lines += [f"  {k}: {Estimate(**v)}"] if estimate else [f"  {k}: {v:.4g}"] if isinstance(v, float) else []
         return "\n".join([*lines, *(f"{f.grade.value}: {f.sentence}" for f in self.findings)])
 
     def card(self) -> pd.DataFrame:

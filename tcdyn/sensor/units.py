@@ -97,14 +97,14 @@ def units_of(
     columns: Sequence[str], declared: Mapping[str, str] | str = "", couple: str = "", cold: float | str = 0.0
 ) -> tuple[dict[str, Unit], list[Finding]]:
     """The unit of each column: as declared (for all, or by column), else by its name, else degrees Celsius, told."""
-    out, found = {}, []
+    out, plain = {}, []
     for name in columns:
         own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
         unit = own or unit_in(name)
         if not unit:
-            found.append(note("sensor.unit_assumed", subject=name))
+            plain.append(name)
         out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
-    return out, found
+    return out, [note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))] if plain else []
 
 
 def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:

@@ -42,7 +42,9 @@ def test_a_plunge_without_a_switch_is_read_and_one_with_a_switch_of_another_name
 def test_a_stated_line_is_the_reading_itself_as_uncertain_as_stated() -> None:
     line = unit_lines(0.9)["e"]
     assert (line.gain, line.offset) == (1.0, 0.0)
-    assert static_u(line, np.array([20.0, 150.0])) == pytest.approx(0.9)
+    u = static_u(line, np.linspace(-40, 300, 35))
+    assert u.min() == pytest.approx(0.9, rel=0.01)  # nowhere less than stated
+    assert static_u(line, np.array([20.0, 150.0])) == pytest.approx(0.9, rel=0.2)
 
 
 def test_an_oven_log_or_a_stated_line_is_needed_and_not_both(tmp_path: Path) -> None:
@@ -67,5 +69,6 @@ def test_without_oven_switch_and_probe_the_lags_hold_the_truth_and_differences_s
         assert abs(rest.value - (lags[channel] - common)) < 4 * rest.u
         assert rest.u < 0.5 * chain.common_lag_s.u
     codes = {f.code for f in found.findings}
+    assert not codes & {"calibrate.other_disk", "plunge.pull"}  # wire may be off by a slope as well
     assert {"static.stated", "entry.by_junctions"} <= codes
     assert found.oven is None

@@ -184,6 +184,20 @@ def test_columns_by_other_names_decimal_commas_and_notes_above(campaign: Campaig
     assert not (tmp_path / "twice.csv").exists()
 
 
+def test_a_log_in_fahrenheit_is_followed_like_one_in_celsius(campaign: Campaign, tmp_path: Path, text: str) -> None:
+    whole = whole_run(campaign, tmp_path, text)
+    head, *rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
+    at = [i for i, n in enumerate(head) if n.startswith(("fast_", "slow_"))]
+    for row in rows:
+        for i in at:
+            row[i] = f"{1.8 * float(row[i]) + 32:.6f}" if row[i] else ""
+    names = [n.replace("_degC", "_degF") if i in at else n for i, n in enumerate(head)]
+    log, out = tmp_path / "other.csv", tmp_path / "out.csv"
+    log.write_text("\n".join(",".join(row) for row in (names, *rows)) + "\n", encoding="utf-8")
+    follow(log, campaign.records, out, campaign.rig, idle_s=0.01, poll_s=0.02)
+    assert np.allclose(read(out), whole, rtol=0, atol=1e-4)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

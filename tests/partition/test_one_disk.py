@@ -20,6 +20,9 @@ from tcdyn.partition.joint import disk_fit
 from tcdyn.partition.one_disk import OneDisk, analyse_one
 from tcdyn.pipeline import compensate_log, estimate_one_disk
 from tcdyn.pipeline.one_disk import OneDiskRun
+from tcdyn.pipeline.tables import met
+from tcdyn.report.one_disk import write_one_disk_report
+from tcdyn.report.page import typeset
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]
@@ -59,7 +62,9 @@ def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(made: StudyR
 
 def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path) -> None:
     record, out = str(lone.with_name("fast.disk.json")), lone.with_name("beta.json")
-    done = CliRunner().invoke(app, ["beta", str(lone), "--record", record, "--out", str(out), "--no-sensor-check"])
+    page = lone.with_name("beta.html")
+    words = ["beta", str(lone), "--record", record, "--out", str(out), "--report", str(page)]
+    done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     assert "joint fit of the fast disk alone" in done.output
     kept = json.loads(out.read_text(encoding="utf-8"))
@@ -74,6 +79,24 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     empty = (kept["joint"]["profiles"], crosscheck["suspects"], crosscheck["strained"], crosscheck["p_value"])
     assert not any(empty)
     assert "one_disk.only" in [f["code"] for f in kept["findings"]]
+    shown = page.read_text(encoding="utf-8")
+    beta = Estimate(**kept["headline"]["beta"])
+    assert typeset(f"<b>β = {beta}</b>") in shown
+    assert "sensor map of the fast disk" in shown
+    assert "slow disk</h" not in shown
+    assert shown.count("<img") == 8
+    assert shown.count("joint fit, fast disk") == 1
+
+
+def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(found: OneDisk, tmp_path: Path) -> None:
+    m = met(found, "slow")
+    z = (m.measured - m.model) / m.sd
+    assert 0.7 < float((z**2).mean()) < 2.0
+    assert float(np.abs((m.measured - m.model)[m.at_s < 0].mean(axis=0)).max()) < 0.03
+    pages = {"B3.1": found, "B3.2": replace(found, answers={**found.answers, "joint": Estimate.normal(1.4, 0.1)})}
+    shown = write_one_disk_report(tmp_path / "two.html", pages).read_text(encoding="utf-8")
+    assert "B3.2: no β" in shown
+    assert "withheld" in shown
 
 
 @pytest.mark.parametrize(
@@ -111,15 +134,23 @@ def test_what_no_disk_can_do_is_printed_nowhere(
     assert "both disks" not in text
 
 
-def test_a_report_of_one_disk_and_a_forgotten_record_are_refused(made: StudyRig, lone: Path, tmp_path: Path) -> None:
-    record = str(lone.with_name("fast.disk.json"))
-    page = CliRunner().invoke(app, ["beta", str(lone), "--record", record, "--report", str(tmp_path / "b.html")])
-    assert isinstance(page.exception, InputError)  # exit code 2, by main
-    assert not (tmp_path / "b.html").exists()
+def test_a_forgotten_record_is_refused(made: StudyRig, tmp_path: Path) -> None:
     both = tmp_path / "both.csv"
     made.log.frame.head(2000).to_csv(both, index=False)
     with pytest.raises(InputError, match=r"no record of the slow disk, whose columns the log holds"):
         estimate_one_disk(both, None, {"fast": made.records["fast"]})
+
+
+@pytest.mark.parametrize("command", ["beta", "compensate"])
+def test_a_record_of_the_disk_that_the_log_does_not_hold_is_one_too_many(
+    made: StudyRig, lone: Path, tmp_path: Path, command: str
+) -> None:
+    words = [command, str(lone), "--out", str(tmp_path / "out.csv")]
+    for disk, record in made.records.items():
+        words += ["--record", str(write_record(record, tmp_path / f"{disk}.disk.json"))]
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, InputError)  # exit code 2, by main
+    assert "holds no column of the slow disk, whose record was given" in str(done.exception)
 
 
 def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(made: StudyRig, lone: Path) -> None:

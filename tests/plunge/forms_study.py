@@ -164,8 +164,8 @@ def main(disks: int, seed: int, structures: bool = False) -> None:
         own = study(case, disks // len(BATHS), seed, structures)
         print(f"{case:14}", described(own), flush=True)
         rows += own
-    for form in FORMS:
-        print(f"{form.__name__:14}", described([r for r in rows if r["form"] == form.__name__]))
+    for form in sorted({r["form"] for r in rows}):
+        print(f"{form:14}", described([r for r in rows if r["form"] == form]))
     print(f"{'all':14}", described(rows))
 
 

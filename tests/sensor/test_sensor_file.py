@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,9 +12,12 @@ import pandas as pd
 import pytest
 
 from calibration import files
+from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.lines.couples import emf_mV
+from calibration.lines.static import StaticLine
 from tcdyn.chain import Chain
+from tcdyn.chain.noise import LoggerNoise
 from tcdyn.compensate import smooth
 from tcdyn.compensate.intensity import spectral_level
 from tcdyn.identify import IOData, fit
@@ -22,6 +26,7 @@ from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import follow
 from tcdyn.pipeline.sensors import compensate_table
 from tcdyn.sensor import read_sensor, stated, step_times, table, write_sensor
+from tcdyn.sensor.units import u_name
 from tests.benchmarks.tables import compensated
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_world import lagged, logged, write, written
@@ -153,6 +158,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
     monkeypatch.setattr(pipeline, "DECIMALS", 12)
     monkeypatch.setattr(table, "LEAST_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
+    monkeypatch.setattr(pipeline, "TOLD_ROWS", 1)
     t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y)
     for intensity in (10.0, 0.01):
@@ -222,6 +228,55 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
     assert list(out) == ["time_s", "T1 [K]", "other", "T1_u_K"]
     rms, share = held(out.assign(x=out["T1 [K]"] - 273.15), "x", "T1_u_K", x, 50)
     assert rms < 0.5 < 0.92 < share
+
+
+def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_celsius(tmp_path: Path) -> None:
+    t, _, y = logged((1.5,), 0.1, 600, 0.1, 6)
+    line = StaticLine(gain=1.02, offset=-3.0, covariance=((1e-8, 0.0), (0.0, 1e-4)), range_degC=(-50.0, 900.0))
+    cold = 20 + t / 100
+    plain = write(tmp_path / "plain.csv", time_s=np.round(t, 3), T1=y)
+    other = write(
+        tmp_path / "other.csv",
+        **{
+            "Time [ms]": np.round(1000 * t), "T1": 1.8 * y + 32, "b_K": y + 273.15,
+            "c_mV": emf_mV(y, "K") - emf_mV(cold, "K"), "cj": cold,
+        },
+    )  # fmt: skip
+
+    def answers(log: Path, names: list[str], **options: object) -> pd.DataFrame:
+        sensor = stated("s", names, [(1.5, 0.1)], static=dict.fromkeys(names, line))
+        out = log.with_suffix(".live.csv")
+        state = {"options": options, "settings": Settings(behind_s=1.0), "idle_s": 0.0, "sleep": lambda _: None}
+        run = follow(log, [sensor], out, state=tmp_path / f"{log.stem}.json", **state)  # type: ignore[arg-type]
+        assert not options or not run.findings
+        return written(out)
+
+    alone = answers(plain, ["T1"])
+    done = answers(other, ["T1", "b", "c"], unit={"T1": "degF"}, couple="K", cold="cj")
+    assert list(done) == ["time_s", "T1", "b_K", "c_degC", "cj", "T1_u_degF", "b_u_K", "c_u_K"]
+    assert done["time_s"].to_numpy() == pytest.approx(alone["time_s"].to_numpy())
+    x, u = alone["T1"].to_numpy(), alone["T1_u_K"].to_numpy()
+    for name, back, per_K in (("T1", 1.8 * x + 32, 1.8), ("b_K", x + 273.15, 1.0), ("c_degC", x, 1.0)):
+        assert done[name].to_numpy() == pytest.approx(back, abs=1e-4), name
+        assert done[u_name(name) if name != "T1" else "T1_u_degF"].to_numpy() == pytest.approx(per_K * u, abs=1e-4)
+
+
+def test_what_is_said_of_colour_is_true_without_a_filter() -> None:
+    n = LoggerNoise(np.array([0.2]), np.array([0.1]), np.array([0.3]), Conditioning(5.0, 1), ((1.0, 0.1),))
+    assert "as by a lag of 0.032 s" in n.findings("T1")[0].sentence
+    two = replace(n, shaping=Conditioning(4.0, 2)).findings("T1")[0].sentence
+    assert "through the conditioning filter" in two
+
+
+def test_waves_of_few_samples_are_no_spikes() -> None:
+    t = np.arange(1000.0)
+    wave = 2 * np.pi / 13 * t
+    y = 500 + 3.8 * np.sin(wave) + 0.1 * np.random.default_rng(1).standard_normal(1000)
+    y[500] += 20.0
+    found = smooth(y, 1.0, Chain(5.0))
+    assert not found.findings
+    assert found.flags[500, 0]
+    assert found.flags.astype(bool).mean() < 0.005
 
 
 BAD = {

@@ -103,6 +103,8 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert said["times"]["T1_K"]["t90_s"]["value"] == pytest.approx(truth((1.5, 0.3))[3], rel=0.02)
     assert said["fit"]["h_W_m2K"]["value"] == pytest.approx(8381, rel=0.01)
     assert read_sensor(out).inputs[0].file == "dip.csv"
+    assert "h_W_m2K: 8400 +- 1300" in read_sensor(out).summary()
+    assert "lag_air_s: " in read_sensor(out).summary()
     assert run_cli(*words, "--medium", "water") == 2
     assert run_cli("sensor", "plunge", log, "--column", "T9", "--out", out) == 2
     assert "T9" in capsys.readouterr().err

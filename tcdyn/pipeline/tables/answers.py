@@ -17,6 +17,7 @@ from calibration.words.partition import structure
 from calibration.words.plunge import percent
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
+from tcdyn.partition.one_disk import OneDisk
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensors import SensorCheck
 from tcdyn.partition.sensors.faults import DepthTest
@@ -96,10 +97,9 @@ def _u(u: float) -> str:
     return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
-def test_table(p: Partition) -> pd.DataFrame:
+def test_table(p: Partition | OneDisk) -> pd.DataFrame:
     """The test's conditions."""
     t = p.test
-    parting = with_u(t.events.unload_s, t.events.unload_u_s)
     plain = [
         ("load", f"{t.load_N:.0f}", "N"),
         ("friction", f"{t.friction_N:.2f}", "N"),
@@ -108,14 +108,14 @@ def test_table(p: Partition) -> pd.DataFrame:
         ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
         ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
         ("load on at", f"{t.events.load_on_s:.2f}", "s"),
-        ("unloading at", parting, "s"),
+        ("unloading at", with_u(t.events.unload_s, t.events.unload_u_s), "s"),
     ]
     for word, key, unit in (
         ("hottest surface, fast disk", "surface fast", "°C"),
         ("hottest surface, slow disk", "surface slow", "°C"),
         ("their difference times sliding speed, ΔT u_s", "delta_T_us", "K m/s"),
     ):
-        plain.append((word, str(p.answers[key]), unit))
+        plain += [(word, str(p.answers[key]), unit)] if key in p.answers else []
     return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
 
 

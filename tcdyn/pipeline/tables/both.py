@@ -1,4 +1,4 @@
-"""The fit of both disks on the page of a test: readings against the model, and beta's uncertainty by source."""
+"""The joint fit on the page of a test: readings against the model, and beta's uncertainty by source."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from calibration import Array
 from calibration.disk import DISKS, LEFT_OUT
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.joint import SHARE, told, unknowns
+from tcdyn.partition.one_disk import OneDisk
 
 
 @dataclass(frozen=True)
 class Met:
-    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the joint fit of both disks'
+    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the joint fit's
     model of them, and standard deviations of a reading; NaN for a channel that is left out."""
 
     channels: tuple[str, ...]
@@ -25,22 +26,24 @@ class Met:
     sd: Array
 
 
-def met(p: Partition, disk: str) -> Met:
-    """Measured against modelled, as the joint fit of both disks ended."""
-    sides = [p.joint[d].side for d in DISKS]
+def met(p: Partition | OneDisk, disk: str) -> Met:
+    """Measured against modelled, as the joint fit of all disks there are ended."""
+    names = [d for d in DISKS if d in p.test.disks]
+    sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
+    optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
     ends = np.cumsum([len(s.y) for s in sides])
-    window = sides[DISKS.index(disk)].window
-    residual = np.split(p.both.optimum.residual[: ends[-1]], ends[:-1])[DISKS.index(disk)].reshape(window.y.shape)
+    window = sides[names.index(disk)].window
+    residual = np.split(optimum.residual[: ends[-1]], ends[:-1])[names.index(disk)].reshape(window.y.shape)
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
     return Met(
         p.test.disks[disk].setup.outer, window.at_s - p.test.events.unload_s, window.y, window.y + residual * sd, sd
     )
 
 
-def residuals_table(p: Partition) -> pd.DataFrame:
+def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
     """Reading less model at each junction [K], mean under load and after the parting, and rms over its noise."""
     rows = []
-    for disk in DISKS:
+    for disk in [d for d in DISKS if d in p.test.disks]:
         m = met(p, disk)
         off, after = m.measured - m.model, m.at_s > 0
         for k, c in enumerate(m.channels):
