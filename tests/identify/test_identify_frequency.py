@@ -47,7 +47,7 @@ def test_intervals_hold_the_truth(stated):
 
 @pytest.mark.parametrize("form", ["share of 20 %", "coherence", "floor"])
 def test_an_uncertainty_that_goes_with_the_magnitude_is_that_of_the_true_one(form):
-    """Of the measured one (30 %) the gain was 21 % too small, held by 43 % of the intervals; one in ten was a misfit."""
+    """Of the measured one (30 %) the gain was 21 % too small and held by 43 % of the intervals."""
     held, misfit, truth = [], [], closed_form(F)
     for seed in range(25):
         rng = np.random.default_rng(seed)

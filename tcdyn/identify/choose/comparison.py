@@ -159,9 +159,11 @@ def with_rival(
     other = better[0].problem.model
     if other.name in found.fits:
         other = replace(other, name=f"{other.name}, 2")
-    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, options)
+    same = {**options, "initial": better[0].problem.initial}
+    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, same)
     table = pd.concat([alone.table, found.table], ignore_index=True)
-    told = {"other": found.recommended, "ratio": better[1], "freed": found.reason.numbers.get("freed", False)}
+    freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get("initial", "equilibrium")
+    told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
     reason = note("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
     return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
 
