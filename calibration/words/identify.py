@@ -180,8 +180,9 @@ IDENTIFY: dict[str, Words] = {
     "residuals.spikes": _spikes,
     "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
     "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
-    "response.unstated": lambda share, **_: (
-        f"No uncertainty was stated: an equal share of the magnitude, {100 * share:.2g} % as the residuals are."
+    "response.unstated": lambda share, floor, **_: (
+        f"No uncertainty was stated: as the residuals are, {100 * share:.2g} % of the magnitude"
+        f"{f' above a floor of {floor:.2g}' if floor else ''}."
     ),
     "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): dynamics are missing, "
     "or it was stated too small; the intervals are as much wider.",

@@ -232,12 +232,14 @@ def response(
         data, frequency, (both[0], both[1]), form=form, u=u, coherence=coherence, averages=averages
     )
     names = names_of(models) if models else CANDIDATES
-    fits = sorted((fit_response(measured, name) for name in names), key=lambda f: f.statistics["bic"])
+    fits = sorted(
+        (fit_response(measured, name) for name in names), key=lambda f: round(f.statistics["bic"], 6)
+    )  # of equals the first named
     best = next((f for f in fits if not doubts(f.findings)), fits[0])
     best = replace(best, input_name=frequency, output_name=" and ".join(both))
     least = fits[0].statistics["bic"]
     rows = [
-        (f.model.name, *(f.statistics[k] for k in ("fit_percent", "p_misfit")), f.statistics["bic"] - least)
+        (f.model.name, *(f.statistics[k] for k in ("fit_percent", "p_misfit")), abs(f.statistics["bic"] - least))
         for f in fits
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)

@@ -218,19 +218,28 @@ def partials(d: Array) -> Array:
 
 
 def equation_error(
-    colour: Callable[[Array], Array], x: Array, moved: Sequence[int], parts: Sequence[slice], r: Array, j: Array
+    colour: Callable[[Array], Array],
+    x: Array,
+    moved: Sequence[int],
+    parts: Sequence[slice],
+    r: Array,
+    j: Array,
+    free: Sequence[bool] = (),
 ) -> tuple[Array, Array]:
     """The equation error A(q) r of residuals ``r`` (N,), and its Jacobian from theirs, ``j``.
 
     ``colour`` gives the coefficients of A behind its first at ``x``, of which ``moved`` are the places that A depends
     on, so that the noise tells of the poles as in an ARX regression. Nought where a part (a stretch without a gap)
-    lacks the samples before.
+    lacks the samples before; where its initial state is ``free`` the residuals themselves, which determine that state.
     """
     own = colour(x)
     step = 1e-6 * np.maximum(np.abs(x), 1e-9)
     slopes = [(colour(x + step * (np.arange(len(x)) == i)) - own) / step[i] for i in moved]
     w, table, p = np.zeros_like(r), np.zeros_like(j), len(own)
-    for s in parts:
+    for k, s in enumerate(parts):
+        if k < len(free) and free[k]:
+            first = slice(s.start, min(s.start + p, s.stop))
+            w[first], table[first] = r[first], j[first]
         late = np.array([r[s.start + p - k : s.stop - k] for k in range(1, p + 1) if s.stop - s.start > p])
         if len(late):
             w[s.start + p : s.stop] = r[s.start + p : s.stop] + own @ late

@@ -9,10 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial.polynomial import polyfromroots
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from calibration import Array
+from calibration.noise import MAD_TO_SD
 from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
 from tcdyn.fitting.average import NoiseGrid, Slopes, moments, widest
@@ -31,6 +33,7 @@ DECISIVE = 4.0  # BIC by which a stationary noise must win over a random walk, w
 ROUNDS = 6  # of dynamics given the noise and noise given the dynamics
 MOST_ROUNDS, AGREED = 3, 0.05  # of an averaged fit; standard uncertainties by which they may still move
 LINEAR, FAR = 0.3, 5.0  # move of a logarithm, and in standard uncertainties, that may still be linear
+BESIDE, SPIKE = 15, 4.0  # samples of a running median; its standard deviations, from which one beside it is a spike
 NEGLIGIBLE = 0.01  # probability, below which a drift is left out
 Estimate = Callable[[Posed, Array, Array], Noise]
 
@@ -94,6 +97,20 @@ def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed
             break
         cost = optimum.cost
     return posed, optimum, model
+
+
+def unspiked(posed: Posed, residual: Array) -> Posed:
+    """``posed`` with the samples whose ``residual`` (N,), measured less simulated, stands out from a running median put
+    upon it: weights by the size of residuals would take the crests of slow noise for spikes."""
+    apart = residual - np.concatenate([median_filter(residual[s], BESIDE, mode="nearest") for s in posed.parts])
+    spikes = np.where(np.abs(apart) > SPIKE * MAD_TO_SD * np.median(np.abs(apart)), apart, 0.0)
+    segments, at = [], 0
+    for s in posed.segments:
+        y, count = s.y.copy(), int(s.seen.sum())
+        y[s.seen] -= spikes[at : at + count]
+        segments.append(replace(s, y=y))
+        at += count
+    return replace(posed, segments=tuple(segments))
 
 
 def walking(e: Array, parts: list[slice], order: tuple[int, int]) -> Noise:

@@ -25,6 +25,7 @@ from tcdyn.identify.disturbance import (
     estimate,
     mixed,
     through_model,
+    unspiked,
 )
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, covariance_of, profiled
@@ -117,7 +118,14 @@ def with_noise(
 
     First-order disturbances of any time constant are averaged over (:mod:`tcdyn.fitting.average`); only what leaves
     coloured innovations is sought among those of higher order, by BIC. What is asked for by name is never left out.
+    Where noise may be slow a robust loss stands for the samples that :func:`unspiked` moves.
     """
+    slow = baseline == "walk" or noise == "slow" or ("auto" in (noise, baseline) and coloured(found))
+    if found.loss != "linear" and slow:
+        problem = unspiked(found.problem, found.residual)
+        optimum = search(problem, start=optimum.theta)
+        level = assemble(data, problem, optimum, Noise(), "linear", covariance)
+        return replace(with_noise(data, level, optimum, noise, baseline, covariance), loss=found.loss)
     auto = "auto" in (noise, baseline) and noise != "slow"
     named, least = noise not in ("auto", "slow"), baseline if baseline != "auto" else "none"
     begun = [(found.problem, optimum)]
@@ -144,12 +152,12 @@ def with_noise(
         kinds = spared[1:] if baseline == "trend" else spared
         mean = mixed([averaged(*each) for each in kinds])
         problem, best, model_noise, cov_x = mean.found(weights)
-        slow = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x, weights)
-        told = replace(slow.identified, statistics={**slow.identified.statistics, "p_walk": mean.walks})
-        slow = replace(slow, identified=told)
-        if noise == "slow" or not coloured(slow):
-            return slow
-        tried.append(slow)
+        spread = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x, weights)
+        told = replace(spread.identified, statistics={**spread.identified.statistics, "p_walk": mean.walks})
+        spread = replace(spread, identified=told)
+        if noise == "slow" or not coloured(spread):
+            return spread
+        tried.append(spread)
     left: tuple[Baseline, ...] = ("none", "trend", "walk") if baseline == "auto" else (baseline,)
     tried += [given(kind, "auto" if noise == "slow" else noise) for kind in left[named:]]
     return chosen(tried)

@@ -24,21 +24,31 @@ from tcdyn.identify.start import from_poles, spread, stabilised
 from tcdyn.identify.validate import ALARM
 
 DELAYS, TAUS, ROUNDS, TRIED = 13, 9, 10, 4
+WEIGHED, LEAST = 4, 0.1  # rounds of uncertainties that go with the model's magnitude, and its least part of the data's
+FLOORS = (0.0, 1e-3, 1e-2, 0.1, 1.0)  # of noise that is not stated, in magnitudes of the greatest response
 FAR = 1e3  # times the band of the data, beyond which no lag is looked for
 
 
 @dataclass(frozen=True)
 class Response:
     """``response`` (F,) complex, output over input, at ``frequency_Hz`` (F,), each of its parts with the standard
-    uncertainty ``u`` (F,); None where it is not known, then it is taken as an equal share of the magnitude."""
+    uncertainty ``u`` (F,), or a ``share`` (F,) of the true magnitude; with neither an equal share of it above a floor,
+    neither of them known."""
 
     frequency_Hz: Array
     response: Complex
     u: Array | None = None
     name: str = "frequency response"
+    share: Array | None = None
+    floor: float = 0.0
+
+    @property
+    def unstated(self) -> bool:
+        """Whether nothing is known of the uncertainty."""
+        return self.u is None and self.share is None
 
     def __post_init__(self) -> None:
-        f, h, u = self.frequency_Hz, self.response, self.u
+        f, h, u = self.frequency_Hz, self.response, self.u if self.share is None else self.share
         if len(f) != len(h) or not (np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)):
             raise InputError("not all is a number", where=self.name, expected="frequencies above 0, responses not 0")
         if len(np.unique(f)) < len(f):
@@ -61,17 +71,23 @@ class Response:
         name: str = "frequency response",
     ) -> Response:
         """From magnitude and phase [deg]; the uncertainty stated, or of H1 = S_uy/S_uu from its ``coherence`` g2 (F,)
-        over so many independent ``averages`` n: u = |H| sqrt((1 - g2)/(2 n g2)).
+        over so many independent ``averages`` n: u = |H| sqrt((1 - g2)/(2 n g2)), H the true one.
 
         Source: Bendat and Piersol, Random Data, 4th ed. (2010), 9.2.
         """
         f, size, phase = (np.asarray(x, dtype=float) for x in (frequency_Hz, magnitude, phase_deg))
+        if np.any(size < 0):
+            raise InputError(
+                f"a magnitude of {size.min():g}", where=name, expected="0 or more", remedy="say the form: dB or complex"
+            )
+        share = None
         if coherence is not None:
             g2 = np.asarray(coherence, dtype=float)
             if averages is None or not averages >= 1 or not np.all((g2 > 0) & (g2 < 1)):
                 raise InputError("coherence", where=name, expected="between 0 and 1, with the number of averages")
-            u = size * np.sqrt((1 - g2) / (2 * averages * g2))
-        return cls(f, size * np.exp(1j * np.deg2rad(phase)), None if u is None else np.asarray(u, dtype=float), name)
+            u, share = None, np.sqrt((1 - g2) / (2 * averages * g2))
+        stated = None if u is None else np.asarray(u, dtype=float)
+        return cls(f, size * np.exp(1j * np.deg2rad(phase)), stated, name, share)
 
     @classmethod
     def read(
@@ -94,14 +110,24 @@ class Response:
         size = 10 ** (a / 20) if form == "dB" else a
         return cls.of(f, magnitude=size, phase_deg=b, u=of_u, coherence=of_g, averages=averages, name=where)
 
+    def spread(self, model: Complex | None = None) -> Array:
+        """Uncertainty (F,) of each part, where it goes with the magnitude with that of the ``model`` (F,): of a
+        magnitude that was measured too small it would be too small."""
+        if self.u is not None:
+            return self.u
+        size = np.abs(self.response)
+        size = size if model is None else np.maximum(np.abs(model), LEAST * size)
+        return np.hypot(size, self.floor) if self.share is None else size * self.share
+
 
 def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     """The weighted least-squares fit of ``model`` to a frequency response, start-free, with uncertainties.
 
     Minimises sum |H - G(2 pi i f)|^2/u^2, begun at the linear problem of Levy, weighted as by Sanathanan and Koerner
-    (1963), over dead times. Errors of different frequencies are taken as independent. Where no uncertainty is stated
-    its size is that of the residuals; where these are larger than was stated (chi-squared, 1 %), the intervals are
-    widened by as much and a finding says so. Raises InputError for too few frequencies.
+    (1963), over dead times; a u that goes with the magnitude is that of G, in rounds. Errors of different frequencies
+    are taken as independent. Where no uncertainty is stated its size, and by likelihood its floor, is that of the
+    residuals; where these are larger than was stated (chi-squared, 1 %), the intervals are widened by as much and a
+    finding says so. Raises InputError for too few frequencies.
 
     >>> f = np.geomspace(0.01, 1, 12)
     >>> h = 2 * np.exp(-2j * np.pi * f * 0.3) / (1 + 2j * np.pi * f * 1.5)
@@ -114,18 +140,33 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     freedom = 2 * len(data.frequency_Hz) - len(structure.free)
     if freedom < 1:
         raise InputError(f"{len(data.frequency_Hz)} frequencies for {len(structure.free)} parameters", where=data.name)
+    greatest = float(np.abs(data.response).max())
+    shaped = [replace(data, floor=f * greatest) for f in FLOORS] if data.unstated else [data]
     problem = posed(data, structure)
     ranked = [(float(a[0] @ a[0]), x) for x in starts(data, structure) if (a := problem.evaluate(x)) is not None]
-    ranked.sort(key=lambda item: item[0])
     if not ranked:
         raise InputError(f"no stable {structure.name} was found", where=data.name, remedy="try another model")
-    best = least([minimise(problem, x, limit=100, tolerance=0.0) for _, x in ranked[:TRIED]])
-    return identified(data, structure, best, freedom)
+    begun = [x for _, x in sorted(ranked, key=lambda item: item[0])[:TRIED]]
+    tried = []
+    for one in shaped:
+        best, u = weighed(one, structure, begun)
+        begun = [best.theta, begun[0]]
+        tried.append(identified(one, structure, best, freedom, u))
+    return min(tried, key=lambda found: round(found.statistics["bic"], 6))
 
 
-def posed(data: Response, model: Model) -> Problem:
-    """Residuals (2F,), real parts and then imaginary ones, over their uncertainty."""
-    u = np.abs(data.response) if data.u is None else data.u
+def weighed(data: Response, model: Model, begun: list[Array]) -> tuple[Optimum, Array]:
+    """The optimum from the best of what was ``begun``, and the uncertainties (F,) that it was weighted with."""
+    best, u = least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun]), data.spread()
+    for _ in range(WEIGHED if data.u is None else 0):
+        u = data.spread(model.rational(values(model, best.theta)).frequency_response(data.frequency_Hz))
+        best = minimise(posed(data, model, u), best.theta, limit=100, tolerance=0.0)
+    return best, u
+
+
+def posed(data: Response, model: Model, u: Array | None = None) -> Problem:
+    """Residuals (2F,), real parts and then imaginary ones, over their uncertainty ``u`` (F,)."""
+    u = data.spread() if u is None else u
     w = 2 * np.pi * np.array([data.frequency_Hz.min(), data.frequency_Hz.max()])
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
@@ -160,7 +201,7 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
     s = np.asarray(2j * np.pi * data.frequency_Hz, complex)
     known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
     rest: Complex = data.response * known * s**model.integrators
-    u = np.abs(data.response) if data.u is None else data.u
+    u = data.spread()
     weight = np.abs(rest / data.response) / u
     slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (2 * np.pi * data.frequency_Hz.max())
     late = float(np.clip(2 * slope, 0.1 / data.frequency_Hz.max(), longest_s(data)))
@@ -197,13 +238,13 @@ def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple
     return above / middle ** np.arange(zeros + 1), below / middle ** np.arange(poles + 1)
 
 
-def identified(data: Response, model: Model, best: Optimum, freedom: int) -> Identified:
-    """The answer with its uncertainties and what was noticed."""
+def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array) -> Identified:
+    """The answer with its uncertainties and what was noticed; ``u_fit`` (F,) is what was fitted with."""
     theta, n = values(model, best.theta), 2 * len(data.frequency_Hz)
     chi2, found = float(best.residual @ best.residual), list[Finding]()
     p, scale = 1.0, chi2 / freedom
-    if data.u is None:
-        found.append(note("response.unstated", share=np.sqrt(scale)))
+    if data.unstated:
+        found.append(note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale)))
     else:
         p = float(stats.chi2.sf(chi2, freedom))
         if p < ALARM:
@@ -222,8 +263,10 @@ def identified(data: Response, model: Model, best: Optimum, freedom: int) -> Ide
         found.append(look("fit.indistinct", subject=model.name))
     error = np.abs(model.rational(theta).frequency_response(data.frequency_Hz) - data.response)
     spread_ = np.linalg.norm(data.response - data.response.mean()) or 1.0
-    count = len(model.free) + (data.u is None)
-    deviance = n * np.log(max(chi2, 1e-300) / n) if data.u is None else chi2
+    count = len(model.free) + data.unstated
+    deviance = n * np.log(max(chi2, 1e-300) / n) if data.unstated else chi2
+    measured = replace(data, floor=0.0).spread()
+    deviance += 4 * float(np.sum(np.log(u_fit / measured)))  # two parts, of the variance each
     statistics = {
         "n": float(n), "parameters": float(len(model.free)), "rms": float(np.sqrt(np.mean(error**2))),
         "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)), "p_misfit": p,

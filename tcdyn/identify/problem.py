@@ -177,6 +177,12 @@ class Posed:
         return found
 
     @cached_property
+    def freed(self) -> list[bool]:
+        """Whether each of the parts begins with a segment whose initial state is free."""
+        begun = {at for at, free in zip(np.cumsum([0, *(s.seen.sum() for s in self.segments)]), self.loose) if free}
+        return [part.start in begun for part in self.parts]
+
+    @cached_property
     def measured(self) -> Array:
         """The measured output samples of all segments in a row (N,)."""
         return np.concatenate([s.y[s.seen] for s in self.segments])
@@ -281,7 +287,8 @@ class Posed:
                 return None
             if self.model.arx:
                 moved = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
-                return equation_error(self.colour, x, moved, self.parts, answer[0] * root, (answer[1].T * root).T)
+                table = (answer[1].T * root).T
+                return equation_error(self.colour, x, moved, self.parts, answer[0] * root, table, self.freed)
             whiten = (noise or Noise()).whiten
             return whiten(answer[0] * root, self.parts), whiten((answer[1].T * root).T, self.parts)
 

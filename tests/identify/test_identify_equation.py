@@ -46,7 +46,23 @@ def test_slopes_of_the_equation_error_are_its_own():
         step = np.eye(posed.size)[k] * 1e-5
         difference = (core.evaluate(x + step)[0] - core.evaluate(x - step)[0]) / 2e-5
         assert np.allclose(difference, slopes[:, k], atol=1e-4 * max(1.0, np.abs(difference).max()))
-    assert np.count_nonzero(value == 0) == 2 * 2  # where a stretch lacks the two samples before
+    assert np.count_nonzero(value == 0) == 2  # where a stretch lacks the two samples before, its state not free
+
+
+def test_a_state_that_is_free_is_told_by_the_first_samples():
+    """It was told by none, for A(q) takes free responses away: the fit of such a simulation was -1e15 %."""
+    data = stirred(0)
+    gone = data.runs[0].u.copy()
+    gone[200:220] = np.nan
+    gap = replace(data, runs=(replace(data.runs[0], u=gone),))
+    plain = fit(data, pair(), check=False)
+    for each, initial in ((data, "estimated"), (gap, "equilibrium"), (gap, "estimated")):
+        found = fit(each, pair(), initial=initial, check=False)
+        assert found.identified.statistics["fit_percent"] == pytest.approx(
+            plain.identified.statistics["fit_percent"], abs=1
+        )
+        assert found.estimates["a1"].value == pytest.approx(plain.estimates["a1"].value, abs=plain.estimates["a1"].u)
+        assert not found.findings
 
 
 def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():

@@ -15,7 +15,7 @@ from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.choose.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse
+from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse, off_equilibrium
 from tcdyn.identify.choose.held_out import divide, judged
 from tcdyn.identify.choose.shared import rival
 from tcdyn.identify.data import IOData
@@ -128,7 +128,8 @@ def compare(
         return compared(data, way, held_out, progress, options)
 
     found = tried(progress, options)
-    if "initial" not in options and "record.off_equilibrium" in found.validation.troubles:
+    at_once = "record.off_equilibrium" in found.validation.troubles
+    if "initial" not in options and (at_once or off_equilibrium(data, found.best, options)):
         with_state = {**options, "initial": "estimated"}
         freed = tried(told_with(progress, "initial state estimated"), with_state)
         if freed.table["BIC"].min() < found.table["BIC"].min():
@@ -159,9 +160,11 @@ def with_rival(
     other = better[0].problem.model
     if other.name in found.fits:
         other = replace(other, name=f"{other.name}, 2")
-    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, options)
+    same = {**options, "initial": better[0].problem.initial}
+    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, same)
     table = pd.concat([alone.table, found.table], ignore_index=True)
-    told = {"other": found.recommended, "ratio": better[1], "freed": found.reason.numbers.get("freed", False)}
+    freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get("initial", "equilibrium")
+    told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
     reason = note("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
     return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
 
@@ -202,6 +205,7 @@ def with_disturbance(
     anew = replace(anew, grown=found.grown)
     noise = anew.best.noise
     told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
+    told["freed"] = found.reason.numbers.get("freed", False)
     if noise.averaged:
         told["memory_s"] = noise.memory * data.dt_s if noise.memory < len(anew.best.residual) else None
         told["p_walk"] = anew.best.identified.statistics["p_walk"]

@@ -21,6 +21,7 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import SILENT, Model, as_model, as_template, bare, process, several, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import rest, starts
+from tcdyn.identify.validate import ALARM, coloured
 
 WORTH = 2.0  # BIC that a step must gain
 UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
@@ -84,6 +85,19 @@ def gain(smaller: Fit, larger: Fit) -> float:
     more = larger.identified.statistics["parameters"] - smaller.identified.statistics["parameters"]
     independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
     return float(independent * np.log(before / max(after, 1e-300)) - more * np.log(independent))
+
+
+def off_equilibrium(data: IOData, found: Fit, options: Mapping[str, Any]) -> bool:
+    """Whether residuals that are coloured or follow the input decisively ask for an initial state other than the
+    equilibrium of ``found``; the first ones alone need not tell: what rings may pass through its level just then."""
+    clean = not coloured(found) and found.identified.statistics["p_input"] >= ALARM
+    if clean or found.problem.initial != "equilibrium":
+        return False
+    free = {"initial": "estimated", "start": found.identified.theta, "intervals": "quadratic", "check": False}
+    try:
+        return gain(found, fit(data, found.problem.model, **{**options, **free})) > DECISIVE
+    except InputError:  # too few samples for so many unknowns
+        return False
 
 
 def best_of(tried: list[Fit | None]) -> Fit:

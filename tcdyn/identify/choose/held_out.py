@@ -39,9 +39,9 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
     error no smaller from the noise of the fit alone.
 
-    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift stays as it was
-    at the end of the fit's data. A record that is scored from some time on is continued from the state that suits what
-    came before, any other gets the state that suits it.
+    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift goes on, from
+    what it was at the end of the fit's data, with a slope of its own. A record that is scored from some time on is
+    continued from the state that suits what came before, any other gets the state that suits it.
     The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
     """
     model = result.identified
@@ -58,6 +58,9 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     whole = replace(posed, segments=tuple(replace(s, seen=np.isfinite(s.y)) for s in segments))
     all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
     late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
+    if result.problem.trend and not late.all():
+        since = np.cumsum(late)[late]
+        all_of_it[late] -= since * (since @ all_of_it[late]) / (since @ since)
     error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
     if result.noise.memory > LASTING * len(error) and not late.all():  # from the level at which a walk is by then
         error = error - np.mean(all_of_it[~late][-SHORTEST:])

@@ -33,8 +33,9 @@ def rival(
     ``now``; None where none foresees 3 % better or, with white residuals where those of ``now`` are coloured, at most
     5 % worse.
 
-    Each is fitted by output error and, unless ``options`` state a noise, by equation error, which holds where the
-    disturbances come in before the poles. What counts is simulation of data kept from the fit: the geometric mean of
+    Each is fitted by output error, unless ``options`` state how the runs begin also with their initial states
+    estimated, and, unless they state a noise, by equation error, which holds where the disturbances come in before the
+    poles. What counts is simulation of data kept from the fit: the geometric mean of
     that of ``held_out``, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
     worse. ``like`` holds what all have.
     """
@@ -46,9 +47,9 @@ def rival(
         for found in candidates(data, order, arx, quick, like):
             if (blocks := blocks_out(found) / before) > UNSEEN:
                 continue
-            start = found.identified.theta
+            same = {**quick, "initial": found.problem.initial, "start": found.identified.theta}
             try:
-                last = found if train is None else fit(train, found.problem.model, **quick, start=start)
+                last = found if train is None else fit(train, found.problem.model, **same)
             except InputError:  # too little is left of the record
                 continue
             unseen = judged(last, test, from_s)[0] / held_out_rms
@@ -60,7 +61,7 @@ def rival(
 
 def candidates(data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model) -> Iterator[Fit]:
     """Fits with ``order`` poles begun at those of ARX regressions, without a dead time and, where regressions ask for
-    one, with."""
+    one, with; by output error with initial states estimated too, where ``options`` leave that open."""
     plain = [transfer(order, order, arx=arx)] * len(data.input_names)
     posed = pose(data, several(plain, data.input_names, common=True), options.get("initial", "equilibrium"))
     late = min(range(LATEST), key=lambda k: regressed(posed, order, k)[1])
@@ -71,10 +72,14 @@ def candidates(data: IOData, order: int, arx: bool, options: Mapping[str, Any], 
         poles = [regressed(posed, order, delay // stride, stride)[0] for stride in STRIDES]
         dead = {n: max(delay - 1.0, 0.2) * data.dt_s for n in model.names if bare(n) == "Td"}
         starts = [dead | {f"a{i}": float(a) for i, a in enumerate(one) if i} for one in poles if len(one) > 1]
-        try:
-            yield fit(data, model, **options, start=starts)
-        except InputError:
-            continue
+        asked = [options] if arx or "initial" in options else [options, {**options, "initial": "estimated"}]
+        for each in asked:
+            try:
+                found = fit(data, model, **each, start=starts)
+            except InputError:
+                continue
+            starts = [*starts, dict(found.identified.theta)]
+            yield found
 
 
 def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple[Array, float]:
