@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from calibration.errors import InputError
-from calibration.finding import Finding, look
+from calibration.finding import Finding, look, note
 
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
@@ -136,7 +136,7 @@ def reconcile_entry(
     """
     su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
-    found = [look("entry.bounced", subject="switch")] if bounced else []
+    found = [note("entry.bounced", subject="switch")] if bounced else []
     if switch_s is None and probe_s is None:
         raise InputError(
             "no entry found: the switch never closes and the probe never jumps",
