@@ -45,5 +45,8 @@ SENSOR: dict[str, Words] = {
     "the process is not steady",
     "sensor.noise_misfit": "{subject}: the spectrum is not that of white fluctuations behind one or two lags (p = "
     "{p_value:.1g}): the lag is not to be trusted",
+    "sensor.brief": "column {subject}: the table lasts {duration_s:.3g} s, less than the lag of {lag_s:.3g} s: is its "
+    "time in another unit?",
+    "sensor.unit_contradicted": "column {subject} is taken in {said}, as was asked for, though its name says otherwise",
     "sensor.slow": "column {subject}: rows every {dt_s:.3g} s are slow for a lag of {lag_s:.3g} s",
 }

@@ -27,7 +27,7 @@ from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open_source, parts, places
 from tcdyn.sensor.units import Unit, doubtful, matching, units_of
 
-MOST_VALUES = 400_000  # that are smoothed at once
+MOST_VALUES, MOST_COLUMNS = 400_000, 8  # smoothed at once: an event of one column is weighed in all of them
 TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
 DECIMALS = 5
 
@@ -139,7 +139,7 @@ def compensate_table(
             f"the output would hold column {clash[0]!r} twice", where=shown(source.path), remedy="rename it"
         )
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
-    rows, found, tell_at = 0, list(told), 0
+    rows, found, tell_at, ends_s = 0, list(told), 0, list[float]()
     with log_writer(out, header, notes) as write:
         stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
         stretch = next(stretches, None)
@@ -153,6 +153,7 @@ def compensate_table(
                 continue
             write(pd.DataFrame({new: answer[new] for new in header}))
             rows, found = rows + len(next(iter(answer.values()))), [*once_each([*found, *said])]
+            ends_s += stretch.time_s[[0, -1]].tolist() if len(stretch.time_s) else []
             stretch = next(stretches, None)
             for name, row in numbers.items():
                 gathered[name].append(row)
@@ -160,6 +161,9 @@ def compensate_table(
     for w in worn:
         of = np.array(gathered[w.column]) if gathered[w.column] else np.full((1, 3), np.nan)
         noise, typical, most = np.median(of[:, 0]), np.median(of[:, 1]), np.max(of[:, 2])
+        lasts, lag_s = max(ends_s, default=0.0) - min(ends_s, default=0.0), w.chain.lag_s
+        if lasts < lag_s:
+            found.append(look("sensor.brief", subject=w.column, duration_s=lasts, lag_s=lag_s))
         table.append({"column": w.column, "noise_sd_K": noise, "sd_typical_K": typical, "sd_max_K": most})
     return CompensatedTable(Path(out), rows, tuple(worn), tuple(others), pd.DataFrame(table), notes, once_each(found))
 
@@ -210,7 +214,7 @@ def _answered(
     grid, told = places(stretch.time_s, where)
     found += told
     size = int(grid.place[-1]) + 1
-    group, memory = max(int(MOST_VALUES / size), 1), 0.0
+    group, memory = min(max(int(MOST_VALUES / size), 1), MOST_COLUMNS), 0.0
     alive = [w for w in worn if np.count_nonzero(np.isfinite(read[w.column])) >= 10]
     found += [look("sensor.dead", subject=w.column) for w in worn if w not in alive]
     for first in range(0, len(alive), group):

@@ -96,15 +96,21 @@ def unit_in(column: str) -> str:
 def units_of(
     columns: Sequence[str], declared: Mapping[str, str] | str = "", couple: str = "", cold: float | str = 0.0
 ) -> tuple[dict[str, Unit], list[Finding]]:
-    """The unit of each column: as declared (for all, or by column), else by its name, else degrees Celsius, told."""
-    out, plain = {}, []
+    """The unit of each column: as declared (for all, or by column), else by its name, else degrees Celsius, told.
+
+    >>> units_of(["Zone 1"], "F")[0]["Zone 1"].name, [f.code for f in units_of(["T1_degF"], "degC")[1]]
+    ('degF', ['sensor.unit_contradicted'])
+    """
+    out, plain, told = {}, [], list[Finding]()
     for name in columns:
         own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
-        unit = own or unit_in(name)
+        unit, stated = _WRITTEN.get(own.lower(), own) or unit_in(name), unit_in(name)
+        if stated and stated != unit:
+            told.append(look("sensor.unit_contradicted", subject=name, said=unit))
         if not unit:
             plain.append(name)
         out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
-    return out, [note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))] if plain else []
+    return out, [*told, *([note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))] if plain else [])]
 
 
 def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:

@@ -109,6 +109,18 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
         compensate_table(done.path, [sensor], tmp_path / "again.csv")
 
 
+def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> None:
+    t, _, y = logged((1.5,), 0.1, 400, 0.1, 1)
+    log = write(tmp_path / "log.csv", **{"Elapsed (ms)": np.round(t, 2), "T [F]": 1.8 * y + 32})  # really seconds
+    sensor = stated("s", ["T"], [(1.5, 0.05)])
+    done = compensate_table(log, [sensor], tmp_path / "out.csv", unit="degC")
+    said = {f.code: f.sentence for f in done.findings}
+    assert "lasts 0.0399 s, less than the lag of 1.5 s: is its time in another unit?" in said["sensor.brief"]
+    assert "taken in degC, as was asked for, though its name says otherwise" in said["sensor.unit_contradicted"]
+    log = write(tmp_path / "log.csv", time_s=t, T=1.8 * y + 32)
+    assert compensate_table(log, [sensor], tmp_path / "out.csv", unit="F").findings == ()
+
+
 def test_the_band_holds_the_lag_s_uncertainty() -> None:
     """16 sensors drawn from their stated lags, 1.5 +- 0.15 and 0.3 +- 0.03 s: the 95 % bands hold, pointwise.
 
