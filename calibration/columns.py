@@ -285,4 +285,6 @@ def _missing(
     is_are = "column is" if len(missing) == 1 else "columns are"
     what = f"{', '.join(missing)}: {is_are} missing" + (f" ({'; '.join(mapped)})" if mapped else "")
     alone = not near and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
+    if alone and (strange := [repr(n) for n in free if n not in KNOWN]):
+        what += f" (is it {' or '.join(strange[:FEW])}? then map it in rig.toml [columns])"
     return InputError(what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else "")
