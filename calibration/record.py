@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 from calibration.disk import Conditioning, DiskSetup
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.files.seal import SEAL, check_seal, sealed
+from calibration.files.seal import SEAL, altered, sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine, lines_table
@@ -225,7 +225,8 @@ def read_json(path: str | Path, expected: str, writer: str, called: str = "file"
 
 
 def parse_record(data: Any, where: str) -> DiskRecord:
-    """Check a record that is already parsed JSON, and its checksum if it has one; ``where`` names it in errors."""
+    """Check a record that is already parsed JSON; ``where`` names it in errors, and in a finding if its content is not
+    what its checksum says."""
     if not isinstance(data, dict):
         raise InputError("is no disk record", where=where, expected="a JSON object with the key schema")
     if "schema" not in data:
@@ -239,15 +240,16 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         )
     made = _from_0_1(data) if schema == OF_0_1 else data
     remedy = "do not edit records by hand; calibrate again"
-    return validated(DiskRecord, made, where, "a record as `tcdyn calibrate` writes it", remedy)
+    record = validated(DiskRecord, made, where, "a record as `tcdyn calibrate` writes it", remedy)
+    record.findings.extend(altered(data, where))
+    return record
 
 
 def validated(model: type[_Model], data: Any, where: str, expected: str, remedy: str) -> _Model:
-    """``data`` as a ``model``; InputError that names the first key that is wrong, or says that ``data`` carries another
-    checksum than its own."""
+    """``data``, its checksum left out, as a ``model``; InputError that names the first key that is wrong."""
     plain = {k: v for k, v in data.items() if k != SEAL} if isinstance(data, dict) else data
     try:
-        found = model.model_validate(plain)
+        return model.model_validate(plain)
     except ValidationError as problem:
         first = problem.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -255,8 +257,6 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
         got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
         what = f"{key + ': ' if key else ''}{message}{got}"
         raise InputError(what, where=where, expected=expected, remedy=remedy) from None
-    check_seal(data, where, f"{remedy}; the key {SEAL} taken out, it is used as it stands")
-    return found
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:

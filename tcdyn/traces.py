@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calibration.columns import couples
 from calibration.disk import DISKS, DiskSetup, left_out_of
 from calibration.errors import InputError
+from calibration.files.seal import ALTERED
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
 from calibration.noise import SPIKES, bridged, rounding_sd, white_noise_sd
@@ -233,9 +234,8 @@ def disk_traces(
     if record.disk not in (disk, setup.name):
         raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
     channels = disk_channels(record, setup, disk if named else "", lag)
-    found: list[Finding] = []
-    columns, marks, rounding = [], [], []
-    used = ~np.isin(setup.channels, left_out)
+    found = [f for f in record.findings if f.code == ALTERED]
+    columns, marks, rounding, used = [], [], [], ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from calibration.errors import InputError
+from calibration.finding import Finding, look
 from calibration.result import jsonable
 
-SEAL = "sha256"
+SEAL, ALTERED = "sha256", "file.altered"
 
 
 def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
@@ -23,15 +24,18 @@ def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
     return {**plain, SEAL: checksum(plain)}
 
 
-def check_seal(data: Mapping[str, Any], where: str, remedy: str) -> None:
-    """Raise InputError, naming the file, if it carries a checksum and a digit of the rest of it is another.
+def intact(data: Mapping[str, Any]) -> bool:
+    """Whether the content is what was written, as far as it carries a checksum.
 
-    >>> check_seal({**sealed({"beta": 0.7}), "beta": 0.8}, "D4.beta.json", "run beta again")
-    Traceback (most recent call last):
-    calibration.errors.InputError: D4.beta.json: its content is not what was written: the checksum does not fit...
+    >>> intact(sealed({"beta": 0.7})), intact({"beta": 0.7}), intact({**sealed({"beta": 0.7}), "beta": 0.8})
+    (True, True, False)
     """
-    if SEAL in data and checksum({k: v for k, v in data.items() if k != SEAL}) != data[SEAL]:
-        raise InputError("its content is not what was written: the checksum does not fit", where=where, remedy=remedy)
+    return SEAL not in data or checksum({k: v for k, v in data.items() if k != SEAL}) == data[SEAL]
+
+
+def altered(data: Mapping[str, Any], where: str) -> list[Finding]:
+    """That a file is not what was written, to be looked at by whoever uses it; nothing where it is."""
+    return [] if intact(data) else [look("file.altered", where=Path(where).name)]
 
 
 def checksum(plain: Mapping[str, Any]) -> str:

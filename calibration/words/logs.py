@@ -47,6 +47,8 @@ READER: dict[str, Words] = {
     "spikes.removed": "{place}: {count} spike(s); taken as missing",
     "column.constant": "column {subject} is {value:.6g} in every row",
     "column.frozen": "{place}: stays at {value:.6g} for {span_s:.3g} s",
+    "file.altered": "its content is not what tcdyn wrote (the checksum does not fit): make it again, or take its key "
+    "sha256 out if that was meant",
     "column.not_there": "column {subject} is missing",
     "columns.unused": lambda names, **_: f"{some(len(names), 'column')} of the file not used: {', '.join(names)}",
     "contact.not_logged": "column contact is not in the log: load and friction tell when the disks touch, the parting "

@@ -12,7 +12,7 @@ from calibration import Array
 from calibration.compare import OF_A_LOG
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.files.seal import SEAL, check_seal, checksum
+from calibration.files.seal import SEAL, checksum, intact
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 
@@ -126,7 +126,8 @@ def checked(data: Any, where: str) -> dict[str, Any]:
     """
     if not isinstance(data, dict) or SEAL not in data:
         raise InputError("holds no checksum", where=where, expected="a beta.json of this version", remedy=AGAIN)
-    check_seal(data, where, AGAIN)
+    if not intact(data):
+        raise InputError("its content is not what was written: the checksum does not fit", where=where, remedy=AGAIN)
     return data
 
 

@@ -13,6 +13,7 @@ import pandas as pd
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files import sha256, shown
+from calibration.files.seal import ALTERED
 from calibration.files.write import log_writer
 from calibration.finding import Finding, look, note, sentences
 from calibration.lines.static import apply_static, whole_u
@@ -191,6 +192,7 @@ def worn_in(
     if isinstance(cold, str) and cold not in names:
         matching(cold, names, where)
     units, told = units_of(own, unit, couple, cold)
+    told += [f for file in sensors for f in file.findings if f.code == ALTERED]
     return [Worn(n, taken[n][0].sensor, taken[n][1], taken[n][0], units[n]) for n in own], told
 
 

@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.files.seal import sealed
+from calibration.files.seal import altered, sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, look, sentences
 from calibration.lines.static import StaticLine
@@ -243,7 +243,10 @@ def read_sensor(path: str | Path) -> SensorFile:
             raise InputError(f"is damaged ({problem!r})", where=where, expected=expected) from None
     if schema != SCHEMA:
         raise InputError(f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected)
-    return validated(SensorFile, data, where, expected, "do not edit it by hand; write it again with `tcdyn sensor`")
+    remedy = "do not edit it by hand; write it again with `tcdyn sensor`"
+    sensor = validated(SensorFile, data, where, expected, remedy)
+    sensor.findings.extend(altered(data, where))
+    return sensor
 
 
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:

@@ -248,7 +248,6 @@ def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
 
 def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
     data = RECORD.to_dict()
-    del data["sha256"]  # altered on purpose
     data["setup"]["columns"] = {"fast_a_degC": "TC1"}
     assert diff_records(RECORD, parse_record(data, "b")).notes == ()
     data["setup"]["disk"]["conductivity_W_mK"] = 43.0

@@ -310,7 +310,7 @@ def test_tclab_step():
     held = c.table.set_index("model")["held_out_percent"]
     assert held["P2D"] > 95
     assert 80 < held["P1D"] < held["P2D"]  # its disturbance takes part of the second lag
-    assert held["P1"] < 80
+    assert held["P1"] < held["P2D"] - 3
     assert c.recommended == "P2D"
     # the sensor is quantised in steps of 0.32 K: its residuals cannot be white, and the noise model takes that up
     assert c.best.noise.averaged
