@@ -259,8 +259,8 @@ PARTITION: dict[str, Words] = {
     "sensors.sound": _sound,
     "unevenness": lambda subject, amplitude_K, u_K, angle_deg, angle_u_deg, **_: (
         f"{subject} disk: its bore contact is uneven: {Estimate.normal(amplitude_K, u_K).text('K')} hotter at "
-        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of b; the joint "
-        "fit found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
+        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of the inner row; the "
+        "joint fit found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
     ),
     "fit.contradicted": "{subject} disk: its readings are {seen_K:.1f} K hotter at {seen_deg:.0f} degrees than in the "
     "mean round the bore, while the press fit that rig.toml states would make it {told_K:.1f} K at {told_deg:.0f} "
@@ -285,10 +285,10 @@ PARTITION: dict[str, Words] = {
     "headline.both": _headline,
     "headline.withheld": lambda subject, **_: (
         f"No beta is given: what the joint fit of {f'the {subject} disk' if subject else 'both disks'} finds is "
-        "impossible, or the frictional power that it shares out is off by far."
+        f"impossible{'' if subject else ', or the frictional power that they share is off by far'}."
     ),
     "answers.impossible": lambda ways, **_: (
-        f"impossible numbers (beta outside 0 to 1, h not above zero, power off by far) by {', '.join(ways)}: withheld"
+        f"impossible numbers (beta outside 0 to 1, h not above zero, a power off by far): {', '.join(ways)} withheld"
     ),
     "power.scale": _power,
     "structures.other": _other_structure,

@@ -213,7 +213,7 @@ def response(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Fit transfer functions to a measured frequency response; the one with the least BIC is written and told.
+    """Fit transfer functions to a measured frequency response; of those without a warning, the least BIC is written.
 
     Example: tcdyn response bode.csv --frequency f_Hz --columns gain_dB,phase_deg --form dB --coherence g2 --averages 20
     """

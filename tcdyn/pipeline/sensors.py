@@ -26,7 +26,7 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open_source, parts, places
-from tcdyn.sensor.units import Unit, doubtful, matching, units_of
+from tcdyn.sensor.units import Unit, cold_column, doubtful, matching, units_of
 
 MOST_VALUES, MOST_COLUMNS = 400_000, 8  # smoothed at once: an event of one column is weighed in all of them
 TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
@@ -121,6 +121,7 @@ def compensate_table(
         InputError: no such column, two sensors for one, a table that is compensated, time that does not rise.
     """
     source = open_source(log, time)
+    cold = cold_column(cold, source.table.names, source.table.where)
     worn, told = worn_in(source, sensors, columns, unit, couple, cold)
     names = source.table.names
     others = [n for n in names if n != source.time and n not in {w.column for w in worn}]
@@ -189,8 +190,6 @@ def worn_in(
                     raise InputError(f"two sensors for column {name!r}", where=where, expected="one sensor a column")
                 taken[name] = file, at
     own = [n for n in names if n in taken]
-    if isinstance(cold, str) and cold not in names:
-        matching(cold, names, where)
     units, told = units_of(own, unit, couple, cold)
     told += [f for file in sensors for f in file.findings if f.code == ALTERED]
     return [Worn(n, taken[n][0].sensor, taken[n][1], taken[n][0], units[n]) for n in own], told

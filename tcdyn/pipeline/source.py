@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypedDict
@@ -15,6 +15,7 @@ from calibration.errors import InputError
 from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
+from calibration.files.seal import ALTERED
 from calibration.finding import Finding
 from calibration.lines.static import StaticLine
 from calibration.opened import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
@@ -22,7 +23,7 @@ from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import TIMES
-from tcdyn.sensor.units import Unit, matching, time_column, u_name, units_of
+from tcdyn.sensor.units import Unit, cold_column, matching, time_column, u_name, units_of
 from tcdyn.traces import DiskChannels, disk_channels
 
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
@@ -111,7 +112,14 @@ def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOption
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
         raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")
-    return GrowingLog(growing, places, channels_of(kind, records, rig), INTENSITY_K2_S3[kind], converted)
+    return GrowingLog(
+        growing,
+        places,
+        channels_of(kind, records, rig),
+        INTENSITY_K2_S3[kind],
+        converted,
+        findings=(*altered_of(records.values()),),
+    )
 
 
 def _table_source(
@@ -122,18 +130,23 @@ def _table_source(
     time, scale = time_column(names, options.get("time"), where)
     if not is_number(dialect.first_row[names.index(time)], dialect.decimal):
         raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
+    if time != "time_s" and "time_s" in names:
+        raise InputError(f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it")
     own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     channels = channels_of("table", sensors, None, where, [n for n in names if n != time])
-    covered, cold = channels[0].columns, options.get("cold", 0.0)
+    covered, cold = channels[0].columns, cold_column(options.get("cold", 0.0), names, where)
     for name in covered:
         if covered.count(name) > 1:
             raise InputError(f"column {name!r} has two sensors", where=where, expected="one sensor a column")
-    if isinstance(cold, str):
-        matching(cold, names, where)
     units, told = units_of(covered, options.get("unit", ""), options.get("couple", ""), cold)
     how: dict[str, Callable[[Array], Array]] = {} if scale == 1.0 else {"time_s": lambda t: t * scale}
     other = {n: u for n, u in units.items() if u.name != "degC"}
-    return GrowingLog(growing, own, channels, None, how, other, tuple(told))
+    return GrowingLog(growing, own, channels, None, how, other, (*told, *altered_of(sensors)))
+
+
+def altered_of(known: Iterable[DiskRecord | SensorFile]) -> list[Finding]:
+    """What was said of files that are not as they were written."""
+    return [f for one in known for f in one.findings if f.code == ALTERED]
 
 
 def channels_of(

@@ -65,7 +65,9 @@ def lead(p: Partition, truth: float | None) -> Section:
 def answer(p: Partition, name: str) -> Answer:
     """beta of both disks with its interval, or that none is given."""
     if p.status == "withheld":
-        return Answer(f"{name}no β", "what the fit of both disks finds is impossible", p.status)
+        return Answer(
+            f"{name}no β", "what the fit of both disks finds is impossible, or its power is off by far", p.status
+        )
     beta, s = p.both.estimates["beta"], p.structures
     low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
     return Answer(

@@ -149,6 +149,20 @@ def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
     return list(dict.fromkeys(hits))
 
 
+def cold_column(cold: float | str, names: Collection[str], where: str) -> float | str:
+    """The reference junction's temperature [degC], or the one column that its name means.
+
+    >>> cold_column("CJ", ["T1_mV", "CJ_degC"], "log.csv"), cold_column(0.0, [], "log.csv")
+    ('CJ_degC', 0.0)
+    """
+    if not isinstance(cold, str):
+        return cold
+    found = matching(cold, names, where)
+    if len(found) > 1:
+        raise InputError(f"{cold!r} means {' and '.join(map(repr, found))}", where=where, expected="one column")
+    return found[0]
+
+
 def _missing(name: str, names: Collection[str], where: str) -> InputError:
     near = get_close_matches(name, list(names), n=1, cutoff=0.6)
     return InputError(

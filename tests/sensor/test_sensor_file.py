@@ -109,6 +109,17 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
         compensate_table(done.path, [sensor], tmp_path / "again.csv")
 
 
+def test_the_reference_junction_is_found_by_its_name_without_a_unit(tmp_path: Path) -> None:
+    t, x, y = logged((1.5,), 0.1, 400, 0.1, 1)
+    log = write(tmp_path / "log.csv", time_s=t, T_mV=emf_mV(y, "K") - emf_mV(20 + t / 100, "K"), CJ_degC=20 + t / 100)
+    sensor = stated("s", ["T"], [(1.5, 0.05)])
+    out = written(compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ").path)
+    assert held(out, "T_degC", "T_u_K", x)[0] < 0.3
+    log = write(tmp_path / "log.csv", time_s=t, T_mV=y, CJ_degC=t, CJ_K=t)
+    with pytest.raises(InputError, match="'CJ' means 'CJ_degC' and 'CJ_K'; expected one column"):
+        compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ")
+
+
 def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> None:
     t, _, y = logged((1.5,), 0.1, 400, 0.1, 1)
     log = write(tmp_path / "log.csv", **{"Elapsed (ms)": np.round(t, 2), "T [F]": 1.8 * y + 32})  # really seconds
