@@ -259,7 +259,7 @@ PARTITION: dict[str, Words] = {
     "sensors.sound": _sound,
     "unevenness": lambda subject, amplitude_K, u_K, angle_deg, angle_u_deg, **_: (
         f"{subject} disk: its bore contact is uneven: {Estimate.normal(amplitude_K, u_K).text('K')} hotter at "
-        f"{angle_deg:.0f} degrees of rig.toml's angles, and as much colder opposite, at the depth of the inner row; the "
+        f"{angle_deg:.0f} degrees of rig.toml's angles, as much colder opposite, at the depth of the inner row; the "
         "joint fit found it, and it was subtracted from the readings (section 6.4.3: look at press fit and keys)"
     ),
     "fit.contradicted": "{subject} disk: its readings are {seen_K:.1f} K hotter at {seen_deg:.0f} degrees than in the "
