@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.columns import (
+    KNOWN,
     LAYOUTS,
     TORQUES,
     UNITS,
@@ -21,6 +22,7 @@ from calibration.columns import (
     match_columns,
     named,
     recognise,
+    suggestion,
 )
 from calibration.disk import DISKS
 from calibration.errors import InputError
@@ -79,11 +81,13 @@ def open_log(
     return converted(table, how), names
 
 
-def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str]) -> list[str]:
-    """Those of the ``wanted`` columns that the file of an EHL log does not hold."""
+def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False) -> list[str]:
+    """Those of the ``wanted`` columns that the file of an EHL log does not hold, nor, if ``alike``, one that looks like
+    it."""
     mapping = {**rig.columns(), **rig.air_columns()}
     names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
-    return [c for c in wanted if named(c, mapping, names) is None]
+    gone = [c for c in wanted if named(c, mapping, names) is None]
+    return [c for c in gone if not alike or suggestion(c, (n for n in names if n not in KNOWN)) is None]
 
 
 def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:

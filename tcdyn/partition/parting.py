@@ -36,7 +36,7 @@ def parting_of(
     if not named and switch_s is not None:
         return switch_s, indicator_u_s, 0.0, [look("parting.switch_alone")]
     said: list[Finding] = []
-    if falls["friction_N"] is None:
+    if falls.get("friction_N") is None:
         said.append(look("parting.no_friction"))
     (witness, (at, parting)), *others = named
     instants_of_others = ([] if switch_s is None else [switch_s]) + [fall[0] for _, fall in others]

@@ -13,7 +13,7 @@ import pandas as pd
 
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, once
-from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, unit_lines
+from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, static_u, unit_lines
 from calibration.log import Log, read_log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, moment, now_utc, user_name
 from calibration.result import Result
@@ -26,6 +26,7 @@ from tcdyn.plunge.result import COLOURED, PlungeFit
 from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
+REST_CLEAR_S, REST_SAMPLES, REST_U_K = 0.5, 20, 0.07  # before an entry: kept clear of it, fewest, how alike a disk is
 
 
 @dataclass(frozen=True)
@@ -113,9 +114,9 @@ def calibrate_disk(
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)
     pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
-    strained = {f.subject for f in pulled}
-    if static is not None and len(strained) > len(setup.channels) // 2:
-        findings.append(look("calibrate.other_disk", subject=disk, count=len(strained)))
+    strained, apart = {f.subject for f in pulled}, set.intersection(*(apart_at_rest(run) for run in runs))
+    if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
+        findings.append(look("calibrate.other_disk", subject=disk, count=len(strained | apart)))
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
@@ -130,6 +131,17 @@ def calibrate_disk(
         findings=list(once(findings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def apart_at_rest(run: PlungeRun) -> set[str]:
+    """Channels that read more than three standard uncertainties off the disk's middle before the entry, when a disk has
+    one temperature: their static lines are another disk's, or their columns are."""
+    before = run.readings_degC[run.time_s < run.entry.time_s - max(4 * run.entry.u_s, REST_CLEAR_S)]
+    if len(before) < REST_SAMPLES or not run.lines:
+        return set()
+    mean = np.nanmean(before, axis=0)
+    u = np.array([float(static_u(run.lines[c], x)) for c, x in zip(run.channels, mean)])
+    return {c for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K)) if off > 3}
 
 
 def _static(

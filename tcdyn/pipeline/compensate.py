@@ -221,7 +221,7 @@ def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> 
     running = columns_not_there(log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()])
     torque = not set(TORQUES) <= set(running)
     needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
-    unused = [c for c in running if c not in needless]
+    unused = columns_not_there(log, rig, [c for c in running if c not in needless], alike=True)
     return [*junctions, *unused], unused
 
 
