@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,14 +111,14 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
     ]
 
 
-def fit_section(p: Partition, name: str) -> Section:
-    """Measured against modelled at the junctions that the rim model predicts, by the joint fit of both disks."""
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for k, disk in enumerate(DISKS):
-        draw.draw_fit(p, disk, axes[k], axes[2 + k])
+def fit_section(p: Partition | OneDisk, name: str, disks: Sequence[str] = DISKS) -> Section:
+    """Measured against modelled at the junctions that the rim model predicts, by the joint fit of the ``disks``."""
+    picture, axes = figure(2, len(disks), width_in=10.0, height_in=6.4)
+    for k, disk in enumerate(disks):
+        draw.draw_fit(p, disk, axes[k], axes[len(disks) + k])
     return Section(
         f"{name}: does the model meet the readings?",
-        "The joint fit of both disks predicts the row near the surface from the readings of the inner row, the logged "
+        "The joint fit predicts the row near the surface from the readings of the inner row, the logged "
         "friction and the chain; what nobody measured (depths, steel, static lines) may move within what is stated of "
         "it. A way that fits leaves residuals about as large as their noise, without a course in time.",
         table=residuals_table(p),

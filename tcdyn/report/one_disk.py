@@ -11,16 +11,15 @@ import pandas as pd
 from calibration.estimate import rounded
 from tcdyn.partition.one_disk import OneDisk
 from tcdyn.pipeline.one_disk import ways_of
-from tcdyn.pipeline.tables import residuals_table
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure
-from tcdyn.report.beta import assumed, test_sections, verdict
+from tcdyn.report.beta import assumed, fit_section, test_sections, verdict
 from tcdyn.report.page import Answer, Section, write_page
 
 
 def one_disk_sections(p: OneDisk, name: str) -> list[Section]:
     """Sections for one test of one disk, most wanted first; what few ask for is folded."""
-    shown = [*_answers(p, name), _fit(p, name), _budget(p, name)]
+    shown = [*_answers(p, name), fit_section(p, name, [p.disk]), _budget(p, name)]
     return [*shown, *(replace(s, folded=True) for s in (_line(p, name), _round(p, name), *test_sections(p, name)))]
 
 
@@ -58,21 +57,6 @@ def _answers(p: OneDisk, name: str) -> list[Section]:
             caption="Noisy grey: readings after the static line. Smooth: junction temperature with its 95 % band.",
         ),
     ]
-
-
-def _fit(p: OneDisk, name: str) -> Section:
-    picture, axes = figure(1, 2, width_in=10.0, height_in=3.6)
-    draw.draw_fit(p, p.disk, axes[0], axes[1])
-    return Section(
-        f"{name}: does the model meet the readings?",
-        "The joint fit predicts the row near the surface from the readings of the inner row, the logged friction and "
-        "the chain; what nobody measured (depths, steel, static lines) may move within what is stated of it. A way "
-        "that fits leaves residuals about as large as their noise, without a course in time.",
-        table=residuals_table(p),
-        figure=picture,
-        caption="Left: block means of the readings (points) and the model (lines). Right: reading less model; the "
-        "band is two standard deviations of a block mean.",
-    )
 
 
 def _budget(p: OneDisk, name: str) -> Section:
