@@ -135,11 +135,14 @@ def calibrate_disk(
 
 def apart_at_rest(run: PlungeRun) -> set[str]:
     """Channels that read more than three standard uncertainties off the disk's middle before the entry, when a disk has
-    one temperature: their static lines are another disk's, or their columns are."""
+    one temperature: their static lines are another disk's, or their columns are. None of a disk that still warms or
+    cools, whose junctions differ."""
     before = run.readings_degC[run.time_s < run.entry.time_s - max(4 * run.entry.u_s, REST_CLEAR_S)]
     if len(before) < REST_SAMPLES or not run.lines:
         return set()
-    mean = np.nanmean(before, axis=0)
+    third, mean = len(before) // 3, np.nanmean(before, axis=0)
+    if abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0))) > REST_U_K:
+        return set()
     u = np.array([float(static_u(run.lines[c], x)) for c, x in zip(run.channels, mean)])
     return {c for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K)) if off > 3}
 

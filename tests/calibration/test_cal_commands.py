@@ -140,3 +140,29 @@ def test_sessions_whose_gains_differ_end_in_exit_code_one(tmp_path):
     path = tmp_path / "weights.csv"
     pd.DataFrame({"volts": volts, "force_N": force, "session": session}).to_csv(path, index=False)
     assert tcdyn("transducer", path, "-q") == 1
+
+
+def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_at_rest():
+    from calibration.lines.static import StaticLine
+    from immersion.events import EntryEvent
+    from immersion.fluids import fluid
+    from tcdyn.pipeline.calibrate import apart_at_rest
+    from tcdyn.plunge.run import PlungeRun
+
+    t, rng = np.arange(0.0, 12.0, 1 / 75), np.random.default_rng(0)
+    line = StaticLine(gain=1.0, offset=0.0, covariance=((1e-8, 0.0), (0.0, 0.03**2)), range_degC=(20.0, 160.0))
+
+    def named(off_K, slope_K_s=0.0):
+        shape = np.where(t < 10, 25 + slope_K_s * t, 90.0)[:, None] + np.array([0, 0, off_K, 0, -off_K, 0])
+        readings = shape + 0.1 * rng.standard_normal(shape.shape)
+        entry = EntryEvent(10.0, 0.01, 10.0, 10.0, "both")
+        channels = tuple("abcdef")
+        bath = np.full(len(t), 110.0)
+        return apart_at_rest(
+            PlungeRun(t, readings, channels, fluid("water"), bath, entry, lines=dict.fromkeys(channels, line))
+        )
+
+    assert named(0.0) == set()
+    assert named(0.15) == set()  # twice what lines (0.03 K) and a disk at rest (0.07 K) leave open
+    assert named(0.4) == {"c", "e"}
+    assert named(0.4, slope_K_s=-0.1) == set()
