@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
@@ -177,6 +178,28 @@ class LogPieces:
         if done != total:
             raise InputError("the file changed while it was read", where=where)
 
+    def whole(self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None) -> Log:
+        """The pieces joined, or some ``rows`` of them, which rise; all ``columns`` or some. All rows are checked.
+
+        Needs 8 bytes a value that is kept. Raises InputError as going through the pieces does.
+        """
+        source = self
+        if columns is not None:  # what a piece is cut by is never left out
+            kept = {"time_s", next(iter(self._noise_K)), *columns}
+            some: Any = [{k: x[k] for k in x if k in kept} for x in (self._names, self._noise_K, self.switches)]
+            source = replace(self, _names=some[0], _noise_K=some[1], switches=some[2])
+        wanted = np.arange(self.rows) if rows is None else rows
+        frame: dict[str, Array] = {}
+        told = self.findings
+        for piece in source:
+            first, stop = np.searchsorted(wanted, [piece.first, piece.first + len(piece.frame)])
+            for name in map(str, piece.frame):
+                column = frame.setdefault(name, np.empty(len(wanted)))
+                column[first:stop] = piece.frame[name].to_numpy()[wanted[first:stop] - piece.first]
+            told += piece.findings
+        made_of = sha256(self.path)
+        return Log(pd.DataFrame(frame, copy=False), self.kind, self.path, made_of, self.dt_s, self.metadata, told)
+
 
 def iter_log(
     path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *,
@@ -259,15 +282,8 @@ def read_log(
     """
     file = Path(path)
     if kind != "oven":
-        pieces = iter_log(file, kind, rig, disk, allow_compensated=allow_compensated, parted=parted, without=without)
-        whole: dict[str, Array] = {}
-        told = pieces.findings
-        for piece in pieces:
-            stop = piece.first + len(piece.frame)
-            for name in map(str, piece.frame):
-                whole.setdefault(name, np.empty(pieces.rows))[piece.first : stop] = piece.frame[name]
-            told += piece.findings
-        return Log(pd.DataFrame(whole, copy=False), kind, file, sha256(file), pieces.dt_s, pieces.metadata, told)
+        options: Any = {"allow_compensated": allow_compensated, "parted": parted, "without": without}
+        return iter_log(file, kind, rig, disk, **options).whole()
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
     frame, found = oven_frame({canonical: raw.data[name] for canonical, name in names.items()}, raw.place)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from calibration.checks.clock import interval_s
 from calibration.columns import couples
 from calibration.disk import DISKS, DiskSetup, left_out_of
 from calibration.errors import InputError
@@ -247,8 +248,7 @@ def disk_traces(
         marks.append(marked)
     coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
     found += [look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)] if coarse else []
-    y, missing = np.column_stack(columns), np.column_stack(marks)
-    dt_s = float(np.median(np.diff(frame["time_s"].to_numpy(dtype=float))))
+    y, missing, dt_s = np.column_stack(columns), np.column_stack(marks), interval_s(frame["time_s"].to_numpy(float))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
     chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
     noise, [(y, moved)] = noise_and_white(

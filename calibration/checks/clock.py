@@ -218,6 +218,15 @@ def _interval_s(time: Array, place: NDArray[np.int32]) -> float:
     return float(grid @ (time - time.mean()) / (grid @ grid))
 
 
+def interval_s(time_s: Array) -> float:
+    """Sampling interval [s] of even times (N,), whose stamps may be rounded: the middle of their steps is, too.
+
+    >>> round(75 * interval_s(np.round(np.arange(10.0) / 75, 3)), 9)
+    1.0
+    """
+    return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+
+
 def _even(time: Array, place: NDArray[np.int32], dt_s: float) -> tuple[Array, float]:
     """Stamps on the even grid, and how far [s] the farthest of those logged lies from its own."""
     even = np.asarray(place - place.mean())

@@ -33,6 +33,7 @@ READER: dict[str, Words] = {
     "text.no_number": _no_number,
     "tracks.assumed": "channel {subject} has no time track; that of {of} is assumed",
     "tracks.aligned": _aligned,
+    "log.long": "of {count} rows those from {begin_s:.7g} to {end_s:.7g} s, about one parting, were looked at",
     "time.filled": "{place}: {count} missing time(s) filled from the neighbours",
     "time.few_decimals": "column {subject}: the stamps have few decimals; they are taken as even, {rate_Hz:.5g} Hz",
     "time.jitter": "{place}: {count} time stamps jitter by up to half a sample",

@@ -1,18 +1,29 @@
-"""Several loadings and unloadings in one log are several tests: where each begins and ends."""
+"""Several loadings and unloadings in one log are several tests: where each begins and ends.
+
+Of a log too long for the memory only what surrounds one of them is kept.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
-from calibration.log import Log
+from calibration.finding import note
+from calibration.log import Log, LogPieces
+from tcdyn.contact import Events
 from tcdyn.partition.events import find_events
 
 AFTER_S = 2.0  # from one parting to where the next test may begin: the switch has settled
 BEFORE_S = 0.5  # from where a test ends to the next loading
+LONG_ROWS = 120_000  # beyond, what is kept: seconds before the loading, the last under load, and after the parting,
+KEPT_S = np.array([100.0, 1250.0, 250.0])
+BESIDE_S = 60.0  # of loading and parting: what their instants are found in
+LEAST_S = np.array([30.0, 200.0, 60.0])  # and, of a log sampled so fast that these are too many rows, no less than
+COURSE = ("contact", "load_N", "friction_N")
 
 
 def stage_times(frame: pd.DataFrame) -> list[tuple[float, float]]:
@@ -68,3 +79,47 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
             expected=f"1 to {len(found)}: the disks part {len(found)} time{'s' if len(found) > 1 else ''} after a load",
         )
     return found[number - 1], len(found)
+
+
+def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
+    """``stage_of`` a log that is read in pieces: a long one with the rows about that test only, which a note says.
+
+    Memory for about ``LONG_ROWS`` rows, more where ``LEAST_S`` holds more. Raises InputError as ``stage_of``, and for a
+    long log without an unloading.
+    """
+    if log.rows <= LONG_ROWS:
+        return stage_of(log.whole(), number)
+    every = -(-log.rows // LONG_ROWS)
+    course, count = stage_of(_course(log, every), number)
+    events = find_events(course.frame, log.path.name)
+    begin, *_, end = (float(x) for x in course.frame["time_s"])
+    before, loaded, after = np.maximum(KEPT_S * min(1.0, LONG_ROWS * log.dt_s / KEPT_S.sum()), LEAST_S)
+    on, off = events.load_on_s, events.unload_s
+    begin, end = max(begin, on - before if off - on <= loaded else off - loaded), min(end, off + after)
+    first, last = _rows(log, [begin, end])
+    kept = log.whole(np.arange(first, log.rows if last + every >= log.rows else last + 1))
+    told = note("log.long", count=log.rows, begin_s=begin, end_s=end)
+    return replace(kept, path=course.path, findings=(*kept.findings, told)), count
+
+
+def all_events(log: LogPieces, kept: Log) -> list[Events]:
+    """Loading and parting of every test in a log of which ``kept`` was read; of a long one by its forces beside them.
+
+    Raises InputError for a log without any, as ``find_events`` does.
+    """
+    if len(kept.frame) == log.rows:
+        return [find_events(one.frame, log.path.name) for one in stages(kept)]
+    found = []
+    for times in stage_times(_course(log, -(-log.rows // LONG_ROWS)).frame):
+        edges = np.clip(_rows(log, [t + s for t in times for s in (-BESIDE_S, BESIDE_S)]), 0, log.rows)
+        near = np.union1d(np.arange(*edges[:2]), np.arange(*edges[2:]))
+        found.append(find_events(log.whole(near, COURSE).frame, log.path.name))
+    return found or [find_events(kept.frame, log.path.name)]
+
+
+def _course(log: LogPieces, every: int) -> Log:
+    return log.whole(np.arange(0, log.rows, every), COURSE)
+
+
+def _rows(log: LogPieces, times_s: Sequence[float]) -> list[int]:
+    return [int((t - log.sampling.time_s[0]) / log.dt_s) for t in times_s]

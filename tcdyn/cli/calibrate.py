@@ -17,6 +17,7 @@ from tcdyn.cli.common import (
     Verbose,
     bounded,
     dump,
+    end,
     in_options,
     say,
     spare_inputs,
@@ -89,10 +90,11 @@ def calibrate(
         write_certificate(report, run, before)
     if json_:
         print(run.record.to_json(), end="")
-        return
-    warn(run.findings, quiet)
-    say(in_options(run.summary(), SPOKEN), quiet)
-    say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)
+    else:
+        warn(run.findings, quiet)
+        say(in_options(run.summary(), SPOKEN), quiet)
+        say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)
+    end(f"the {disk} disk", run.findings)
 
 
 def hole(
@@ -147,10 +149,10 @@ def hole(
         write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), findings=noticed)
     if json_:
         print(dump(content), end="")
-        return
-    warn(noticed, quiet)
-    say(found.summary(), quiet)
-    if out is not None:
-        say(f"numbers: {out}", quiet)
-    if report is not None:
-        say(f"report: {report}", quiet)
+    else:
+        warn(noticed, quiet)
+        say(found.summary(), quiet)
+        for what, path in (("numbers", out), ("report", report)):
+            if path is not None:
+                say(f"{what}: {path}", quiet)
+    end(log.name, noticed)

@@ -200,6 +200,14 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> None:
         print(f"tcdyn: {what}: look: {in_options(asking[0].sentence, SPOKEN)}{more}", file=sys.stderr)
 
 
+def end(what: str, findings: Iterable[Finding]) -> None:
+    """End with 1 where something asks for a look, told in one line on standard error; with 0 otherwise."""
+    asking = doubts(findings)
+    if asking:
+        in_one_line(what, asking)
+        raise typer.Exit(1)
+
+
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
     from calibration.result import jsonable

@@ -16,6 +16,7 @@ from tcdyn.cli.common import (
     Verbose,
     check_choice,
     dump,
+    end,
     say,
     spare_inputs,
     stages,
@@ -35,7 +36,8 @@ from tcdyn.cli.tables import (
 )
 
 if TYPE_CHECKING:
-    from tcdyn.pipeline.compensate import CompensatedLog, Way
+    from tcdyn.pipeline.compensate import CompensatedLog
+    from tcdyn.pipeline.stretches import Way
 
 
 def compensate(
@@ -97,7 +99,6 @@ def compensate(
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
     from calibration.files.write import write_text
-    from calibration.log import write_log
     from calibration.rig import load_rig
 
     if sensor:
@@ -131,7 +132,7 @@ def compensate(
         done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         progress("writing")
-        written = write_log(done.frame, target, done.metadata)
+        written, noticed = done.write(target)
         if covariance is not None:
             write_text(covariance, dump(between))
         if report is not None:
@@ -139,29 +140,36 @@ def compensate(
 
             progress("report")
             write_compensation_report(report, done, records)
+    before = [done.before_use(disk) for disk in done.disks] if way.method == "inverse" else []
+    found = [*noticed, *(f for one in before for f in one.findings)]
     if json_:
         print(dump({**_numbers(done), "out": written, "report": report}), end="")
-        return
-    warn(done.findings, quiet)
+    else:
+        warn(found, quiet)
+        _tell(done, quiet)
+        files = {"compensated" if way.removes_lag else "without noise, lag left in": written}
+        for what, path in {**files, "report": report, "covariance": covariance}.items():
+            if path is not None:
+                say(f"{what}: {path}", quiet)
+    end(log.name, found)
+
+
+def _tell(done: CompensatedLog, quiet: bool) -> None:
+    """What was done to each disk, in words."""
     for disk, one in done.disks.items():
-        if way.method == "inverse":
+        if done.way.method == "inverse":
             before = done.before_use(disk)
             say("\n".join([f"{disk}, noisiest channel, {one.method}:", *(f"  {x}" for x in before.lines())]), quiet)
-            warn(before.findings, quiet)
-        if way.removes_lag:
+        if done.way.removes_lag:
             say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
         else:
             say("\n".join(one.lines(done.channels(disk))), quiet)
-    say(f"{'compensated' if way.removes_lag else 'without noise, lag left in'}: {written}", quiet)
-    for what, path in (("report", report), ("covariance", covariance)):
-        if path is not None:
-            say(f"{what}: {path}", quiet)
 
 
 def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool) -> Way:
     """The compensator that the options ask for; InputError for options that do not belong together."""
     from tcdyn.compensate.intensity import Criterion
-    from tcdyn.pipeline.compensate import METHODS, Way
+    from tcdyn.pipeline.stretches import METHODS, Way
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))
     if noise_only and method != "smoother":

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, say, spare_inputs, warn, within
+from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, end, say, spare_inputs, warn, within
 from tcdyn.cli.tables import ColdJunction, SensorFiles, TableCouple, TableUnits, TimeColumn, only_with_records, units
 
 if TYPE_CHECKING:
@@ -103,6 +103,7 @@ def follow(
         from tcdyn.report.compensate import write_follow_report
 
         say(f"report: {write_follow_report(report, done.plan, log, out, done.findings)}", silent)
+    end(log.name, done.findings)
 
 
 @contextmanager

@@ -20,7 +20,7 @@ from tcdyn.cli.common import (
     check_choice,
     counted,
     dump,
-    in_one_line,
+    end,
     in_options,
     say,
     spare_inputs,
@@ -185,10 +185,7 @@ def identify(
         print(dump(contents[outputs[0]] if len(outputs) == 1 else contents), end="")
     elif len(outputs) > 1:
         say(joint_table(found).to_string(index=False), quiet)
-    asking = [f for c in found.values() for f in doubts((c.verdict, *c.best.findings))]
-    if asking:
-        in_one_line(data.name, asking)
-        raise typer.Exit(1)
+    end(data.name, [f for c in found.values() for f in (c.verdict, *c.best.findings)])
 
 
 def response(
@@ -249,9 +246,7 @@ def response(
         print(dump(best.to_dict()), end="")
     else:
         say(f"{in_options(best.summary(), SPOKEN)}\n\n{table.to_string(index=False)}\nwrote {path}", quiet)
-    if doubts(best.findings):
-        in_one_line(data.name, best.findings)
-        raise typer.Exit(1)
+    end(data.name, best.findings)
 
 
 def columns(option: str, text: str) -> list[str]:

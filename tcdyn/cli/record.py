@@ -13,7 +13,7 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Grade, once, sentences
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, rich_table, say, spare_inputs
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, rich_table, say, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -37,14 +37,21 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
     Example: tcdyn record show fast.disk.json
     """
-    from calibration.lines.static import lines_table
     from calibration.record import read_record
 
-    console = Console()
     found = read_record(record)
     if json_:
         print(found.to_json(), end="")
-        return
+    else:
+        _show(found)
+    end(str(record), found.findings)
+
+
+def _show(found: DiskRecord) -> None:
+    """The record in words."""
+    from calibration.lines.static import lines_table
+
+    console = Console()
     console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
     lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
     console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
@@ -165,8 +172,7 @@ def transducer(
             said += [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
             lines = [f"# {each}" for each in said]
         say(dump(keys).rstrip() if json_ else "\n".join(lines), quiet)
-    if line.findings:
-        raise typer.Exit(1)
+    end(table.name, line.findings)
 
 
 def spot(

@@ -9,8 +9,8 @@ import typer
 
 from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.finding import Finding, doubts
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, in_one_line, say, spare_inputs, warn
+from calibration.finding import Finding
+from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, say, spare_inputs, warn
 from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units, value_and_u
 
 if TYPE_CHECKING:
@@ -284,6 +284,4 @@ def finish(sensor: SensorFile, out: Path, json_: bool, quiet: bool, inputs: tupl
         say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0], quiet)
         warn(sensor.findings, quiet)
         say(f"wrote {out}", quiet)
-    if doubts(sensor.findings):
-        in_one_line(str(out), sensor.findings)
-        raise typer.Exit(1)
+    end(str(out), sensor.findings)

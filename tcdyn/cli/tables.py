@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from calibration.finding import doubts
-from tcdyn.cli.common import dump, in_one_line, say, spare_inputs, stages, warn
+from tcdyn.cli.common import dump, end, say, spare_inputs, stages, warn
 
 SensorFiles = Annotated[
     list[Path] | None,
@@ -92,6 +91,4 @@ def of_table(
     else:
         warn(found, quiet)
         say(done.summary(), quiet)
-    if doubts(found):
-        in_one_line(log.name, found)
-        raise typer.Exit(1)
+    end(log.name, found)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from calibration import Array
+from calibration.checks.clock import interval_s
 from calibration.errors import InputError
 from calibration.lines.static import shared_u_K
 from tcdyn.compensate.record import Compensated
@@ -44,7 +45,7 @@ def over_window(
             remedy="say from when on: start_s",
             parameters=("start_s",),
         )
-    dt_s = float(np.median(np.diff(time)))
+    dt_s = interval_s(time)
     begin = events[-1] if start_s is None else start_s - time[0]
     first = max(int(np.ceil(begin / dt_s - 1e-6)), 0)
     last = min(first + round(length_s / dt_s), len(time))

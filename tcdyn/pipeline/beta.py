@@ -11,17 +11,18 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
+from calibration.checks.clock import interval_s
 from calibration.disk import DISKS, left_out_of
 from calibration.errors import InputError
 from calibration.files.seal import sealed
 from calibration.finding import Finding, look, note
-from calibration.log import COMPENSATED, Log, read_log
+from calibration.log import COMPENSATED, Log, iter_log
 from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
 from tcdyn.campaign import kept_of, rig_fingerprint
-from tcdyn.campaign.stages import stage_of
+from tcdyn.campaign.stages import read_stage
 from tcdyn.contact import (
     LEAST_ZERO,
     NOTHING_ADDED,
@@ -95,10 +96,8 @@ def prepare(
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
     others = {d: _other_disk(rig, d, records[d]) for d in here}
-    frame = log.frame
-    t = frame["time_s"].to_numpy(dtype=float)
-    dt = float(np.median(np.diff(t)))
-    events = find_events(frame, where)
+    frame, t = log.frame, log.frame["time_s"].to_numpy(dtype=float)
+    dt, events = interval_s(t), find_events(frame, where)
     stated, told = constants_of(frame, rig)
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
@@ -242,8 +241,8 @@ def estimate_beta(
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
-        whole = read_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-        table, count = stage_of(whole, stage)
+        pieces = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
             found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)

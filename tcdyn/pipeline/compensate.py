@@ -3,64 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from calibration.checks.clock import interval_s
 from calibration.columns import EHL_RUNNING, TORQUES, couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.estimate import with_u
+from calibration.files.write import write_log
 from calibration.finding import Finding, look, note, sentences
-from calibration.lines.static import shared_u_K
-from calibration.log import COMPENSATED, Log, read_log
-from calibration.noise import white_noise_sd
+from calibration.log import COMPENSATED, Log, LogPieces, iter_log
 from calibration.opened import columns_not_there, log_kind, refuse_spare_records
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
-from tcdyn.compensate.intensity import Criterion
-from tcdyn.compensate.inverse import BeforeUse, before_use, invert, proper_inverse
+from tcdyn.campaign.stages import LONG_ROWS, all_events, read_stage
+from tcdyn.compensate.inverse import BeforeUse, before_use, proper_inverse
 from tcdyn.compensate.record import Compensated
-from tcdyn.compensate.smoother import deconvolve, smooth
 from tcdyn.compensate.windows import over_window
 from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.cooling import refined_chains, with_common_u
-from tcdyn.partition.events import find_events
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
-from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered, rig_of
+from tcdyn.pipeline.stretches import Stretches, Way, columns_of, one_disk, with_lag
+from tcdyn.sensor.table import once_each
+from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of
 
-DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
-Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
-METHODS: tuple[Method, ...] = get_args(Method)
-
-
-@dataclass(frozen=True)
-class Way:
-    """How a log is compensated.
-
-    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or "noise-only", the
-    smoother with an empty chain, which leaves the lag in.
-    """
-
-    method: Method = "smoother"
-    criterion: Criterion = "gcv"
-    bandwidth_Hz: float = 0.5
-
-    def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
-
-    @property
-    def removes_lag(self) -> bool:
-        """Whether the answer is the temperature at the junction."""
-        return self.method != "noise-only"
 
 
 @dataclass(frozen=True)
@@ -71,7 +44,8 @@ class CompensatedLog(Result):
     ``<channel>_common_u_K`` what moves all channels of a disk together: the common lag and the oven's reference.
 
     ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes may jump [s after
-    the first sample], the last the unloading. Where only noise was removed there is no column ``_u_K``.
+    the first sample], the last the unloading. Where only noise was removed there is no column ``_u_K``. Of a log of
+    more than 120,000 rows ``frame`` holds those about the unloading; ``write`` compensates all, stretch by stretch.
     """
 
     frame: pd.DataFrame
@@ -82,6 +56,7 @@ class CompensatedLog(Result):
     events_s: tuple[float, ...]
     raw: Log
     way: Way
+    rest: Stretches | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return f"<CompensatedLog of {self.raw.path.name}, {len(self.frame)} rows; summary() says it in words>"
@@ -103,6 +78,12 @@ class CompensatedLog(Result):
         """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""
         disks = {disk: done.to_dict() for disk, done in self.disks.items()}
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
+
+    def write(self, path: str | Path) -> tuple[Path, tuple[Finding, ...]]:
+        """Write every row of the log to ``path``, whole or not at all; the path, and all that was noticed."""
+        if self.rest is not None:
+            return Path(path), once_each([*self.findings, *self.rest.write(path)])
+        return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
         """The compensated log as :func:`calibration.log.read_log` would give it, standard deviations left out."""
@@ -131,7 +112,7 @@ class CompensatedLog(Result):
 
     @property
     def _dt_s(self) -> float:
-        return float(np.median(np.diff(self.frame["time_s"].to_numpy(dtype=float))))
+        return interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
 def compensate_log(
@@ -162,7 +143,8 @@ def compensate_log(
     if kind == "ehl":
         refuse_spare_records(log, rig, records)
     gone, unused = _not_there(log, rig, records) if kind == "ehl" else ([], [])
-    table = read_log(log, kind, rig, own, parted=False, without=gone)
+    pieces = iter_log(log, kind, rig, own, parted=False, without=gone)
+    table = about_unloading(pieces)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
@@ -172,8 +154,8 @@ def compensate_log(
         findings.append(look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}"))
     if kind == "ehl":
         try:
-            events = find_events(table.frame, table.path.name)
-            known = {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
+            for events in all_events(pieces, table):
+                known |= {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         except InputError as problem:  # slopes that jump are found by the smoother
             findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag and refine else []
             refine = False
@@ -194,23 +176,33 @@ def compensate_log(
             frame, disk, rig, record, named=kind == "ehl", where=table.path.name, lag=way.removes_lag
         )
         if way.removes_lag:
-            one, notes[f"{disk}_common_lag_s"] = _with_lag(one, record, fits.get(disk))
+            one, notes[f"{disk}_common_lag_s"] = with_lag(one, record, fits.get(disk))
         for name, sd in one.noise.to_dict().items():
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
-        traces[disk], done[disk] = one, _one_disk(one, table, known, way)
-        for i, column in enumerate(one.columns):
-            frame[column] = np.round(done[disk].temperature[:, i], DECIMALS)
-            if way.removes_lag:
-                frame[column.replace("_degC", "_u_K")] = np.round(done[disk].sd[:, i], DECIMALS)
-            if way.removes_lag and parts:
-                common = np.hypot(done[disk].common_sd()[:, i], shared_u_K(one.lines)[i])
-                frame[column.replace("_degC", "_noise_u_K")] = np.round(done[disk].sd_noise[:, i], DECIMALS)
-                frame[column.replace("_degC", "_common_u_K")] = np.round(common, DECIMALS)
+        traces[disk], done[disk] = one, one_disk(one, table.frame, known, way)
+        frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
-    begun = float(frame["time_s"].iloc[0])
-    events_s = sorted(t - begun for t in known if t > begun) or [t for t, _ in next(iter(done.values())).events_s]
-    return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way)
+    begun, *_, ended = (float(x) for x in frame["time_s"])
+    events_s = sorted(t - begun for t in known if begun < t <= ended) or [
+        t for t, _ in next(iter(done.values())).events_s
+    ]
+    rest = None
+    if len(table.frame) < pieces.rows:
+        rest = Stretches(
+            pieces, rig, records, way, fits, known, parts, kind == "ehl", table.frame.columns, frame.columns, notes
+        )
+    return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way, rest)
+
+
+def about_unloading(pieces: LogPieces) -> Log:
+    """The log; of a long one what surrounds the unloading, or its first rows where there is none."""
+    try:
+        return read_stage(pieces, None)[0]
+    except InputError:
+        if pieces.rows <= LONG_ROWS:
+            raise
+        return pieces.whole(np.arange(LONG_ROWS))
 
 
 def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[list[str], list[str]]:
@@ -236,35 +228,3 @@ def _refined(
         return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:
         return traces, {}, [look("compensate.unrefined", problem=str(problem))]
-
-
-def _with_lag(traces: DiskTraces, record: DiskRecord, fit: DiskFit | None) -> tuple[DiskTraces, str]:
-    """The traces with the common lag of the fit, if there is one, and what to note of it."""
-    if fit is not None:
-        lag = fit.estimates["lag_s"]
-        chains = refined_chains(traces.chains, fit.chain)
-        traces = replace(traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u))
-        return traces, f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
-    assert record.chain is not None
-    common = record.chain.common_lag_s
-    return traces, f"{with_u(common.value, common.u)} s, from the record"
-
-
-def _one_disk(traces: DiskTraces, table: Log, events: Mapping[float, float], way: Way) -> Compensated:
-    """One disk's traces; ``events``: time [s] of each and its uncertainty [s]."""
-    time = table.frame["time_s"].to_numpy(dtype=float)
-    y, dt = traces.measured_degC, float(np.median(np.diff(time)))
-    given: dict[str, Any] = {
-        "noise_sd": traces.noise_K if traces.noise.coloured or traces.noise.lines else white_noise_sd(y, NOISE_ORDER),
-        "lag_covariance": traces.lag_covariance_s2,
-        "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
-        "names": [c.removesuffix("_degC") for c in traces.columns],
-    }
-    if way.method != "inverse":
-        given["split_u_s"] = traces.split_u_s
-    if way.method == "deconvolve":
-        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **given)[0]
-    if way.method == "inverse":
-        return invert(y, dt, traces.chains, way.bandwidth_Hz, **given)
-    known = tuple(float(e - time[0]) for e in events)
-    return smooth(y, dt, traces.chains, events_s=known, event_u_s=tuple(events.values()), **given)

@@ -21,9 +21,9 @@ from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
 from calibration.rig import Rig
 from tcdyn.pipeline.causal import Causal, CausalState, Settings
-from tcdyn.pipeline.compensate import DECIMALS
 from tcdyn.pipeline.learn import begin
 from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
+from tcdyn.pipeline.stretches import DECIMALS
 from tcdyn.traces import rig_of
 
 STATE = "tcdyn.follow/5"

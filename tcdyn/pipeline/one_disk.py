@@ -14,13 +14,13 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import rounded, with_u
 from calibration.files.seal import sealed
-from calibration.log import Log, read_log
+from calibration.log import Log, iter_log
 from calibration.opened import columns_not_there
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.campaign import rig_fingerprint
-from tcdyn.campaign.stages import stage_of
+from tcdyn.campaign.stages import read_stage
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
@@ -150,8 +150,8 @@ def estimate_one_disk(
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")
-        whole = read_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
-        table, count = stage_of(whole, stage)
+        pieces = iter_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
+        table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
             found = analyse_one(test, window_s=window_s, sensor_check=sensor_check, progress=progress)

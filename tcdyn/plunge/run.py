@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
+from calibration.checks.clock import interval_s
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.lines.static import StaticLine, best_known
@@ -46,7 +47,7 @@ class PlungeRun:
     @property
     def dt_s(self) -> float:
         """Sampling interval [s]."""
-        return float(np.median(np.diff(self.time_s)))
+        return interval_s(self.time_s)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,13 @@ class Source:
         wanted = list(dict.fromkeys([self.time, *columns]))
         for part in self.table.pieces(wanted, rows):
             yield part.data[self.time] * self.scale, part.data, part.findings
+
+
+class Pieces(Protocol):
+    """What gives its columns piece by piece: an opened table, or a log."""
+
+    def pieces(self, columns: Sequence[str]) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time (N,) [s] and columns (N,) of each piece, and what was noticed."""
 
 
 def open_source(path: str | Path, time: str | None = None, known: Sequence[str] = ()) -> Source:
@@ -149,8 +157,8 @@ class Part:
     beside: float
 
 
-def parts(source: Source, columns: Sequence[str], lag_s: float) -> Generator[Part, int, None]:
-    """Stretches that overlap by a margin on each side, for lags up to ``lag_s`` [s]; a long silence parts two.
+def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None) -> Generator[Part, int, None]:
+    """Stretches of ``least`` rows that overlap by a margin for lags up to ``lag_s`` [s]; a long silence parts two.
 
     Where they are parted hangs on the rows alone, not on how the file is read. Sent a number, the last stretch comes
     again with that many rows beside it (rounded up, ``MOST_BESIDE`` at most), and so do those after it.
@@ -160,7 +168,7 @@ def parts(source: Source, columns: Sequence[str], lag_s: float) -> Generator[Par
     time, data, found = np.empty(0), {n: np.empty(0) for n in columns}, list[Finding]()
     done, usual, side = 0, 0.0, 0  # rows before ``done`` are answered
     while done < len(time) or not over:
-        size = max(2 * side, LEAST_ROWS)
+        size = max(2 * side, least or LEAST_ROWS)
         if not over and len(time) <= done + size + 2 * side:  # room for a silence within the margin, too
             new = next(pieces, None)
             over = new is None
@@ -172,7 +180,7 @@ def parts(source: Source, columns: Sequence[str], lag_s: float) -> Generator[Par
         if not side:
             step = np.diff(time[: LEAST_ROWS + 1])
             usual = (float(np.median(step)) or float(step.mean()) or 1.0) if len(step) else 1.0
-            side = int(MARGIN_LAGS * lag_s / usual) + MARGIN_ROWS
+            side = _rounded(MARGIN_LAGS * lag_s / usual + MARGIN_ROWS)
             continue
         ahead = time[done : done + size + 2 * side]
         gaps = np.flatnonzero(np.diff(ahead) > max(longest, 60 * usual))
@@ -186,10 +194,16 @@ def parts(source: Source, columns: Sequence[str], lag_s: float) -> Generator[Par
             tuple(found), beside,
         )  # fmt: skip
         if wanted:
-            side = min(2 ** int(np.ceil(np.log2(max(wanted, side + 1)))), MOST_BESIDE)
+            side = _rounded(max(wanted, side + 1))
             continue
         found, forget = [], keep_to if len(gaps) else max(keep_to - MOST_BESIDE, 0)
         time, data, done = time[forget:], {n: v[forget:] for n, v in data.items()}, keep_to - forget
+
+
+def _rounded(rows: float) -> int:
+    """Up to a power of two, from 1024 on a multiple of it: cells of the smoother then begin where the table's do."""
+    step = 1 << min(int(np.ceil(np.log2(max(rows, 1)))), 10)
+    return int(min(step * np.ceil(rows / step), MOST_BESIDE))
 
 
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:

@@ -1,8 +1,11 @@
 """Do the default tests bite? Random operators of the library swapped one at a time: + and -, * and /, < and >.
 
-Run: ``python -m tests.benchmarks.mutants N [SEED]``. Each mutant is made in a copy; first the tests that import its
-module are run, then those of its room, then golden answers and the main job, all of them part of the default run: what
-these let live, the whole run would have to see. A test that does not end counts as one that fails.
+Run: ``python -m tests.benchmarks.mutants N [SEED [SEEN]]``. Each mutant is made in a copy; first the tests that import
+its module are run, then those of its room, then golden answers and the main job, all of them part of the default run:
+what these let live, the whole run would have to see. A test that does not end counts as one that fails.
+
+SEEN is a folder that ``pytest --cov --cov-context=test --junitxml=SEEN/tests.xml`` was run with, its ``.coverage`` put
+there: then the tests that run the mutant's line are all that is run, the quick ones first, those of one room in one go.
 """
 
 from __future__ import annotations
@@ -17,6 +20,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
+from xml.etree import ElementTree
+
+from coverage import CoverageData
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = ("calibration", "immersion", "tcdyn")
@@ -68,10 +74,26 @@ def stages(file: str) -> list[list[str]]:
     return [[file, *direct[:8]], own, ["tests/golden", "tests/cli/test_main_job.py", "tests/test_results.py"]]
 
 
-def killed(copy: Path, file: str) -> str:
+def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
+    """The tests that run a line: a hundred quick ones, and the rest; of what a fixture runs, those of its room, too."""
+    data = CoverageData(str(seen / ".coverage"))
+    data.read()
+    (measured,) = [path for path in data.measured_files() if path.endswith(f"/{file}")]
+    every = [c.rpartition("|") for c in data.contexts_by_lineno(measured).get(row, []) if c]
+    contexts, shared = {test for test, _, _ in every}, any(when == "setup" for _, _, when in every)
+    took = {}
+    for case in ElementTree.parse(seen / "tests.xml").iter("testcase"):
+        file_of = case.attrib["classname"].replace(".", "/")
+        took[f"{file_of}.py::{case.attrib['name']}"] = float(case.attrib["time"])
+    quick = sorted(contexts, key=lambda test: took.get(test, 1.0))
+    own = [test for some in stages(file)[1:] for test in some] if shared else []
+    return [quick[:100], quick[100:], own]
+
+
+def killed(copy: Path, file: str, found: list[list[str]]) -> str:
     """The stage that saw the mutant, or nothing."""
     env = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
-    for name, tests in zip(("module", "room", "job"), stages(file)):
+    for name, tests in zip(("module", "room", "job"), found):
         if not tests:
             continue
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
@@ -84,7 +106,7 @@ def killed(copy: Path, file: str) -> str:
     return ""
 
 
-def main(count: int, seed: int) -> None:
+def main(count: int, seed: int, known: Path | None = None) -> None:
     """Draw ``count`` operators, print each with who saw it, and the share."""
     rng = Random(seed)
     files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
@@ -100,14 +122,17 @@ def main(count: int, seed: int) -> None:
             file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
             mutant = text[:at] + SWAPPED[kind] + text[at + length :]
             (copy / file).write_text(mutant, encoding="utf-8")
-            who = killed(copy, file)
+            line_no = text.count("\n", 0, at) + 1
+            found = stages_seen(known, file, line_no) if known else []
+            who = killed(copy, file, found if any(found) else stages(file))
             (copy / file).write_text(text, encoding="utf-8")
             seen += bool(who)
-            row = text.count("\n", 0, at)
-            line = text.splitlines()[row].strip()
-            print(f"{k} {file}:{row + 1} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}", flush=True)
+            line = text.splitlines()[line_no - 1].strip()
+            print(f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}", flush=True)
     print(f"{seen} of {count} seen")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0)
+    main(
+        int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0, Path(sys.argv[3]) if len(sys.argv) > 3 else None
+    )

@@ -14,10 +14,10 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.seal import sealed
 from calibration.finding import sentences
-from calibration.log import read_log
+from calibration.log import iter_log
 from calibration.record import DiskRecord
 from calibration.rig import Rig
-from tcdyn.campaign.stages import stages
+from tcdyn.campaign.stages import read_stage
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import between, steady_start_s
@@ -70,7 +70,8 @@ def _tried(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[str
 def _count(path: Path, settings: CampaignSettings) -> int:
     """How many tests a log holds whose first cannot be analysed; one where it cannot be read."""
     try:
-        return len(stages(read_log(path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without])))
+        pieces = iter_log(path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without])
+        return read_stage(pieces, None)[1]
     except InputError:
         return 1
 
