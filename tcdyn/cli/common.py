@@ -26,7 +26,7 @@ from rich.progress import (
 from rich.table import Table
 
 from calibration.disk import DISKS
-from calibration.errors import InputError
+from calibration.errors import InputError, printable
 from calibration.finding import Finding, Grade, doubts, once
 from calibration.words import SPOKEN
 
@@ -182,13 +182,13 @@ def in_options(text: str, parameters: Iterable[str]) -> str:
 def say(text: str, quiet: bool = False) -> None:
     """Print plain words unless quiet."""
     if not quiet:
-        print(text)
+        print("\n".join(map(printable, text.split("\n"))))
 
 
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     """Print each finding on standard error; what was mended on the way is a note."""
     for found in () if quiet else once(findings):
-        sentence = in_options(found.sentence, SPOKEN)
+        sentence = printable(in_options(found.sentence, SPOKEN))
         print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
 
 
@@ -197,7 +197,7 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> None:
     asking = doubts(once(findings))
     if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(f"tcdyn: {what}: look: {in_options(asking[0].sentence, SPOKEN)}{more}", file=sys.stderr)
+        print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence, SPOKEN))}{more}", file=sys.stderr)
 
 
 def dump(data: Any) -> str:

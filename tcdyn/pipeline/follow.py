@@ -102,12 +102,13 @@ def follow(
         if begun is None:
             ended = "stopped before anything was learnt; nothing was written"
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
-        (plan, now, rows), written, size = begun, 0, 0
+        (plan, now, rows), written = begun, 0
+        head = _head(source, plan)
+        write_text(out, head)  # what stood there stays until this is whole
+        size = len(head.encode("utf-8"))
     announce(plan)
     saved_at = time.monotonic()
     with _opened(out, size) as stream:
-        if not left:
-            size += _append(stream, _head(source, plan), out)
         while True:
             if rows:
                 now, done = plan.advance(now, np.array(rows))
@@ -228,7 +229,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
         offset, digest, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), remedy=anew) from None
     for name, own in json.loads(json.dumps(key)).items():
         if data.get(name) != own:
@@ -244,8 +245,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
 def _opened(path: Path, size: int) -> IO[bytes]:
     """The output to append to, cut back to ``size`` bytes."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        stream: IO[bytes] = open(path, "r+b" if size else "wb")  # noqa: SIM115
+        stream: IO[bytes] = open(path, "r+b")  # noqa: SIM115
     except OSError as problem:
         raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
     stream.truncate(size)
