@@ -199,8 +199,7 @@ def load_rig(path: str | Path | None = None) -> Rig:
     if path is None:
         return parse_rig({}, "rig.toml")
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-        if DEEP_KEY.search(text):  # parsing takes the square of a key's depth
+        if DEEP_KEY.search(text := Path(path).read_text(encoding="utf-8-sig")):  # parsed in the square of its depth
             raise ValueError("a key of more than 32 parts")
         data = tomllib.loads(text)
     except FileNotFoundError:

@@ -108,11 +108,11 @@ def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]
     console = Console(stderr=True, quiet=quiet)
     if verbose and not quiet:
         begin = monotonic()
-        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {what}", file=sys.stderr)
+        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {printable(what)}", file=sys.stderr)
         print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
         return
     if quiet or not console.is_terminal:
-        yield (lambda what: None) if quiet else (lambda what: print(f"... {what}", file=sys.stderr))
+        yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
         return
     with Progress(
         SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console, transient=True
@@ -126,7 +126,11 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
     console = Console(stderr=True, quiet=quiet)
     if quiet or not console.is_terminal:
-        yield (lambda *_: None) if quiet else (lambda name, n, m: print(f"... {n} of {m}: {name}", file=sys.stderr))
+        yield (
+            (lambda *_: None)
+            if quiet
+            else (lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr))
+        )
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:

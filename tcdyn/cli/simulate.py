@@ -154,7 +154,7 @@ def campaign(
         bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
     ] = None,
     seed: Seed = 0,
-    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="processes on this machine")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
