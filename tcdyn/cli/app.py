@@ -136,7 +136,7 @@ def run(command: Callable[[], Any]) -> int:
         return 130
     except BrokenPipeError:
         return 0
-    except (OSError, MemoryError, RecursionError, OverflowError) as problem:  # what nobody nearer has put in words
+    except (OSError, MemoryError, RecursionError, OverflowError, ImportError) as problem:  # nobody nearer has words
         place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
         print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
         return 2

@@ -234,23 +234,26 @@ def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def whole_truth(
     trial: Trial, problems: list[str], homes: list[Home] = FILES, most: int = 10_000
-) -> tuple[int, list[str]]:
-    """Every call refused in turn, the ``problems`` one after another (``most`` calls, evenly chosen); how many, and
-    what was wrong."""
+) -> tuple[int, int, list[str]]:
+    """Every call refused in turn, the ``problems`` one after another (``most`` calls, evenly chosen).
+
+    How many, how many of them the command ended by (the others it got over), and what was wrong.
+    """
     sound = trial.run()
     _, calls = trial.refused(0, "EIO", homes)
-    wrong, turns = [], np.unique(np.linspace(1, len(calls), min(most, len(calls))).astype(int))
+    wrong, ended, turns = [], 0, np.unique(np.linspace(1, len(calls), min(most, len(calls))).astype(int)).tolist()
     for n, at in enumerate(turns):
         problem = problems[n % len(problems)]
-        done, made = trial.refused(int(at), problem, homes)
-        wrong += [f"{problem} at {at} of {len(calls)} ({made[-1] if len(made) == at else made[at - 1]}): {c}"
-                  for c in complaints(trial.before, sound, done, trial.grows)]  # fmt: skip
-    return len(turns), wrong
+        done, made = trial.refused(at, problem, homes)
+        ended += done.code == 2
+        said = complaints(trial.before, sound, done, trial.grows)
+        wrong += [f"{problem} at {at} of {len(calls)} ({made[at - 1]}): {one}" for one in said]
+    return len(turns), ended, wrong
 
 
-def files_of_campaign(files: Any, records: dict[str, Path]) -> dict[str, Path]:
-    """The world's names of a campaign's files."""
-    one = files.folder / "EHL_one.csv"
+def files_of_campaign(files: Any, records: dict[str, Path], folder: Path) -> dict[str, Path]:
+    """The world's names of a campaign's files, and a log of one disk in ``folder``."""
+    one = folder / "EHL_one.csv"
     log = pd.read_csv(files.ehl["B3"])
     log.drop(columns=[n for n in log.columns if n.startswith("slow_")]).to_csv(one, index=False)
     return {"one": one, "rig": files.rig, "oven": files.ovens["fast"], "plunge": files.plunges["fast"][0],

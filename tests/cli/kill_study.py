@@ -1,7 +1,7 @@
 """A hundred kills of each long command: what it left is old or whole, and the next run goes on from it.
 
-``python -m tests.cli.kill_study [moments]`` prints a line a command. Half of the moments are the calls that open,
-write, flush and rename files; the others are spread over the run, most over its last part, where the files are written.
+``python -m tests.cli.kill_study [moments] [commands]`` prints a line a command. Half of the moments are the calls that
+open, write, flush and rename files; the others are spread over the run, most over its last part, where it writes.
 """
 
 from __future__ import annotations
@@ -83,19 +83,19 @@ def judged(trial: Trial, sound: dict[str, bytes], wrong: list[str], when: str) -
     return len(left)
 
 
-def main(moments: int) -> None:
+def main(moments: int, names: list[str]) -> None:
     """A line a command."""
     base = Path(tempfile.mkdtemp(prefix="kills"))
     campaign = small_campaign(base)
-    world = {**small_files(base), **files_of_campaign(campaign.files, campaign.record_paths)}
-    for name in KILLED:
+    world = {**small_files(base), **files_of_campaign(campaign.files, campaign.record_paths, base)}
+    for name in names or KILLED:
         folder = base / name.replace(" ", "_")
         folder.mkdir()
         started = time.monotonic()
-        done, hidden, wrong = kills(Trial(LONG[name], world, folder), moments, moments // 10)
+        done, hidden, wrong = kills(Trial(LONG[name], world, folder), moments, moments // 20)
         print(f"{name}: {moments} moments, {done} in time, {hidden} hidden files left, {len(wrong)} wrong, "
               f"{time.monotonic() - started:.0f} s", *wrong[:20], sep="\n  ", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 100, sys.argv[2:])
