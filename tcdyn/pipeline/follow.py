@@ -20,7 +20,7 @@ from calibration.files.write import write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
 from calibration.rig import Rig
-from tcdyn.pipeline.causal import Causal, CausalState, Settings
+from tcdyn.pipeline.causal import LONGEST_GAP_S, Causal, CausalState, Settings
 from tcdyn.pipeline.compensate import DECIMALS
 from tcdyn.pipeline.learn import begin
 from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
@@ -194,7 +194,7 @@ def _learnt(
     rows: list[list[float]] = []
     names = list(source.places)
     at = names.index("time_s")
-    while not rows or not rows[-1][at] - rows[0][at] >= settings.learn_s:
+    while not (inside := _stretch(rows, at, settings.learn_s)):
         new = _rows(source, patience)
         rows += new
         if not new and (ended := patience.ended()):
@@ -206,8 +206,21 @@ def _learnt(
                 remedy="follow a longer log, or lower learn_s",
                 parameters=("learn_s",),
             )
-    inside = [r for r in rows if not r[at] - rows[0][at] > settings.learn_s]
     return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
+
+
+def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[float]]:
+    """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
+    so many."""
+    begun, last = 0, np.nan
+    for i, row in enumerate(rows):
+        now = row[at]
+        if not 0 <= now - last <= LONGEST_GAP_S and np.isfinite(now):
+            begun = i
+        if now - rows[begun][at] >= learn_s:
+            return rows[begun : i + (now - rows[begun][at] == learn_s)]
+        last = now if np.isfinite(now) else last
+    return []
 
 
 def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
