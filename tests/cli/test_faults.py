@@ -107,6 +107,7 @@ def test_names_with_commas_quotes_and_control_characters_come_back(tmp_path: Pat
     ("problem", "said"),
     [
         (MemoryError(), "not enough memory"),
+        (ImportError("x.so: failed to map segment"), "the system refused (x.so: failed to map segment)"),
         (RecursionError("maximum recursion depth exceeded"), "nested too deeply"),
         (OverflowError("int too large"), "beyond all bounds"),
         (OSError(errno.EIO, "Input/output error", "log.csv"), "log.csv: the system refused"),

@@ -41,13 +41,13 @@ def refused(name: str, world: dict[str, Path], folder: Path, most: int, homes: l
 
 @pytest.mark.parametrize("name", [*WITHOUT_RIG, *RECORD])
 def test_a_quick_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
-    refused(name, world, tmp_path, 16)
+    refused(name, world, tmp_path, 12)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", REST)
 def test_a_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
-    refused(name, world, tmp_path, 60)
+    refused(name, world, tmp_path, 30)
 
 
 @pytest.mark.slow
