@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 
+def printable(text: str) -> str:
+    """The text on one line, signs that steer a terminal spelt out.
+
+    >>> printable("a\\nb.csv")
+    'a\\\\nb.csv'
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 class InputError(ValueError):
     """Input that cannot be used, said in one sentence that names the place and the remedy.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,6 +30,8 @@ from calibration.stated.tables import (
     WasherTable,
 )
 from calibration.traceability import TraceabilityTable
+
+DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")
 
 
 class RigTables(RigTable):
@@ -196,16 +199,14 @@ def load_rig(path: str | Path | None = None) -> Rig:
     if path is None:
         return parse_rig({}, "rig.toml")
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        if DEEP_KEY.search(text := Path(path).read_text(encoding="utf-8-sig")):  # parsed in the square of its depth
+            raise ValueError("a key of more than 32 parts")
+        data = tomllib.loads(text)
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        raise InputError(
-            f"not readable as TOML ({problem})",
-            where=str(path),
-            expected="a rig file",
-            remedy="`tcdyn rig --show > rig.toml` writes one",
-        ) from None
+    except (OSError, ValueError, RecursionError) as problem:
+        what, remedy = f"not readable as TOML ({str(problem)[:200]})", "`tcdyn rig --show > rig.toml` writes one"
+        raise InputError(what, where=str(path), expected="a rig file", remedy=remedy) from None
     return parse_rig(data, str(path))
 
 
@@ -230,7 +231,7 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
             elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
                 message = str(first["ctx"]["error"])
             else:
-                message = f"{first['msg']} (got {first['input']!r})"
+                message = f"{first['msg']} (got {first['input']!r:.60})"
             raise InputError(
                 f"{'.'.join(place)}: {message}" if place else message,
                 where=where,

@@ -18,7 +18,7 @@ import pyarrow as pa
 from pyarrow import csv as pacsv
 
 from calibration import Array
-from calibration.errors import InputError
+from calibration.errors import InputError, printable
 from calibration.files.binary import parquet_table, tdms_table
 from calibration.files.dialect import ABSENT, Dialect, TextColumn, is_number, sniff
 from calibration.files.lvm import MARK, lvm_table
@@ -28,6 +28,7 @@ from calibration.finding import Finding, Place, look
 __all__ = ["CsvTable", "Table", "open_table", "read_numbers", "read_whole", "sha256", "shown", "text_of"]
 
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
+MOST_COLUMNS = 5000
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
 
@@ -43,9 +44,15 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     """Open a log by its ending: .tdms, .lvm, .parquet; every other ending is text.
 
     ``known`` are names that the header may hold (they tell the header from titles and units).
-    Raises InputError for a file that cannot be read, is empty, or is not what its ending says.
+    Raises InputError for a file that cannot be read, is empty, is not what its ending says, or has too many columns.
     """
-    file = Path(path)
+    table = _opened(Path(path), known)
+    if len(table.names) > MOST_COLUMNS:
+        raise InputError(f"has {len(table.names)} columns", where=table.where, expected=f"at most {MOST_COLUMNS}")
+    return table
+
+
+def _opened(file: Path, known: Collection[str]) -> Table:
     where = shown(file)
     try:
         with open(file, "rb") as stream:
@@ -100,7 +107,7 @@ def shown(path: Path) -> str:
     >>> shown(Path("a\\nb.csv"))
     'a\\\\nb.csv'
     """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(path))
+    return printable(str(path))
 
 
 def sha256(path: str | Path) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 from nptdms import TdmsFile
 from nptdms.log import log_manager
 from pyarrow import parquet as pq
@@ -23,6 +24,8 @@ from calibration.files.table import PIECE_ROWS, Columns, Table, Track, align, in
 from calibration.finding import Place
 
 log_manager.set_level(logging.ERROR)
+
+MOST_TIMES, FREE_BYTES, LONGEST_CELL = 200, 1 << 30, 1000  # of a Parquet file unpacked: times its size, beyond 1 GB
 
 _EPOCH = np.datetime64("2000-01-01", "us")
 
@@ -144,9 +147,17 @@ def _floats(values: Any, first: Any, name: str, where: str) -> Array:
 def parquet_table(path: Path, where: str) -> Table:
     """The table of a Parquet file; samples are numbered from 1 in errors."""
     try:
-        schema = pq.read_schema(path)
+        with pq.ParquetFile(path) as file:
+            schema, rows = file.schema_arrow, file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise InputError(f"not readable as Parquet ({str(problem).splitlines()[0][:120]})", where=where) from None
+    unpacked, size = 8 * rows * len(schema.names), path.stat().st_size
+    if unpacked > FREE_BYTES + MOST_TIMES * size:
+        raise InputError(
+            f"promises {rows} rows of {len(schema.names)} columns, {unpacked / 1e9:.3g} GB, in {size} bytes",
+            where=where,
+            expected=f"at most {MOST_TIMES} times the file's size where it is more than {FREE_BYTES / 1e9:.2g} GB",
+        )  # fmt: skip
     said = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (schema.metadata or {}).items()}
     metadata = {k: v for k, v in said.items() if k not in ("pandas", "ARROW:schema")}
     return Table(where, tuple(schema.names), metadata, partial(_parquet_pieces, path, where))
@@ -157,11 +168,19 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
     done, texts, begun = 0, dict[str, TextColumn](), dict[str, Any]()
     names, place = list(dict.fromkeys(wanted)), Place(where)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, read_dictionary=names) as file:  # text by its different cells: repeats take no room
             for batch in file.iter_batches(rows, columns=names):
                 data: dict[str, Array] = {}
                 for n in names:
                     column = batch.column(n)
+                    if pa.types.is_dictionary(column.type):
+                        longest = pc.max(pc.binary_length(column.dictionary)).as_py() or 0
+                        if longest > LONGEST_CELL and pa.types.is_string(column.type.value_type):
+                            expected = f"at most {LONGEST_CELL}"
+                            raise InputError(
+                                f"column {n} has a cell of {longest} bytes", where=where, expected=expected
+                            )
+                        column = column.dictionary_decode()
                     kind = column.type
                     if pa.types.is_boolean(kind):
                         column = column.cast(pa.int8())

@@ -58,7 +58,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except OSError as problem:
         if problem.errno not in FULL:  # what was read, perhaps
             raise
-        raise _unwritable(problem, path, "make room, or write elsewhere") from None
+        raise _unwritable(problem, path, "make room, or write elsewhere; nothing half-written was kept") from None
     finally:
         with suppress(FileNotFoundError):
             beside.unlink()

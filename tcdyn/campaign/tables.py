@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from calibration.disk import DISKS
+from calibration.errors import printable
 from calibration.estimate import Estimate, rounded
 from tcdyn.campaign.joined import JoinedCampaign
 
@@ -21,6 +22,9 @@ LATEX = {
     "h_slow_W_m2K": r"$h_s$ [W/m$^2$K]",
     "exponent": r"$n$",
 }
+
+SIGNS = {"\\": "backslash", "^": "asciicircum", "~": "asciitilde", "<": "less", ">": "greater"}
+TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {ord(c): rf"\text{name}{{}}" for c, name in SIGNS.items()}
 
 
 def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
@@ -54,7 +58,7 @@ def paper_latex(joined: JoinedCampaign) -> str:
     for r in paper_table(joined).to_dict("records"):
         beta, inside = rounded(r["beta"], r["u_beta_within"])
         cells = [
-            str(r["test"]).replace("_", r"\_"), f"{r['load_N']:.0f}", f"{r['sliding_speed_m_s']:.1f}",
+            printable(str(r["test"])).translate(TEX), f"{r['load_N']:.0f}", f"{r['sliding_speed_m_s']:.1f}",
             rounded(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0], beta, inside,
             rounded(r["beta"], r["u_beta"])[1],
             *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS), _pm(r["exponent"], r["u_exponent_within"]),

@@ -14,7 +14,7 @@ for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import typer  # noqa: E402
 from typer.core import TyperCommand, TyperGroup  # noqa: E402
 
-from calibration.errors import InputError  # noqa: E402
+from calibration.errors import InputError, printable  # noqa: E402
 from tcdyn.version import __version__  # noqa: E402
 
 # name: (module, attribute, what it does), in the order of the work; a module is imported when its command is called
@@ -129,15 +129,15 @@ def run(command: Callable[[], Any]) -> int:
     except InputError as problem:
         from tcdyn.cli.common import in_options
 
-        print(f"tcdyn: {in_options(str(problem), problem.parameters)}", file=sys.stderr)
+        print(f"tcdyn: {printable(in_options(str(problem), problem.parameters))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
         return 130
     except BrokenPipeError:
         return 0
-    except (OSError, MemoryError, RecursionError, OverflowError) as problem:  # what nobody nearer has put in words
-        place = f"{problem.filename}: " if isinstance(problem, OSError) and problem.filename else ""
+    except (OSError, MemoryError, RecursionError, OverflowError, ImportError) as problem:  # nobody nearer has words
+        place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
         print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
         return 2
     return result if isinstance(result, int) else 0

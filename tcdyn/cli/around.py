@@ -47,6 +47,7 @@ def simulate_round(
 
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
+    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_round, draw_round_surface
     from tcdyn.plots.style import figure
@@ -61,7 +62,8 @@ def simulate_round(
     for d, whole, surface in zip(DISKS, axes[:2], axes[2:]):
         draw_round(disks[d], whole)
         draw_round_surface(disks[d], surface)
-    picture.savefig(out, dpi=150)
+    with atomic_path(out) as beside:
+        picture.savefig(beside, dpi=150)
     told = {d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC} for d in DISKS}
     if json_:
         print(dump({"picture": out, **told}), end="")
@@ -89,6 +91,7 @@ def fit_round(
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
+    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_fit
     from tcdyn.plots.style import figure
@@ -105,7 +108,8 @@ def fit_round(
         picture, axes = figure(len(stated), 1, width_in=7.0, height_in=3.2 * len(stated))
         for s, ax in zip(stated, axes):
             draw_fit(s, ax)
-        picture.savefig(out, dpi=150)
+        with atomic_path(out) as beside:
+            picture.savefig(beside, dpi=150)
     if json_:
         print(dump({"picture": out, **told}), end="")
         return

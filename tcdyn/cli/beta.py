@@ -17,6 +17,7 @@ from tcdyn.cli.common import (
     Quiet,
     RecordFiles,
     Verbose,
+    bounded,
     counted,
     dump,
     in_one_line,
@@ -33,8 +34,8 @@ Bearing = Annotated[
 Without = Annotated[
     list[str] | None, typer.Option(help="channel to leave out, such as fast_c; may be given more than once")
 ]
-WindowS = Annotated[float, typer.Option("--window-s", help="cooling used by the h-only fit")]
-Seed = Annotated[int, typer.Option(help="seed of the budget's Monte Carlo")]
+WindowS = Annotated[float, bounded("--window-s", "cooling used by the h-only fit", 0, 1e6, ends=False)]
+Seed = Annotated[int, typer.Option(min=0, help="seed of the budget's Monte Carlo")]
 
 
 def beta(
@@ -137,7 +138,8 @@ def campaign(
     out: Annotated[Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")],
     rig: OwnRigFile = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="processes on this machine (default: 2 where there are two cores)")
+        int | None,
+        typer.Option(min=1, max=256, help="processes on this machine (default: 2 where there are two cores)"),
     ] = None,
     dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")] = None,
     bearing: Bearing = None,

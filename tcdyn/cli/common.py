@@ -26,7 +26,7 @@ from rich.progress import (
 from rich.table import Table
 
 from calibration.disk import DISKS
-from calibration.errors import InputError
+from calibration.errors import InputError, printable
 from calibration.finding import Finding, Grade, doubts, once
 from calibration.words import SPOKEN
 
@@ -108,11 +108,11 @@ def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]
     console = Console(stderr=True, quiet=quiet)
     if verbose and not quiet:
         begin = monotonic()
-        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {what}", file=sys.stderr)
+        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {printable(what)}", file=sys.stderr)
         print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
         return
     if quiet or not console.is_terminal:
-        yield (lambda what: None) if quiet else (lambda what: print(f"... {what}", file=sys.stderr))
+        yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
         return
     with Progress(
         SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console, transient=True
@@ -126,7 +126,11 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
     console = Console(stderr=True, quiet=quiet)
     if quiet or not console.is_terminal:
-        yield (lambda *_: None) if quiet else (lambda name, n, m: print(f"... {n} of {m}: {name}", file=sys.stderr))
+        yield (
+            (lambda *_: None)
+            if quiet
+            else (lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr))
+        )
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
@@ -182,13 +186,13 @@ def in_options(text: str, parameters: Iterable[str]) -> str:
 def say(text: str, quiet: bool = False) -> None:
     """Print plain words unless quiet."""
     if not quiet:
-        print(text)
+        print("\n".join(map(printable, text.split("\n"))))
 
 
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     """Print each finding on standard error; what was mended on the way is a note."""
     for found in () if quiet else once(findings):
-        sentence = in_options(found.sentence, SPOKEN)
+        sentence = printable(in_options(found.sentence, SPOKEN))
         print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
 
 
@@ -197,7 +201,7 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> None:
     asking = doubts(once(findings))
     if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(f"tcdyn: {what}: look: {in_options(asking[0].sentence, SPOKEN)}{more}", file=sys.stderr)
+        print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence, SPOKEN))}{more}", file=sys.stderr)
 
 
 def end(what: str, findings: Iterable[Finding]) -> None:

@@ -27,7 +27,7 @@ def design(
     ] = None,
     initial_degC: Annotated[float, bounded("--initial-degC", "disk before the plunge", -60, 400)] = 25.0,
     duration_s: Annotated[float, bounded("--duration-s", "length of each plunge", 10, 3600)] = 140.0,
-    noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 0, 100, ends=False)] = 0.12,
+    noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 1e-6, 100)] = 0.12,
     noise_before_K: Annotated[
         float,
         bounded("--noise-before-K", "more noise of one sample, from before the conditioning filter", 0, 100),
@@ -35,7 +35,7 @@ def design(
     rate_Hz: Annotated[float, bounded("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
     entry_u_s: Annotated[
         float,
-        bounded("--entry-u-s", "standard uncertainty of the entry's instant", 0, 10, ends=False),
+        bounded("--entry-u-s", "standard uncertainty of the entry's instant", 1e-6, 10),
     ] = 0.05,
     lag_s: Annotated[
         float,
@@ -43,7 +43,7 @@ def design(
     ] = 0.73,
     power_W: Annotated[
         float,
-        bounded("--power-W", "heat into this disk before unloading", 0, 1e6, ends=False),
+        bounded("--power-W", "heat into this disk before unloading", 1e-3, 1e6),
     ] = 100.0,
     campaign: Annotated[
         Path | None,

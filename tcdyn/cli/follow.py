@@ -35,13 +35,18 @@ def follow(
     ] = 0.0,
     noise_k: Annotated[
         float | None,
-        typer.Option("--noise-K", help="noise of a sample [K]; default: measured in the first seconds"),
+        typer.Option(
+            "--noise-K",
+            help="noise of a sample [K]; default: measured in the first seconds",
+            callback=within(1e-6, 1e3),
+        ),
     ] = None,
     intensity: Annotated[
         float | None,
         typer.Option(
             help="how suddenly slopes may change [K²/s³]; default 30 on the rig, 3000 for a plunge; lower is quieter, "
-            "higher is quicker"
+            "higher is quicker",
+            callback=within(1e-9, 1e12),
         ),
     ] = None,
     learn_s: Annotated[float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")] = 5.0,

@@ -40,10 +40,10 @@ def identify(
         str | None, typer.Option(help="Time column in seconds; time_s, time or t is found by itself.")
     ] = None,
     dt_s: Annotated[
-        float | None, typer.Option("--dt", help="Sampling interval in seconds where there is no time.")
+        float | None, bounded("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9)
     ] = None,
     resample_s: Annotated[
-        float | None, typer.Option("--resample", help="Put uneven times on a grid of so many seconds.")
+        float | None, bounded("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9)
     ] = None,
     hold: Annotated[
         str,
@@ -62,13 +62,7 @@ def identify(
     ] = None,
     cutoff_hz: Annotated[
         float | None,
-        bounded(
-            "--cutoff-Hz",
-            "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
-            0,
-            1e9,
-            ends=False,
-        ),
+        bounded("--cutoff-Hz", "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.", 1e-6, 1e9),
     ] = None,
     poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
     shape: Annotated[
@@ -122,8 +116,8 @@ def identify(
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
     from tcdyn.identify.disturbance import BASELINES, NOISES
 
-    if gain == 0:
-        raise InputError("--gain is 0", expected="a static gain other than 0: nothing of the input would be seen")
+    if gain is not None and abs(gain) < 1e-12:
+        raise InputError(f"--gain is {gain:g}", expected="a static gain other than 0: nothing else shows the input")
     check_choice("--hold", hold, ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISES)
@@ -274,8 +268,8 @@ def standard_deviation(text: str) -> float:
         sd = float(text)
     except ValueError:
         sd = float("nan")
-    if not 0 <= sd < float("inf"):
-        raise InputError(f"--input-noise is {text!r}", expected="a standard deviation in the input's unit, or auto")
+    if sd != 0 and not 1e-12 <= sd <= 1e12:
+        raise InputError(f"--input-noise is {text!r:.60}", expected="a standard deviation in the input's unit, or auto")
     return sd
 
 

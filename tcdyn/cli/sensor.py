@@ -25,7 +25,7 @@ Out = Annotated[Path, typer.Option(help="*.sensor.json to write")]
 Name = Annotated[str | None, typer.Option("--name", help="what the sensor is called; default: the file's name")]
 Cutoff = Annotated[
     float | None,
-    bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 0, 1e9, ends=False),
+    bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 1e-6, 1e9),
 ]
 Poles = Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")]
 Shape = Annotated[str, typer.Option(help="its shape: cascade (of single lags) or butterworth")]

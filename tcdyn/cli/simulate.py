@@ -154,7 +154,7 @@ def campaign(
         bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
     ] = None,
     seed: Seed = 0,
-    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="processes on this machine")] = 1,
     rig: RigPath = None,
     uncertain: Uncertain = False,
     clean: Clean = False,
@@ -271,9 +271,9 @@ def _again(said: str) -> tuple[float, float]:
         out = float(length), float(after)
     except ValueError:
         out = np.nan, np.nan
-    if not (0.02 <= out[0] < np.inf and 0.05 <= out[1] < np.inf):
+    if not (0.02 <= out[0] <= 1e5 and 0.05 <= out[1] <= 1e5):
         raise InputError(
-            f"--again is {said!r}",
+            f"--again is {said!r:.60}",
             expected="length@time after the parting, both in seconds and not shorter than 0.02@0.05",
             remedy="for example --again 0.2@1",
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -42,10 +41,10 @@ def value_and_u(text: str, option: str) -> tuple[float, float]:
         found = float(value), float(u) if u.strip() else 0.0
     except ValueError:
         raise InputError(
-            f"{option} is {text!r}", expected="a number, or a number with its uncertainty: 1.5+-0.1"
+            f"{option} is {text!r:.60}", expected="a number, or a number with its uncertainty: 1.5+-0.1"
         ) from None
-    if not all(math.isfinite(x) for x in found):
-        raise InputError(f"{option} is {text!r}", expected="finite numbers")
+    if not (abs(found[0]) <= 1e9 and 0 <= found[1] <= 1e9):
+        raise InputError(f"{option} is {text!r:.60}", expected="a number within 1e9, its uncertainty not negative")
     return found
 
 

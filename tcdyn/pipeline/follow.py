@@ -20,7 +20,7 @@ from calibration.files.write import write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
 from calibration.rig import Rig
-from tcdyn.pipeline.causal import Causal, CausalState, Settings
+from tcdyn.pipeline.causal import LONGEST_GAP_S, Causal, CausalState, Settings
 from tcdyn.pipeline.learn import begin
 from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
 from tcdyn.pipeline.stretches import DECIMALS
@@ -102,12 +102,13 @@ def follow(
         if begun is None:
             ended = "stopped before anything was learnt; nothing was written"
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
-        (plan, now, rows), written, size = begun, 0, 0
+        (plan, now, rows), written = begun, 0
+        head = _head(source, plan)
+        write_text(out, head)  # what stood there stays until this is whole
+        size = len(head.encode("utf-8"))
     announce(plan)
     saved_at = time.monotonic()
     with _opened(out, size) as stream:
-        if not left:
-            size += _append(stream, _head(source, plan), out)
         while True:
             if rows:
                 now, done = plan.advance(now, np.array(rows))
@@ -193,7 +194,7 @@ def _learnt(
     rows: list[list[float]] = []
     names = list(source.places)
     at = names.index("time_s")
-    while not rows or not rows[-1][at] - rows[0][at] >= settings.learn_s:
+    while not (inside := _stretch(rows, at, settings.learn_s)):
         new = _rows(source, patience)
         rows += new
         if not new and (ended := patience.ended()):
@@ -205,8 +206,21 @@ def _learnt(
                 remedy="follow a longer log, or lower learn_s",
                 parameters=("learn_s",),
             )
-    inside = [r for r in rows if not r[at] - rows[0][at] > settings.learn_s]
     return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
+
+
+def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[float]]:
+    """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
+    so many."""
+    begun, last = 0, np.nan
+    for i, row in enumerate(rows):
+        now = row[at]
+        if not 0 <= now - last <= LONGEST_GAP_S and np.isfinite(now):
+            begun = i
+        if now - rows[begun][at] >= learn_s:
+            return rows[begun : i + (now - rows[begun][at] == learn_s)]
+        last = now if np.isfinite(now) else last
+    return []
 
 
 def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
@@ -228,7 +242,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
         offset, digest, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
-    except (OSError, ValueError, KeyError, TypeError) as problem:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), remedy=anew) from None
     for name, own in json.loads(json.dumps(key)).items():
         if data.get(name) != own:
@@ -244,8 +258,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
 def _opened(path: Path, size: int) -> IO[bytes]:
     """The output to append to, cut back to ``size`` bytes."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        stream: IO[bytes] = open(path, "r+b" if size else "wb")  # noqa: SIM115
+        stream: IO[bytes] = open(path, "r+b")  # noqa: SIM115
     except OSError as problem:
         raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
     stream.truncate(size)

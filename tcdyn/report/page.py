@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIGNS = (("+-", "±"), (" degC", " °C"), ("W/m2K", "W/m²K"), ("W/mK", "W/m K"), ("kg/m3", "kg/m³"), ("mm2/s", "mm²/s"))
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 SHORT = 20  # rows; a table of so many stays on one printed page
 LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
@@ -75,7 +76,12 @@ class Answer:
 
 
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
-    """The figure as a ``data:`` address, so that the page needs no other file."""
+    """The figure as a ``data:`` address, so that the page needs no other file; names stand in it sign by sign."""
+    from matplotlib.text import Text
+
+    for words in figure.findobj(Text):
+        if "\\math" not in words.get_text():  # no number of a logarithmic axis: a dollar is a dollar
+            words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
@@ -103,7 +109,7 @@ def render_page(
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["typeset"] = typeset
-    return environment.from_string(source).render(
+    page = environment.from_string(source).render(
         title=title,
         sections=sections,
         verdict=[part.strip() for part in verdict.split("\n\n") if part.strip()],
@@ -117,6 +123,7 @@ def render_page(
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
     )
+    return CONTROL.sub(" ", page)
 
 
 def write_page(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> Path:

@@ -215,8 +215,9 @@ def stated(
             "a sensor needs a lag and a column", expected="taus_s=1.5, column=T1", parameters=("taus_s=1.5",)
         )
     for value, u in (*taus, delay_s):
-        if not 0 <= value < 600 or not 0 <= u < 600:
-            raise InputError(f"a lag of {value:g} +- {u:g} s", expected="0 to 600 s, its uncertainty not negative")
+        if not (value == 0 or 1e-6 <= value < 600) or not 0 <= u < 600:
+            expected = "0, or a microsecond to 600 s, its uncertainty not negative"
+            raise InputError(f"a lag of {value:g} +- {u:g} s", expected=expected)
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
     u2, lesser = sum(u * u for _, u in (*taus, delay_s)), sum(u * u for _, u in (*taus[1:], delay_s))
     found = [] if u2 > 0 else [look("sensor.exact", lag_s=chain.lag_s)]

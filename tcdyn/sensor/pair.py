@@ -86,6 +86,9 @@ def pair_sensor(
     if speed is not None:
         if not np.all(np.nan_to_num(speed, nan=1.0) > 0):
             raise InputError("the speed is not above zero everywhere", expected="the speed of the flow, in any unit")
+        if not (abs(exponent[0]) <= 5 and 1e-3 <= exponent[1] <= 5):
+            expected = "0.5+-0.1 or the like: 5 at most, uncertain by 0.001 to 5"
+            raise InputError(f"an exponent of {exponent[0]:g} +- {exponent[1]:g}", expected=expected)
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
     noise = tuple(max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second))

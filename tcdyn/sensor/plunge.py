@@ -69,7 +69,13 @@ def plunge_sensor(
     Raises:
         InputError: no step beyond the noise, one that is cut off, or fewer than 30 samples of it.
     """
-    dt = float(time_s[1] - time_s[0])
+    dt, last = float(time_s[1] - time_s[0]), float(time_s[-1] - time_s[0])
+    if not (0 <= medium_s[0] <= last and 0 <= medium_s[1] <= last):
+        what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
+        raise InputError(what, expected=f"0 to {last:g} s, the record's length")
+    if entry_s is not None and not float(time_s[0]) <= entry_s[0] <= float(time_s[-1]):
+        what = f"the entry is at {entry_s[0]:g} s"
+        raise InputError(what, expected=f"{float(time_s[0]):g} to {float(time_s[-1]):g} s, as the record goes")
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
     t, y = np.arange(step.last - step.first) * dt, y_degC[step.first : step.last]
     begun, at = float(time_s[step.first]), step.entry_s - step.first * dt

@@ -155,7 +155,7 @@ def _write_rig(folder: Path, believed: Rig) -> str:
     if path.exists():
         try:
             before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))["rig_sha256"]
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
             before = ""
         if load_rig(path) == believed:
             return str(before)

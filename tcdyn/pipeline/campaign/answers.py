@@ -16,7 +16,7 @@ SHORT_NAME = "EHL_"  # in front of a log's name, left out where many are counted
 
 
 def read_answer(path: Path) -> dict[str, Any]:
-    """The content of a beta.json, checked; raises OSError or ValueError where it cannot be read, and InputError."""
+    """The content of a beta.json, checked; raises OSError, ValueError or RecursionError where it cannot be read."""
     return checked(json.loads(path.read_text(encoding="utf-8")), path.name)
 
 
@@ -29,7 +29,7 @@ def is_altered(path: Path) -> bool:
         checked(json.loads(text), path.name)
     except OSError:
         return False
-    except (ValueError, InputError):
+    except (ValueError, RecursionError):
         return True
     return False
 
@@ -42,7 +42,9 @@ def given_answer(path: Path, rig: str) -> dict[str, Any]:
     """
     try:
         data = read_answer(path)
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as problem:
+    except InputError:
+        raise
+    except (OSError, ValueError, RecursionError) as problem:
         raise InputError(f"cannot be read ({type(problem).__name__})", where=path.name, remedy=AGAIN) from None
     if data.get("kept") and data["kept"].get("rig_sha256") != rig:
         raise InputError(

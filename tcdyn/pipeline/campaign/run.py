@@ -184,7 +184,7 @@ def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOut
         first = 0 if _answer_file(path, folder, 0).exists() else 1
         count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
         return [_stored_one(path, folder, settings, k) for k in ([0] if count == 1 else range(1, count + 1))]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
 
 

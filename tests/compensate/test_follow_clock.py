@@ -1,0 +1,63 @@
+"""A followed log whose clock jumps, while there is something to learn from and later; and its last rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tcdyn.pipeline.causal import Settings
+from tcdyn.pipeline.follow import FollowRun, follow
+from tcdyn.sensor import stated
+from tests.sensor.sensor_world import Array, logged, write, written
+
+Change = Callable[[Array], Array]
+
+
+def followed(folder: Path, change: Change, behind_s: float = 0.0) -> tuple[FollowRun, Array, Array]:
+    """The run, the times logged and the times written."""
+    t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
+    times = np.round(change(t), 3)
+    log, out = write(folder / "log.csv", time_s=times, T1_degC=y), folder / "out.csv"
+    settings = Settings(behind_s=behind_s, learn_s=2.0)
+    run = follow(log, [stated("s", ["T1"], [(0.5, 0.02)])], out, settings=settings, idle_s=0.0, poll_s=0.01)
+    done = written(out)
+    assert np.isfinite(done.drop(columns="time_s")).all(axis=None)
+    return run, times, done["time_s"].to_numpy()
+
+
+def at(place: int | slice, time_s: float) -> Change:
+    def change(t: Array) -> Array:
+        t = t.copy()
+        t[place] = time_s
+        return t
+
+    return change
+
+
+@pytest.mark.parametrize("behind_s", [0.0, 0.5])
+@pytest.mark.parametrize("later_s", [0.0, 5.0, 100.0])
+def test_a_gap_is_told_and_the_last_rows_are_written(tmp_path: Path, later_s: float, behind_s: float) -> None:
+    run, logged_s, written_s = followed(tmp_path, lambda t: t + later_s * (t > 15), behind_s)
+    assert written_s.tolist() == logged_s.tolist()
+    told = {f.code: f.numbers for f in run.findings if f.code == "follow.gaps"}
+    assert told == ({"follow.gaps": {"count": 1, "longest_s": pytest.approx(later_s + 0.05)}} if later_s else {})
+
+
+@pytest.mark.parametrize("behind_s", [0.0, 0.5])
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (at(300, -1e9), 1), (at(300, np.nan), 1), (lambda t: t - 3.0 * (t > 15), 60), (at(3, -1e9), 1),
+        (lambda t: np.where(t > 15, t - 3600, t), 299),
+    ],
+    ids=["one row long ago", "one row without", "back 3 s", "while learning", "back an hour"],
+)  # fmt: skip
+def test_a_clock_that_jumps_back_is_told(tmp_path: Path, change: Change, lost: int, behind_s: float) -> None:
+    run, logged_s, written_s = followed(tmp_path, change, behind_s)
+    assert [f.numbers["count"] for f in run.findings if f.code == "follow.backward"] == [lost]
+    rising = np.fmax.accumulate(np.concatenate([[-np.inf], logged_s]))
+    assert written_s.tolist() == logged_s[logged_s > rising[:-1]].tolist()
+    assert run.rows_written == len(logged_s) - lost
