@@ -127,7 +127,8 @@ def compensate(
     rig_table = load_rig(rig) if rig else None
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
-    with stages(quiet or json_, verbose) as progress:
+    timed = "deconvolve" if method == "deconvolve" else "compensate"
+    with stages(quiet or json_, verbose, timed, report is not None) as progress:
         done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         progress("writing")
@@ -138,7 +139,7 @@ def compensate(
             from tcdyn.report.compensate import write_compensation_report
 
             progress("report")
-            write_compensation_report(report, done, records)
+            write_compensation_report(report, done, records, record)
     if json_:
         print(dump({**_numbers(done), "out": written, "report": report}), end="")
         return

@@ -12,7 +12,7 @@ from rich.console import Console
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.finding import Grade, once, sentences
+from calibration.finding import once, sentences
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, rich_table, say, spare_inputs
 
 app = typer.Typer(
@@ -53,8 +53,7 @@ def show(record: RecordPath, json_: Json = False) -> None:
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
     for noticed in once(found.findings):
-        word = "note" if noticed.grade is Grade.NOTE else "warning"
-        console.print(f"{word}: {noticed.sentence}", markup=False, highlight=False)
+        console.print(f"{noticed.grade.value}: {noticed.sentence}", markup=False, highlight=False)
 
 
 @app.command()

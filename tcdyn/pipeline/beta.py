@@ -278,8 +278,9 @@ def estimate_stages(
     log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], estimate: Any = estimate_beta, **options: Any
 ) -> tuple[Any, ...]:
     """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first = estimate(log, rig, records, stage=1, **options)
-    more = (estimate(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
+    first, said = estimate(log, rig, records, stage=1, **options), options.pop("progress", lambda _: None)
+    tests = [(k, f"test {k} of {first.stages}: {{}}".format) for k in range(2, first.stages + 1)]
+    more = (estimate(log, rig, records, stage=k, progress=lambda w, of=of: said(of(w)), **options) for k, of in tests)
     return (first, *more)
 
 

@@ -28,7 +28,7 @@ def draw_compensated(
     ax.plot(t, y[shown], ".", markersize=2, color=GREY, label="as logged")
     ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, color=SLOW, alpha=BAND, linewidth=0, label="95 %")
     ax.plot(t, x, color=SLOW, linewidth=1.3, label="compensated")
-    bad = inside[result.flags[inside, channel] > 0]
+    bad = inside[(result.flags[inside, channel] > 0) & np.isfinite(y[inside])]
     if len(bad):
         ax.plot(result.time_s[bad], y[bad], "x", color=FAST, markersize=4, label="flagged")
     for event, _ in result.events_s:

@@ -293,7 +293,7 @@ def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.Capture
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:
     told = "the entry into the bath came late, initial split of the gain; calibrate with structure=P3"
     warn([look("said", text=told)])
-    assert capsys.readouterr().err == f"warning: {told.removesuffix('structure=P3')}--structure P3\n"
+    assert capsys.readouterr().err == f"look: {told.removesuffix('structure=P3')}--structure P3\n"
 
 
 def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
