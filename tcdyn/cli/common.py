@@ -61,7 +61,7 @@ TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, mea
     "beta": {"reading": 5.0, "sensor map": 4.6, "steady": 0.3, "joint fits": 2.2, "other structures": 0.6,
              "compensation": 0.9, "cooling fit, fast": 0.9, "cooling fit, slow": 4.0, "writing the report": 15.0},
     "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
-    "demo": {"simulat": 14.0, "calibrating": 30.0, "compensating": 40.0, "writing the report": 15.0},
+    "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
 }  # fmt: skip
 LEAST_DONE = 0.05  # share of a command that must be done before the rest can be told from it
 

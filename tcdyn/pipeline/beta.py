@@ -279,9 +279,8 @@ def estimate_stages(
 ) -> tuple[Any, ...]:
     """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
     first, said = estimate(log, rig, records, stage=1, **options), options.pop("progress", lambda _: None)
-    tests = [(k, f"test {k} of {first.stages}: {{}}".format) for k in range(2, first.stages + 1)]
-    more = (estimate(log, rig, records, stage=k, progress=lambda w, of=of: said(of(w)), **options) for k, of in tests)
-    return (first, *more)
+    told = {k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}") for k in range(2, first.stages + 1)}
+    return (first, *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told))
 
 
 def summary_of(p: Partition) -> str:

@@ -162,7 +162,7 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
             f"Carlo of {draws} draws.",
             table=budget_table(p),
             figure=budget,
-            caption="The first column of the table: what a better measurement of each source could take away.",
+            caption="The first column of the table; a longer bar is a source better worth measuring.",
         ),
         Section(
             f"{name}: how much the exponent matters",

@@ -104,7 +104,7 @@ def write_identify_report(
             None,
             residual_figure(best, comparison.validation),
             "Left: measured less simulated, disturbances in it. Middle and right: what is left when the noise model "
-            "has taken the disturbances out; outside the grey band nineteen of twenty lags would not lie by chance.",
+            "has taken the disturbances out; by chance one lag in twenty lies outside the grey band.",
         ),
     ]
     if level:

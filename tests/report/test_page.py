@@ -10,8 +10,8 @@ import pytest
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from calibration.record import read_record
-from tcdyn.report.certificate import channel_verdicts
 from tcdyn.plots.style import figure
+from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, pm, render_page, table_html
 
 
