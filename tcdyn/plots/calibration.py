@@ -198,4 +198,4 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     ax.plot(t, step, drawstyle="steps-post", color=GREY, linewidth=0.9, label="at the junction")
     ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
     ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s")
-    return dressed(ax, "time after the step, s", "share of the step", loc="lower right")
+    return dressed(ax, "time after the step [s]", "share of the step [1]", loc="lower right")

@@ -92,6 +92,13 @@ def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]
     return subprocess.run(command, capture_output=True, text=True, env=env, check=False, timeout=120)
 
 
+def test_no_help_has_words_in_brackets_that_a_terminal_takes_for_colour() -> None:
+    tag = re.compile(r"\[[a-z#/@][^\[\]]*\]")
+    for name, command in ALL.items():
+        texts = [command.help or "", *(getattr(p, "help", None) or "" for p in command.params)]
+        assert [found for text in texts for found in tag.findall(text)] == [], name
+
+
 def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign) -> None:
     told = call("--help").stdout
     for code in ("0 done", "1 done", "2 bad input", "130 stopped"):
