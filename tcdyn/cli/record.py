@@ -134,7 +134,7 @@ def transducer(
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
-    With --of friction its uncertainty as friction_rel, a key under [uncertainty] of the rig file, to which beta of a
+    With --of friction its uncertainty as friction_rel, a key of table uncertainty of the rig file, to which beta of a
     single disk is proportional; with --of load what the load makes of the track's half width, its cube root. The zero
     is taken anew in each test. Exit code 1 where the sessions' gains differ.
 
