@@ -14,6 +14,7 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure
 
+LEAST_P = 1e-12  # less is not told apart
 INPUTS, OUTPUTS = (FAST, TRUTH, DARK, GREY), (SLOW, GREY, DARK, TRUTH)
 
 
@@ -116,7 +117,7 @@ def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color=DARK, linewidth=0.8)
     ax.set_xlabel("lag [s]")
-    ax.set_title(f"{title}: p = {c.p:.2g}", fontsize=10)
+    ax.set_title(f"{title}: p {f'= {c.p:.2g}' if c.p > LEAST_P else f'below {LEAST_P:g}'}", fontsize=10)
     return ax
 
 

@@ -74,7 +74,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     late = model.grid_s > 0.01
     ax.semilogx(model.grid_s[late], surface.h_W_m2K[late], color=FAST, label="fitted")
     ax.semilogx(model.grid_s[late], plain[late], color=SLOW, ls="--", label=fit.correlation)
-    return dressed(ax, "Time after entry [s]", "h [W/m2K]", legend=True)
+    return dressed(ax, "time after the entry [s]", "h [W/m²K]", legend=True)
 
 
 def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
@@ -84,10 +84,9 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     ax.plot(scan.grid_s + own, scan.density / scan.density.max(), color=FAST, label="posterior")
     ax.plot(scan.lag_s + own, np.exp(-0.5 * (scan.cost - scan.cost.min())), "o", color=SLOW, ms=4, label="profile")
     ax.axvspan(fit.common_lag_s.low95, fit.common_lag_s.high95, color=GREY, alpha=0.25, lw=0, label="95 %")
-    for name, value in fit.model_form.common_lag_s.items():
-        ax.axvline(value, lw=0.7, ls=":", color=TRUTH)
-        ax.annotate(name, (value, 1.0), rotation=90, fontsize=6, va="top", ha="right")
-    return dressed(ax, "Common lag [s]", "Relative likelihood [1]", legend=True)
+    for k, value in enumerate(fit.model_form.common_lag_s.values()):
+        ax.axvline(value, lw=0.7, ls=":", color=TRUTH, label=None if k else "with other correlations")
+    return dressed(ax, "common lag [s]", "relative likelihood [1]", legend=True)
 
 
 def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
@@ -97,7 +96,7 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     ax.errorbar(x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set_xticks(x, fit.channels)
-    return dressed(ax, "Channel", "Lag minus common lag [s]")
+    return dressed(ax, "channel", "lag minus common lag [s]")
 
 
 def draw_design(design: Design, ax: Axes) -> Axes:
