@@ -125,7 +125,7 @@ def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
     picture, (whole, close) = figure(1, 2, width_in=10.0)
     draw_compensated(result, logged, whole, channel)
     draw_compensated(result, logged, close, channel, (event - AROUND_S[0], event + AROUND_S[1]))
-    where = "about the last event, the unloading (dashed)" if done.events_s else "some seconds in the middle"
+    where = "about the last event (dashed)" if done.events_s else "some seconds in the middle"
     for ax in (whole, close) if done.events_s else ():
         ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
     return Section(

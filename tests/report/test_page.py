@@ -9,10 +9,12 @@ import pytest
 
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
+from calibration.log import Log
 from calibration.record import read_record
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, pm, render_page, table_html
+from tcdyn.report.sources import log_row, record_rows
 
 
 def plain(page: str) -> str:
@@ -56,6 +58,19 @@ def test_cells_are_set_by_what_they_hold() -> None:
     assert '<th class="prose">why</th>' in html
     assert '<th class="number">β <span class="unit">[1]</span></th>' in html
     assert '<td class="long" data-name="sha">0123456789abcdef0123456789abcdef</td>' in html
+
+
+def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:
+    file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
+    record = read_record(file)
+    logs = ", ".join(f.file for f in record.inputs)
+    (named,), (bare,) = (record_rows({"fast": record}, files) for files in ([file], []))
+    assert (named[1], bare[1]) == (f"{file.name}, of {logs}", logs)
+    frame = pd.DataFrame({"time_s": [0.0, 1.0]})
+    part = Log(frame, "ehl", tmp_path / "D4.2.csv", "00", 1.0)
+    assert log_row(part)[1] == "D4.csv, test 2"
+    part.path.touch()  # a file of that name is itself
+    assert log_row(part)[1] == "D4.2.csv"
 
 
 def test_a_value_is_rounded_to_its_uncertainty() -> None:
