@@ -173,6 +173,15 @@ def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(f.sentence for f in findings))
 
 
+def graded(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """The findings in words, each once, with its grade in front, as a summary ends with them.
+
+    >>> graded([note("said", text="one spike was taken out")])
+    ('note: one spike was taken out',)
+    """
+    return tuple(dict.fromkeys(f"{f.grade.value}: {f.sentence}" for f in findings))
+
+
 def doubts(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Those above a note."""
     return tuple(f for f in findings if f.grade is not Grade.NOTE)

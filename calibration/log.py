@@ -21,7 +21,7 @@ from calibration.errors import InputError
 from calibration.files import Table, read_whole, sha256
 from calibration.files.table import PIECE_ROWS
 from calibration.files.write import write_log
-from calibration.finding import Finding, Place, sentences
+from calibration.finding import Finding, Place, graded, sentences
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
 from calibration.opened import COMPENSATED, missing_and_unused, open_log
@@ -64,7 +64,7 @@ class Log(Result):
         said = f"{self.path.name}: {LAYOUTS[self.kind].name}, {len(self.frame)} rows"
         if self.dt_s is not None:
             said += f" at {1 / self.dt_s:.4g} Hz, {len(self.frame) * self.dt_s:.4g} s"
-        return "\n".join([f"{said}, {len(self.channels)} thermocouples", *(f"warning: {w}" for w in self.warnings)])
+        return "\n".join([f"{said}, {len(self.channels)} thermocouples", *graded(self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
         """Where the log comes from and the range of every column; the samples are in ``frame``."""

@@ -19,7 +19,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.seal import SEAL, altered, sealed
 from calibration.files.write import write_text
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.static import StaticLine, lines_table
 from calibration.result import Result
 from calibration.rig import RigTables
@@ -160,7 +160,7 @@ class DiskRecord(Result, RecordPart):
             lines.append(f"chain {self.chain.structure}: common lag {common}; differences between channels:")
             rest = self.chain.differential_lag_s
             lines.append("  " + ", ".join(f"{c} {rest[c].text('s')}" for c in sorted(rest)))
-        return "\n".join([*lines, *(f"warning: {w}" for w in self.warnings)])
+        return "\n".join([*lines, *graded(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""

@@ -126,6 +126,13 @@ def test_every_result_has_its_picture_or_says_that_it_has_none(results: dict[str
         del drawing
 
 
+def test_a_notebook_shows_each_result_with_its_picture(results: dict[str, Any]) -> None:
+    from tcdyn.report.notebook import card_html
+
+    for name, one in results.items():
+        assert card_html(one).count("<img") == (name not in WITHOUT_PICTURE), name
+
+
 def test_every_exported_picture_exists_under_its_name() -> None:
     for name in tcdyn.plots.__all__:
         assert callable(getattr(tcdyn.plots, name)), name

@@ -13,7 +13,7 @@ from scipy import stats
 from calibration import Array, Flags
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.linefit import LineFit, fit_line
 from calibration.result import Result
 
@@ -54,7 +54,7 @@ class TransducerLine(Result):
         if self.shift_N is not None:
             lines.append(f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test")
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
-        return "\n".join([*lines, *(f"warning: {w}" for w in sentences(self.findings))])
+        return "\n".join([*lines, *graded(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """The zero of each session."""

@@ -1,4 +1,4 @@
-"""The lags of a disk: differences are known ten times better than what all have in common."""
+"""The lags of a disk, by one plunge (above) and in the record: differences are known far better than what is common."""
 
 from common import lab, plunged, save
 
@@ -8,7 +8,7 @@ from tcdyn.plots.style import figure
 
 chain = read_record(lab() / "fast.disk.json").chain
 assert chain is not None
-picture, axes = figure(1, 3, width_in=11.0, height_in=3.8)
+picture, axes = figure(3, 1, width_in=8.5, height_in=10.0)
 draw_common_lag(plunged(), axes[0])
 draw_differential_lags(plunged(), axes[1])
 draw_lags(chain, axes[2])

@@ -7,7 +7,7 @@ from tcdyn.plots import draw_junctions, draw_referee, draw_window_study
 from tcdyn.plots.style import figure
 
 p = analysed()
-picture, axes = figure(1, 3, width_in=14.0, height_in=5.0)
+picture, axes = figure(3, 1, width_in=8.5, height_in=11.0)
 draw_window_study(cooling_by_window(p, (0.5, 1.0, 2.0, 5.0, 10.0)), axes[0])
 draw_referee(referee_table(p), axes[1])
 draw_junctions(p.sensors.depths, axes[2])

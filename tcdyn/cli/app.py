@@ -44,8 +44,8 @@ EPILOG = (
     "A first run: tcdyn demo\n\n"
     "Exit codes: 0 done; 1 done, and something asks to be looked at (a log that failed, a record with doubts, a "
     "published number that differs); 2 bad input, said in one sentence; 130 stopped with Ctrl-C.\n\n"
-    "Words go to standard output, progress and warnings to standard error; --json prints the result for scripts. "
-    "Colour only on terminals; NO_COLOR=1 takes it away."
+    "Words go to standard output, progress and what was noticed (note, look, refuse) to standard error; --json prints "
+    "the result for scripts. Colour only on terminals; NO_COLOR=1 takes it away."
 )
 
 

@@ -82,9 +82,9 @@ def fit_round(
     json_: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """The press fit that [fit] of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
+    """The press fit that table fit of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
 
-    [fit], or [slow.fit] for one disk, states interference_um (diametral), hardness_GPa, roughness_um, slope and
+    Table fit, or slow.fit for one disk, states interference_um (diametral), hardness_GPa, roughness_um, slope and
     conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm = 6, share = 0.1 }] and
     patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. Where there is one, `tcdyn simulate ehl`, `tcdyn round
     simulate` and `tcdyn beta` use it.

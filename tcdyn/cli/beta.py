@@ -81,7 +81,7 @@ def beta(
     own_rig = load_rig(rig) if rig else None
     refuse_spare_records(log, own_rig or rig_of(records), records)
     estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
-    with stages(quiet or json_, verbose) as progress:
+    with stages(quiet or json_, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
         options = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
             "without": without or (), "progress": progress,
@@ -102,7 +102,7 @@ def beta(
 
             tests: Any = {run.log.path.stem: run.partition for run in runs}
             write: Any = write_one_disk_report if len(records) == 1 else write_beta_report
-            write(report, tests, sources=sources_of(runs))
+            write(report, tests, sources=sources_of(runs, record, rig))
     if json_:
         data = [run.to_dict() for run in runs]
         print(texts[0] if len(runs) == 1 else dump(data), end="")
@@ -184,8 +184,9 @@ def campaign(
     with counted(len(logs), quiet or json_) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
     from tcdyn.report.campaign import write_campaign_report
+    from tcdyn.report.sources import record_rows
 
-    report = write_campaign_report(out / PAGE_FILE, run)
+    report = write_campaign_report(out / PAGE_FILE, run, record_rows(records, record))
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)
     if json_:

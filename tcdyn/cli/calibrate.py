@@ -78,7 +78,7 @@ def calibrate(
     before = [read_record(path) for path in earlier or []]
     if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
         raise InputError(f"--earlier is a record of another disk ({other[0]})", expected=f"records of the {disk} disk")
-    with stages(quiet or json_, verbose) as progress:
+    with stages(quiet or json_, verbose, "calibrate") as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluids, structure=structure,
             correlation=correlation, line_u_K=line_u_k, progress=progress,
@@ -142,11 +142,24 @@ def hole(
         from tcdyn.plots.plunge import draw_holes
         from tcdyn.plots.style import figure
         from tcdyn.report.page import Section, write_page
+        from tcdyn.report.sources import log_row
+        from tcdyn.report.sources import table as made_of
 
         picture, (ax,) = figure(height_in=4.5)
         draw_holes(found, ax)
-        sections = [Section("Extra lag of each hole", table=found.card()), Section("The record", figure=picture)]
-        write_page(report, f"Holes and cement: {log.name}", sections, verdict=found.summary(), findings=noticed)
+        told = (
+            "Dots: readings; lines: the fit. Every junction sees one temperature, so a curve that runs behind the "
+            "clamped ones (ideal) is late by its hole and cement."
+        )
+        sections = [
+            Section("Extra lag of each hole", table=found.card()),
+            Section("The plunge: whose curve is late?", figure=picture, caption=told),
+        ]
+        write_page(
+            report, f"Holes and cement: {log.name}", sections, verdict=found.summary().replace("\n", "\n\n"),
+            findings=noticed, sources=made_of([log_row(table)]),
+            assumptions=[f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep and see one temperature"],
+        )  # fmt: skip
     if json_:
         print(dump(content), end="")
     else:

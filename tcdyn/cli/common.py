@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
@@ -27,7 +27,7 @@ from rich.table import Table
 
 from calibration.disk import DISKS
 from calibration.errors import InputError, printable
-from calibration.finding import Finding, Grade, doubts, once
+from calibration.finding import Finding, doubts, once
 from calibration.words import SPOKEN
 
 if TYPE_CHECKING:
@@ -53,6 +53,56 @@ RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json o
 OptionalRecordFiles = Annotated[
     list[Path] | None, typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 ]
+
+TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
+    "calibrate": {"static lines": 0.1, "plunge": 0.2, "grey-box fit": 7.5, "other chain": 11.0},
+    "compensate": {"reading": 1.3, "common lags": 4.4, "fast disk": 3, "slow disk": 3, "writing": 1.4, "report": 2.2},
+    "deconvolve": {"reading": 1.7, "common lags": 4.5, "fast disk": 70, "slow disk": 42, "writing": 0.6, "report": 2.2},
+    "beta": {"reading": 5.0, "sensor map": 4.6, "steady": 0.3, "joint fits": 2.2, "other structures": 0.6,
+             "compensation": 0.9, "cooling fit, fast": 0.9, "cooling fit, slow": 4.0, "writing the report": 15.0},
+    "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
+    "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
+}  # fmt: skip
+LEAST_DONE = 0.05  # share of a command that must be done before the rest can be told from it
+
+
+class TimeLeft:
+    """What a command still takes, by what its stages ``typically`` take [s] against what those done took here.
+
+    Stages are known by how their names begin; ``test 2 of 3: joint fits`` tells that one more test follows. Of a log
+    with several tests the others are not yet known during the first.
+    """
+
+    def __init__(self, typically: Mapping[str, float], clock: Callable[[], float] = monotonic) -> None:
+        self.typically, self.clock = typically, clock
+        self.stage, self.begun, self.took, self.worth, self.tests = "", clock(), 0.0, 0.0, 0
+
+    def begin(self, what: str) -> None:
+        """Tell that the stage ``what`` begins."""
+        test = re.match(r"test (\d+) of (\d+): ", what)
+        name = what[test.end() :] if test else what
+        stage = next((s for s in self.typically if name.startswith(s)), self.stage)
+        self.tests = int(test[2]) - int(test[1]) if test else self.tests
+        if stage != self.stage:
+            if self.stage:
+                self.took, self.worth = self.took + self.clock() - self.begun, self.worth + self.typically[self.stage]
+            self.stage, self.begun = stage, self.clock()
+
+    def left_s(self) -> float | None:
+        """Seconds that are left; None while too little is done to tell."""
+        if self.worth <= LEAST_DONE * sum(self.typically.values()):
+            return None
+        rate, names = self.took / self.worth, list(self.typically)
+        ahead = sum(self.typically[s] for s in names[names.index(self.stage) + 1 :])
+        again = self.tests * sum(t for s, t in self.typically.items() if "report" not in s)
+        return rate * (ahead + again) + max(rate * self.typically[self.stage] - self.clock() + self.begun, 0.0)
+
+    def __str__(self) -> str:
+        """What is left in words, to five seconds; empty while nothing can be told."""
+        left = self.left_s()
+        if left is None:
+            return ""
+        return f"about {left / 60:.0f} min left" if left > 100 else f"about {max(5 * round(left / 5), 5)} s left"
 
 
 def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
@@ -100,25 +150,37 @@ def contacts(said: list[str] | None) -> dict[str, BoreContact]:
 
 
 @contextmanager
-def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
-    """A function to call with each stage's name; on a terminal it shows as a spinner with the time gone by.
+def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = True) -> Iterator[Callable[[str], None]]:
+    """A function to call with each stage's name; on a terminal it shows as a spinner with time gone by and time left.
 
-    With ``verbose`` every stage stays on a line of its own, and the last one says how long all took.
+    With ``verbose`` every stage stays on a line of its own, and the last one says how long all took. ``command``: whose
+    stages these are, of ``TYPICAL``; ``page``: whether it writes a report.
     """
     console = Console(stderr=True, quiet=quiet)
+    left = TimeLeft({s: t for s, t in TYPICAL.get(command, {}).items() if page or "report" not in s})
     if verbose and not quiet:
         begin = monotonic()
-        yield lambda what: print(f"... {monotonic() - begin:6.1f} s  {printable(what)}", file=sys.stderr)
+
+        def line(what: str) -> None:
+            left.begin(what)
+            said = ", ".join(x for x in (what, str(left)) if x)
+            print(f"... {monotonic() - begin:6.1f} s  {printable(said)}", file=sys.stderr)
+
+        yield line
         print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
         return
     if quiet or not console.is_terminal:
         yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
         return
-    with Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console, transient=True
-    ) as bar:
-        task = bar.add_task("starting", total=None)
-        yield lambda what: bar.update(task, description=what)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, TextColumn("{task.fields[left]}"), console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None, left=left)  # asked anew at each refresh
+
+        def shown(what: str) -> None:
+            left.begin(what)
+            bar.update(task, description=what)
+
+        yield shown
 
 
 @contextmanager
@@ -190,10 +252,10 @@ def say(text: str, quiet: bool = False) -> None:
 
 
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
-    """Print each finding on standard error; what was mended on the way is a note."""
+    """Print each finding on standard error, its grade in front: note, look or refuse."""
     for found in () if quiet else once(findings):
         sentence = printable(in_options(found.sentence, SPOKEN))
-        print(f"{'note' if found.grade is Grade.NOTE else 'warning'}: {sentence}", file=sys.stderr)
+        print(f"{found.grade.value}: {sentence}", file=sys.stderr)
 
 
 def in_one_line(what: str, findings: Iterable[Finding]) -> None:

@@ -128,7 +128,8 @@ def compensate(
     rig_table = load_rig(rig) if rig else None
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
-    with stages(quiet or json_, verbose) as progress:
+    timed = "deconvolve" if method == "deconvolve" else "compensate"
+    with stages(quiet or json_, verbose, timed, report is not None) as progress:
         done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         progress("writing")
@@ -139,7 +140,7 @@ def compensate(
             from tcdyn.report.compensate import write_compensation_report
 
             progress("report")
-            write_compensation_report(report, done, records)
+            write_compensation_report(report, done, records, record)
     before = [done.before_use(disk) for disk in done.disks] if way.method == "inverse" else []
     found = [*noticed, *(f for one in before for f in one.findings)]
     if json_:

@@ -89,7 +89,7 @@ def design(
             result,
             out,
             [
-                f"disk {disk}: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
+                f"{disk} disk: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
                 f"{uncertainty.depth_mm:g} mm, lag {lag_s:g} s with the conditioning, as given",
                 f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
                 f"noise of {noise_K:g} K a sample and {noise_before_K:g} K from before the filter, "

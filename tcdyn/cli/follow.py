@@ -107,7 +107,8 @@ def follow(
     if report is not None and done.plan is not None:
         from tcdyn.report.compensate import write_follow_report
 
-        say(f"report: {write_follow_report(report, done.plan, log, out, done.findings)}", silent)
+        page = write_follow_report(report, done.plan, log, out, done.findings, records, record or ())
+        say(f"report: {page}", silent)
     end(log.name, done.findings)
 
 

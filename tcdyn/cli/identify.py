@@ -172,7 +172,7 @@ def identify(
 
         write_text(jsons[y], dump(content))
         read_identified(jsons[y])
-        write_identify_report(pages[y], one, comparison, filter_, level)
+        write_identify_report(pages[y], one, comparison, filter_, level, data)
         contents[y] = content
         say(f"wrote {jsons[y]} and {pages[y]}", quiet or json_)
     if json_:

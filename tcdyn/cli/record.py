@@ -12,7 +12,7 @@ from rich.console import Console
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import with_u
-from calibration.finding import Grade, once, sentences
+from calibration.finding import once, sentences
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, rich_table, say, spare_inputs
 
 app = typer.Typer(
@@ -60,8 +60,7 @@ def _show(found: DiskRecord) -> None:
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
     for noticed in once(found.findings):
-        word = "note" if noticed.grade is Grade.NOTE else "warning"
-        console.print(f"{word}: {noticed.sentence}", markup=False, highlight=False)
+        console.print(f"{noticed.grade.value}: {noticed.sentence}", markup=False, highlight=False)
 
 
 @app.command()
@@ -142,7 +141,7 @@ def transducer(
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
-    With --of friction its uncertainty as friction_rel, a key under [uncertainty] of the rig file, to which beta of a
+    With --of friction its uncertainty as friction_rel, a key of table uncertainty of the rig file, to which beta of a
     single disk is proportional; with --of load what the load makes of the track's half width, its cube root. The zero
     is taken anew in each test. Exit code 1 where the sessions' gains differ.
 

@@ -208,7 +208,7 @@ def demo(
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import sources_of
 
-    with stages(quiet or json_, verbose) as progress:
+    with stages(quiet or json_, verbose, "demo") as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
         progress("writing the report")
         truths = {
@@ -216,7 +216,9 @@ def demo(
             for name in run.tests
         }
         tests = {n: b.partition for n, b in run.tests.items()}
-        report = write_beta_report(out / "report.html", tests, truths, sources_of([*run.tests.values()]))
+        files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
+        made_of = sources_of([*run.tests.values()], files, out / "rig.toml")
+        report = write_beta_report(out / "report.html", tests, truths, made_of)
     if json_:
         print(dump({**run.to_dict(), "report": report}), end="")
     if quiet or json_:

@@ -17,12 +17,10 @@ SensorFiles = Annotated[
 TableColumns = Annotated[
     list[str] | None, typer.Option("--column", help="with --sensor: column that it covers, instead of its file's own")
 ]
-TimeColumn = Annotated[
-    str | None, typer.Option("--time", help="with --sensor: the time column, if not found by itself")
-]
+TimeColumn = Annotated[str | None, typer.Option("--time", help="of a table: the time column, if not found by itself")]
 TableUnits = Annotated[
     list[str] | None,
-    typer.Option("--unit", help="with --sensor: degC, K, degF or mV, where names do not say it; T1=K for one column"),
+    typer.Option("--unit", help="of a table: degC, K, degF or mV, where names do not say it; T1=K for one column"),
 ]
 TableCouple = Annotated[str | None, typer.Option("--couple", help="of millivolts: type E, J, K, N or T (ITS-90)")]
 ColdJunction = Annotated[

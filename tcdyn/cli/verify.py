@@ -109,6 +109,9 @@ def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
     return pd.DataFrame([vars(row) for row in rows])
 
 
+SHOWN = ("quantity", "source", "published", "ours", "verdict", "kind", "why")  # the sentences last, where there is room
+
+
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
@@ -117,7 +120,7 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can. "
         "Misprint: the thesis's own other numbers contradict the printed one as well."
     )
-    sections = [Section("Published and ours", text=head, table=_frame(rows))]
+    sections = [Section("Published and ours", text=head, table=_frame(rows)[[*SHOWN]])]
     sections += [Section(caption[0].upper() + caption[1:], figure=f) for caption, f in verify_figures().items()]
     differing = [
         look("verify.differs", subject=row.quantity, source=row.source, ours=row.ours, published=row.published)

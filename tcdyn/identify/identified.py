@@ -17,7 +17,7 @@ from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded
-from calibration.finding import Finding, look
+from calibration.finding import Finding, graded, look
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Start, simulate
@@ -168,7 +168,7 @@ class Identified(Dynamics, Result):
         if s:
             lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
         lines += [f"  {self.sentence}"] if self.sentence else []
-        return "\n".join([*lines, *(f"  warning: {w}" for w in self.warnings)])
+        return "\n".join([*lines, *(f"  {line}" for line in graded(self.findings))])
 
     def card(self) -> pd.DataFrame:
         """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""

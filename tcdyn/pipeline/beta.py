@@ -277,9 +277,9 @@ def estimate_stages(
     log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], estimate: Any = estimate_beta, **options: Any
 ) -> tuple[Any, ...]:
     """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first = estimate(log, rig, records, stage=1, **options)
-    more = (estimate(log, rig, records, stage=k, **options) for k in range(2, first.stages + 1))
-    return (first, *more)
+    first, said = estimate(log, rig, records, stage=1, **options), options.pop("progress", lambda _: None)
+    told = {k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}") for k in range(2, first.stages + 1)}
+    return (first, *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told))
 
 
 def summary_of(p: Partition) -> str:

@@ -15,7 +15,7 @@ from calibration.columns import EHL_RUNNING, TORQUES, couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.write import write_log
-from calibration.finding import Finding, look, note, sentences
+from calibration.finding import Finding, graded, look, note, sentences
 from calibration.log import COMPENSATED, Log, LogPieces, iter_log
 from calibration.opened import columns_not_there, log_kind, refuse_spare_records
 from calibration.record import DiskRecord
@@ -72,7 +72,7 @@ class CompensatedLog(Result):
         for disk, done in self.disks.items():
             lines += [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"] if self.way.removes_lag else []
             lines += done.lines(self.traces[disk].setup.channels)
-        return "\n".join([*lines, *(f"warning: {w}" for w in dict.fromkeys(self.warnings))])
+        return "\n".join([*lines, *graded(self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
         """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""

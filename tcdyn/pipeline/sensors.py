@@ -68,7 +68,8 @@ class CompensatedTable(Result):
 
     def summary(self) -> str:
         """A line a column."""
-        lines = [f"{self.rows} rows, {len(self.columns)} columns compensated: {self.path}"]
+        s = "s" if len(self.columns) > 1 else ""
+        lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
         for worn, row in zip(self.columns, self.numbers.itertuples(index=False)):
             lag = worn.file.chain.channels[worn.file.columns[worn.at]].lag_s
             lines.append(
@@ -147,7 +148,7 @@ def compensate_table(
         stretch = next(stretches, None)
         while stretch is not None:
             if rows >= tell_at:
-                progress(f"row {rows + 1} on")
+                progress(f"from row {rows + 1}")
                 tell_at = rows + max(rows, TOLD_ROWS)
             answer, numbers, said, memory = _answered(stretch, worn, shown(source.path))
             if memory > stretch.beside:  # too little beside it for both sweeps to settle: again, with more

@@ -28,7 +28,9 @@ def draw_round(around: Around, ax: Axes) -> Axes:
     lines = ax.contour(
         around.angle_deg, depth, around.middle_degC, levels=np.array(tones.levels)[::2], colors="k", linewidths=0.4
     )
-    ax.clabel(lines, fmt="%.4g", fontsize=7)
+    for number in ax.clabel(lines, fmt="%.4g", fontsize=7):
+        if not 0.05 < number.get_position()[1] / depth.max() < 0.95:
+            number.remove()  # it would be cut by the frame
     ax.figure.colorbar(tones, ax=ax, label="middle plane [°C]")
     for c, seen in around.seen_degC.items():
         j = around.setup.junctions[c]

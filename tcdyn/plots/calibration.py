@@ -69,7 +69,9 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     band = 1.96 * static_u(line, t)
     ax.fill_between(t, -band, band, color=PALE, zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    return dressed(ax, "PRT [°C]", "PRT minus line [K]", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return dressed(
+        ax, "PRT [°C]", "PRT minus line [K]", ncols=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0
+    )
 
 
 def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes) -> Axes:
@@ -107,7 +109,7 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
         ax.plot(i, lag.value, "o", color="white", markeredgecolor=TRUTH, markersize=5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    return dressed(ax, "channel", "lag [s]", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return dressed(ax, "channel", "lag [s]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
@@ -169,9 +171,9 @@ def draw_log(log: Log, ax: Axes) -> Axes:
     step = max(len(log.frame) // MOST_POINTS, 1)
     shown = log.frame.iloc[::step]
     if log.kind == "oven":
-        x, label = shown["prt_degC"], "PRT, °C"
+        x, label = shown["prt_degC"], "PRT [°C]"
     else:
-        x, label = shown["time_s"], "time, s"
+        x, label = shown["time_s"], "time [s]"
     for k, name in enumerate(log.channels):
         y, words = shown[name], name.removesuffix("_degC").replace("_", " ")
         if log.kind == "oven":
@@ -181,7 +183,7 @@ def draw_log(log: Log, ax: Axes) -> Axes:
         ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
     ax.set_xlabel(label)
     traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
-    ax.set_ylabel("logged minus PRT, K" if log.kind == "oven" else f"{traced} temperature, °C")
+    ax.set_ylabel("logged minus PRT [K]" if log.kind == "oven" else f"{traced} temperature [°C]")
     ax.legend(fontsize="small", ncols=2)
     return ax
 
@@ -198,4 +200,4 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     ax.plot(t, step, drawstyle="steps-post", color=GREY, linewidth=0.9, label="at the junction")
     ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
     ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s")
-    return dressed(ax, "time after the step, s", "share of the step", loc="lower right")
+    return dressed(ax, "time after the step [s]", "share of the step [1]", loc="lower right")

@@ -16,19 +16,25 @@ MOST_POINTS = 4000  # more than a page can show
 
 
 def draw_compensated(
-    result: Compensated, logged: ArrayLike, ax: Axes, channel: int = 0, window_s: tuple[float, float] | None = None
+    result: Compensated,
+    logged: ArrayLike | None,
+    ax: Axes,
+    channel: int = 0,
+    window_s: tuple[float, float] | None = None,
 ) -> Axes:
-    """Logged trace as points, compensated one as a line with its 95 % band, events dashed, bad samples crossed."""
+    """Logged trace (None: without it) as points, compensated one with its 95 % band, events dashed, bad samples
+    crossed."""
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     inside = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
     shown = inside[:: max(len(inside) // MOST_POINTS, 1)]
     t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
-    y = np.asarray(logged, dtype=float)
+    y = np.full(len(result.time_s), np.nan) if logged is None else np.asarray(logged, dtype=float)
     y = y[:, channel] if y.ndim == 2 else y
-    ax.plot(t, y[shown], ".", markersize=2, color=GREY, label="as logged")
+    if logged is not None:
+        ax.plot(t, y[shown], ".", markersize=2, color=GREY, label="as logged")
     ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, color=SLOW, alpha=BAND, linewidth=0, label="95 %")
     ax.plot(t, x, color=SLOW, linewidth=1.3, label="compensated")
-    bad = inside[result.flags[inside, channel] > 0]
+    bad = inside[(result.flags[inside, channel] > 0) & np.isfinite(y[inside])]
     if len(bad):
         ax.plot(result.time_s[bad], y[bad], "x", color=FAST, markersize=4, label="flagged")
     for event, _ in result.events_s:

@@ -63,6 +63,8 @@ def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
     """Largest error against the number of nodes, log-log, with the fitted orders."""
     for check, style in zip(checks, ("o-", "s--", "^:")):
         ax.loglog(check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}")
+        ax.set_xticks(check.nodes, [f"{n}" for n in check.nodes])
+    ax.minorticks_off()
     return dressed(ax, "nodes in r", "largest error [K]", legend=True)
 
 
@@ -81,7 +83,7 @@ def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes)
     """The steady map of chapter 4: misfit (H, B) [K] over film coefficient and share of the heat."""
     filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis")
     ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
-    return dressed(ax, "h [W/m2K]", "share of the heat")
+    return dressed(ax, "h [W/m²K]", "share of the heat")
 
 
 def verify_figures() -> dict[str, Figure]:

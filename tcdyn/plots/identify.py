@@ -14,6 +14,7 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure
 
+LEAST_P = 1e-12  # less is not told apart
 INPUTS, OUTPUTS = (FAST, TRUTH, DARK, GREY), (SLOW, GREY, DARK, TRUTH)
 
 
@@ -88,8 +89,8 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
         for (name, time), share in zip(percent_times(model).items(), (0.5, 1 - np.exp(-1), 0.9)):
             ax.plot([time.value], [share * model.gain], "o", color=FAST, markersize=4)
             ax.annotate(
-                f" {name} = {time.text('s')}", (time.value, share * model.gain), fontsize=8, va="top",
-                xytext=(4, -2), textcoords="offset points",
+                f" {name} = {time.text('s').replace('+-', '±')}",
+                (time.value, share * model.gain), fontsize=8, va="top", xytext=(4, -2), textcoords="offset points",
             )  # fmt: skip
     return dressed(ax, "time after a unit step [s]", label(model.output_name, model.output_unit))
 
@@ -116,7 +117,7 @@ def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color=DARK, linewidth=0.8)
     ax.set_xlabel("lag [s]")
-    ax.set_title(f"{title}: p = {c.p:.2g}", fontsize=10)
+    ax.set_title(f"{title}: p {f'= {c.p:.2g}' if c.p > LEAST_P else f'below {LEAST_P:g}'}", fontsize=10)
     return ax
 
 
@@ -137,9 +138,9 @@ def fit_figure(fit: Fit) -> Figure:
 
 
 def dynamics_figure(model: Identified) -> Figure:
-    """Step response, Bode diagram, poles and zeros, a row for each input that matters."""
+    """Step response, Bode diagram, poles and zeros, two rows for each input that matters."""
     parts = {name: part for name, part in model.parts.items() if part.gain}
-    fig, axes = figure(len(parts), 4, 14.0, 3.4 * len(parts))
+    fig, axes = figure(2 * len(parts), 2, 9.0, 6.0 * len(parts))
     for row, (name, part) in enumerate(parts.items()):
         draw_step(part, axes[4 * row])
         draw_bode(part, axes[4 * row + 1], axes[4 * row + 2])
@@ -151,7 +152,7 @@ def dynamics_figure(model: Identified) -> Figure:
 
 def residual_figure(fit: Fit, v: Validation) -> Figure:
     """Residuals, their autocorrelation and their correlation with the input."""
-    fig, axes = figure(1, 3, 12.0, 3.2)
+    fig, axes = figure(1, 3, 10.0, 3.2)
     draw_residuals(fit, axes[0])
     draw_correlation(v.whiteness, axes[1], "residual autocorrelation")
     draw_correlation(v.input, axes[2], "residual and input")

@@ -18,6 +18,8 @@ from tcdyn.pipeline.tables import both_budget, met
 from tcdyn.plots.style import BAND, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 STYLES = ("-", "--", ":")
+CLEAR: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}  # a legend over lines
+COURSE_S = 0.5  # of the running mean of residuals
 LEAST_SHOWN = 5e-5  # a source of less is in the table only
 LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
 
@@ -53,7 +55,7 @@ def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float 
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     ax.set_title(f"{disk} disk", loc="left")
-    return dressed(ax, "time from parting [s]", "temperature [°C]", legend=True)
+    return dressed(ax, "time from parting [s]", "temperature [°C]", **CLEAR)
 
 
 def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
@@ -66,13 +68,17 @@ def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_
     for k, (c, marker) in enumerate(zip(m.channels, ("o", "s", "^", "D", "v", "P"))):
         if c in p.test.disks[disk].left_out:
             continue
-        style: dict[str, Any] = {"color": DISK_COLOUR[disk], "marker": marker, "markersize": 2.5, "linestyle": ""}
-        whole.plot(t, m.measured[near, k], markerfacecolor="white", markeredgewidth=0.6, **style)
-        whole.plot(t, m.model[near, k], color=TRUTH, linewidth=0.9, linestyle=STYLES[k % len(STYLES)])
-        rest.plot(t, (m.measured - m.model)[near, k], label=f"{c}", alpha=0.7, **style)
+        style: dict[str, Any] = {"color": DISK_COLOUR[disk], "marker": marker, "markersize": 2.0, "linestyle": ""}
+        line: dict[str, Any] = {"color": TRUTH, "linewidth": 1.1, "linestyle": STYLES[k % len(STYLES)]}
+        whole.plot(t, m.measured[near, k], alpha=0.5, markeredgewidth=0, **style)
+        whole.plot(t, m.model[near, k], label=c, **line)
+        off = (m.measured - m.model)[near, k]
+        rest.plot(t, off, alpha=0.35, markeredgewidth=0, **style)
+        close = np.abs(t[:, None] - t) <= COURSE_S / 2
+        rest.plot(t, close @ off / close.sum(axis=1), label=c, **line)
     whole.set_title(f"{disk} disk", loc="left")
-    dressed(whole, "time from parting [s]", "temperature [°C]")
-    dressed(rest, "time from parting [s]", "reading less model [K]", ncols=3, loc="upper right")
+    dressed(whole, "time from parting [s]", "temperature [°C]", loc="lower left")
+    dressed(rest, "time from parting [s]", "reading less model [K]", ncols=3, loc="upper left")
 
 
 def draw_lines(p: Partition, ax: Axes) -> Axes:
@@ -190,9 +196,8 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
         ax,
         f"h of the {disk} disk [W/m²K]",
         "β [1]" if disk == "fast" else "1 - β [1]",
-        framealpha=1,
-        edgecolor="none",
         loc="upper left",
+        **CLEAR,
     )
 
 

@@ -22,10 +22,13 @@ from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
+from tcdyn.partition.one_disk import OneDisk
 from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.one_disk import OneDiskRun
 from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
+from tcdyn.sensor import SensorFile
 
 # what is drawn, and the part of the result that it takes
 PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {
@@ -41,6 +44,9 @@ PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {
     BeforeUse: ("draw_before_use", lambda r: r),
     BetaRun: ("draw_ways", lambda r: r.partition),
     Partition: ("draw_ways", lambda r: r),
+    OneDiskRun: ("draw_ways", lambda r: r.partition),
+    OneDisk: ("draw_ways", lambda r: r),
+    SensorFile: ("draw_chain", lambda r: r.chains[0]),
     CampaignRun: ("draw_beta", lambda r: r.table),
     DemoRun: ("draw_ways", lambda r: next(iter(r.tests.values())).partition),
     IOData: ("draw_data", lambda r: r),

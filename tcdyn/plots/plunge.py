@@ -17,17 +17,21 @@ from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, block_sd
 
+HOLES_S = 10.0  # after the entry, in which holes differ
 _LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
 
 
 def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
-    """Figure 5.14: all thermocouples of the two-part disk (dots) with the fitted lags (lines), first 20 s."""
+    """Figure 5.14: all thermocouples of the two-part disk (dots) with the fitted lags (lines), first seconds."""
     for k, name in enumerate(result.names):
         colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
         ax.plot(result.block_time_s, result.readings_degC[:, k], ".", color=colour, markersize=2)
         ax.plot(result.block_time_s, result.fitted_degC[:, k], color=colour, ls=_LINES[k % 6], lw=1.1, label=name)
-    ax.set_xlim(-2, min(20.0, float(result.block_time_s[-1])))
-    return dressed(ax, "Time after entry [s]", "Temperature [°C]", legend=True)
+    end = min(HOLES_S, float(result.block_time_s[-1]))
+    near = result.block_time_s <= end
+    ax.set_xlim(-1, end)
+    ax.set_ylim(np.nanmin(result.readings_degC[near]) - 1, np.nanmax(result.readings_degC[near]) + 1)
+    return dressed(ax, "time after the entry [s]", "temperature [°C]", legend=True)
 
 
 def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
@@ -39,7 +43,7 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
         ax.plot(t[shown][::every], run.readings_degC[shown][::every, j], ls=CHANNEL_STYLE.get(c, "-"), lw=0.9, label=c)
     ax.plot(t[shown][::every], run.fluid_degC[shown][::every], color=GREY, lw=0.8, label="bath")
     ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
-    return dressed(ax, "Time after entry [s]", "Temperature [°C]", ncol=4)
+    return dressed(ax, "time after the entry [s]", "temperature [°C]", ncol=4)
 
 
 def draw_entry(
@@ -60,7 +64,7 @@ def draw_entry(
         if instant is not None:
             ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)
     ax.axvspan(-run.entry.u_s, run.entry.u_s, color=GREY, alpha=0.25, lw=0)
-    return dressed(ax, "Time after entry [s]", "Temperature [°C]", legend=True)
+    return dressed(ax, "time after the entry [s]", "temperature [°C]", legend=True)
 
 
 def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
@@ -70,7 +74,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     late = model.grid_s > 0.01
     ax.semilogx(model.grid_s[late], surface.h_W_m2K[late], color=FAST, label="fitted")
     ax.semilogx(model.grid_s[late], plain[late], color=SLOW, ls="--", label=fit.correlation)
-    return dressed(ax, "Time after entry [s]", "h [W/m2K]", legend=True)
+    return dressed(ax, "time after the entry [s]", "h [W/m²K]", legend=True)
 
 
 def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
@@ -80,10 +84,9 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     ax.plot(scan.grid_s + own, scan.density / scan.density.max(), color=FAST, label="posterior")
     ax.plot(scan.lag_s + own, np.exp(-0.5 * (scan.cost - scan.cost.min())), "o", color=SLOW, ms=4, label="profile")
     ax.axvspan(fit.common_lag_s.low95, fit.common_lag_s.high95, color=GREY, alpha=0.25, lw=0, label="95 %")
-    for name, value in fit.model_form.common_lag_s.items():
-        ax.axvline(value, lw=0.7, ls=":", color=TRUTH)
-        ax.annotate(name, (value, 1.0), rotation=90, fontsize=6, va="top", ha="right")
-    return dressed(ax, "Common lag [s]", "Relative likelihood [1]", legend=True)
+    for k, value in enumerate(fit.model_form.common_lag_s.values()):
+        ax.axvline(value, lw=0.7, ls=":", color=TRUTH, label=None if k else "with other correlations")
+    return dressed(ax, "common lag [s]", "relative likelihood [1]", legend=True)
 
 
 def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
@@ -93,7 +96,7 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     ax.errorbar(x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3)
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set_xticks(x, fit.channels)
-    return dressed(ax, "Channel", "Lag minus common lag [s]")
+    return dressed(ax, "channel", "lag minus common lag [s]")
 
 
 def draw_design(design: Design, ax: Axes) -> Axes:
@@ -115,7 +118,7 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ax.set_xticks(shown, [f"{t:g}" for t in shown])
     ax.minorticks_off()
     ax.set_yticks(y, table["test"].str.replace("degC", "°C"), fontsize="small")
-    return dressed(ax, "Expected standard uncertainty [s]", "", legend=True)
+    return dressed(ax, "expected standard uncertainty [s]", "", legend=True)
 
 
 def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Axes:

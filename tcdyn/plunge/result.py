@@ -11,7 +11,7 @@ import pandas as pd
 from calibration import Array, Flags
 from calibration.disk import DiskSetup
 from calibration.estimate import Estimate, rounded, with_u
-from calibration.finding import Finding, look, note, once, sentences
+from calibration.finding import Finding, graded, look, note, once, sentences
 from immersion.correlations import check_validity
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
@@ -253,7 +253,7 @@ class PlungeFit:
 
     def summary(self) -> str:
         """The lags, the structures and what limits them, in a few lines; warnings last."""
-        return "\n".join([*self.lines(), *(f"  warning: {w}" for w in self.warnings)])
+        return "\n".join([*self.lines(), *(f"  {line}" for line in graded(self.findings))])
 
     def lines(self) -> list[str]:
         """The summary's lines without the warnings."""

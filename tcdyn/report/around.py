@@ -22,7 +22,7 @@ def uneven_section(p: Partition, name: str) -> Section:
         draw.draw_uneven(p, disk, ax)
     found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
     rows = [
-        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+.2f}"}
+        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+z.2f}"}
         for d in DISKS
         for (c, j), more in zip(
             sorted(p.test.disks[d].setup.junctions.items()),

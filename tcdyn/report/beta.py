@@ -124,7 +124,8 @@ def fit_section(p: Partition | OneDisk, name: str, disks: Sequence[str] = DISKS)
         table=residuals_table(p),
         figure=picture,
         caption="Above: block means of the readings (points) and the model (lines). Below: reading less model; the "
-        "band is two standard deviations of a block mean.",
+        "band is two standard deviations of a block mean, the lines are running means of half a second: a course in "
+        "time would show in them.",
     )
 
 
@@ -161,6 +162,7 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
             f"Carlo of {draws} draws.",
             table=budget_table(p),
             figure=budget,
+            caption="The first column of the table; a longer bar is a source better worth measuring.",
         ),
         Section(
             f"{name}: how much the exponent matters",
@@ -171,7 +173,7 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
         Section(
             f"{name}: error maps of the steady stretch",
             figure=maps,
-            caption="The valley is the steady line.",
+            caption="Along the steady line (black) the misfit is least: steady running tells no point on it.",
             folded=True,
         ),
     ]

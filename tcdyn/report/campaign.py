@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,10 +38,12 @@ WAYS = (
 )
 
 
-def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
+def write_campaign_report(
+    path: str | Path, run: CampaignRun, records: Sequence[tuple[str, str, str, str]] = ()
+) -> Path:
     """Write the page of ``run``; a campaign in which every log failed has its table of errors only.
 
-    Where all tests make one measurement, what each tells alone is folded.
+    Where all tests make one measurement, what each tells alone is folded. ``records``: their rows among the sources.
     """
     table = run.table
     good = table[table["error"] == ""]
@@ -70,7 +73,7 @@ def write_campaign_report(path: str | Path, run: CampaignRun) -> Path:
     elif len(good) > 1:
         each.append(Section("Trend lines", "None: no sliding speed has tests at three loads or more."))
     if made := [("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]:
-        each.append(Section("What it was made of", table=sources(made), folded=True))
+        each.append(Section("What it was made of", table=sources([*made, *records]), folded=True))
     return write_page(
         path, f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}",
         [*sections, *(replace(s, folded=s.folded or together is not None) for s in each)],

@@ -12,7 +12,6 @@ from calibration.estimate import Z95
 from calibration.finding import Finding
 from calibration.record import DiskRecord
 from tcdyn.compensate.inverse import (
-    BeforeUse,
     before_use,
     proper_inverse,
     smoother_bandwidth_Hz,
@@ -22,21 +21,24 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import BAND, GREY, SLOW, figure
+from tcdyn.plots.style import BAND, DARK, GREY, SLOW, dressed, figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, table
 from tcdyn.traces import record_chains
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
+BY = {"smoother": "the smoother", "deconvolve": "deconvolution", "inverse": "the causal inverse"}
 BOTH_WAYS = (
-    "The smoother used here looks both ways and leaves no shift. The causal inverse is stated for comparison, at the "
+    "{} looks both ways and leaves no shift. The causal inverse was not used; it is stated for comparison, at the "
     f"widest bandwidth at which its noise is at most {GAIN:g} times the trace's."
 )
 CAUSAL = "The causal inverse used here is late by its remaining shift; its band holds what that costs."
 AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows
 
 
-def write_compensation_report(path: str | Path, done: CompensatedLog, records: Mapping[str, DiskRecord]) -> Path:
+def write_compensation_report(
+    path: str | Path, done: CompensatedLog, records: Mapping[str, DiskRecord], files: Sequence[Path] = ()
+) -> Path:
     """The page of a whole log: numbers before use, traces of each disk's junction nearest the surface, notes."""
     sections: list[Section] = []
     for disk, result in done.disks.items():
@@ -49,12 +51,12 @@ def write_compensation_report(path: str | Path, done: CompensatedLog, records: M
         sections,
         verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
         findings=done.findings,
-        assumptions=assumed(records),
-        sources=table([log_row(done.raw), *record_rows(records)]),
+        assumptions=assumed(records, done.way.method),
+        sources=table([log_row(done.raw), *record_rows(records, files)]),
     )
 
 
-def assumed(records: Mapping[str, DiskRecord]) -> list[str]:
+def assumed(records: Mapping[str, DiskRecord], method: str) -> list[str]:
     """What the compensation takes for granted."""
     filters = {
         f"signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet"
@@ -63,7 +65,11 @@ def assumed(records: Mapping[str, DiskRecord]) -> list[str]:
     return [
         "the chain of each channel is that of the record: linear, and the same in this log as when it was calibrated",
         *sorted(filters),
-        "between events the slope of each temperature wanders smoothly; at an event it may jump",
+        *(
+            ["between events the slope of each temperature wanders smoothly; at an event it may jump"]
+            if method == "smoother"
+            else []
+        ),
     ]
 
 
@@ -74,24 +80,40 @@ def _verdict(done: CompensatedLog, disk: str, result: Compensated) -> str:
     lag = done.metadata[f"{disk}_common_lag_s"]
     sd = result.sd[:, channel]
     return (
-        f"{disk} disk: a common lag of {lag}, was removed; channel {name} is then known to "
+        f"{disk} disk: {BY[done.way.method]} removed a common lag of {lag}; channel {name} is then known to "
         f"+- {float(np.median(sd)):.2g} K (typical sample), +- {float(sd.max()):.2g} K at worst."
     )
 
 
-def write_follow_report(path: str | Path, plan: Causal, log: Path, out: Path, findings: Sequence[Finding] = ()) -> Path:
-    """The page of a followed log: the report before use, and one channel of a disk before and after."""
-    report = plan.before_use()
+def write_follow_report(
+    path: str | Path,
+    plan: Causal,
+    log: Path,
+    out: Path,
+    findings: Sequence[Finding],
+    records: Mapping[str, DiskRecord],
+    files: Sequence[Path] = (),
+) -> Path:
+    """The page of a followed log: one channel of a disk before and after, and what could be told before use."""
+    report, behind = plan.before_use(), plan.settings.behind_s
     picture, (ax,) = figure(height_in=3.6)
     draw_before_use(report, ax)
-    sections = [Section("Before use, noisiest channel", _sentences(report), figure=picture), _followed(plan, log, out)]
+    followed, rows = _followed(plan, log, out)
+    step = "Noisiest channel: a step at the junction through the chain alone, and as it comes out of the live smoother."
     notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
-    sections.append(Section("How it was followed", table=notes))
-    return write_page(path, f"Followed: {log.name}", sections, findings=(*report.findings, *findings))
-
-
-def _sentences(report: BeforeUse) -> str:
-    return report.summary().replace("\n", "\n\n")
+    return write_page(
+        path,
+        f"Followed: {log.name}",
+        [
+            followed,
+            Section("What a step becomes", figure=picture, caption=step),
+            Section("How it was followed", table=notes, folded=True),
+        ],
+        verdict=f"Compensated while it grew, {behind:g} s behind. Noisiest channel: {'; '.join(report.lines())}.",
+        findings=(*report.findings, *findings),
+        assumptions=assumed(records, "smoother")[:-1],
+        sources=table([("log", log.name, f"{rows} rows followed", ""), *record_rows(records, files)]),
+    )
 
 
 def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
@@ -99,15 +121,18 @@ def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
     channel = traces.setup.channels.index(traces.setup.shallowest)
     logged = np.zeros_like(result.temperature)
     logged[:, channel] = done.raw.frame[traces.columns[channel]].to_numpy(dtype=float)
-    event = result.events_s[-1][0] if result.events_s else float(result.time_s[len(result.time_s) // 2])
+    event = done.events_s[-1] if done.events_s else float(result.time_s[len(result.time_s) // 2])
     picture, (whole, close) = figure(1, 2, width_in=10.0)
     draw_compensated(result, logged, whole, channel)
     draw_compensated(result, logged, close, channel, (event - AROUND_S[0], event + AROUND_S[1]))
+    where = "about the last event (dashed)" if done.events_s else "some seconds in the middle"
+    for ax in (whole, close) if done.events_s else ():
+        ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
     return Section(
         f"{disk} disk, channel {traces.setup.shallowest}",
         figure=picture,
-        caption="Points: as logged, before the static line. Line: at the junction, with its 95 % band. Right: around "
-        "the last event.",
+        caption="Points: as logged, before the static line. Line: at the junction, with its 95 % band. Left: the whole "
+        f"log. Right: {where}.",
     )
 
 
@@ -127,7 +152,7 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
                 "lag, record [s]": f"{chain.lag_s:.3f}",
                 "noise [K]": f"{noise:.3f}",
                 "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
-                "smoother hands over at [Hz]": "" if causal else f"{over:.2f}",
+                "follows up to [Hz]": None if causal else f"{over:.2f}",
                 "causal inverse: bandwidth [Hz]": f"{report.bandwidth_Hz:.2f}",
                 "its noise gain": f"{report.noise_gain:.2f}",
                 "its remaining shift [s]": f"{report.remaining_shift_s:.3f}",
@@ -140,16 +165,17 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
     draw_before_use(worst, ax)
     return Section(
         f"{disk} disk: before use",
-        f"{CAUSAL if causal else BOTH_WAYS}\n\n"
+        f"{CAUSAL if causal else BOTH_WAYS.format(BY[done.way.method].capitalize())}\n\n"
         f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample."
-        + ("" if causal else " Hands over: above this frequency the smoother no longer follows, except at events."),
-        table=pd.DataFrame(rows),
+        + ("" if causal else " Follows up to: above this frequency only what an event may bring is followed."),
+        table=pd.DataFrame(rows).dropna(axis="columns"),
         figure=picture,
-        caption="Channel e: a step at the junction through the chain alone, and through chain and causal inverse.",
+        caption=f"Channel {setup.shallowest}: a step at the junction through the chain alone, and through chain and "
+        f"causal inverse{'' if causal else ', which was not used here'}.",
     )
 
 
-def _followed(plan: Causal, log: Path, out: Path) -> Section:
+def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     done = pd.read_csv(out, comment="#", usecols=["time_s", name, name.replace("_degC", "_u_K")])
     time, x, u = (done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K")))
@@ -162,10 +188,15 @@ def _followed(plan: Causal, log: Path, out: Path) -> Section:
         time[shown], (x - Z95 * u)[shown], (x + Z95 * u)[shown], color=SLOW, alpha=BAND, linewidth=0, label="95 %"
     )
     ax.plot(time[shown], x[shown], color=SLOW, linewidth=1.0, label="compensated")
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("temperature [°C]")
-    ax.legend(loc="best", fontsize="small")
-    return Section(f"{name}, as it was followed", figure=picture, caption=f"{len(time)} rows.")
+    seen = x[np.isfinite(x)]
+    if len(seen):
+        margin = 0.1 * float(np.ptp(seen)) + 1.0  # a spike of the log must not flatten the picture
+        ax.set_ylim(float(seen.min()) - margin, float(seen.max()) + margin)
+    dressed(ax, "time [s]", "temperature [°C]", loc="best")
+    told = (
+        "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, with its 95 % band."
+    )
+    return Section(f"{name}, as it was followed", figure=picture, caption=told), len(time)
 
 
 def _logged(plan: Causal, log: Path, name: str) -> tuple[np.ndarray, np.ndarray] | None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.disk import Conditioning
+from calibration.files import sha256
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, Fit, IOData
@@ -14,6 +15,7 @@ from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import figure
 from tcdyn.report.page import Section, write_page
+from tcdyn.report.sources import table as sources
 
 MEANS = (
     "The common lag is the mean over the channels of a disk: an error in it shifts every compensated trace alike, and "
@@ -61,11 +63,16 @@ def noise_said(best: Fit, record: IOData) -> str:
 
 
 def write_identify_report(
-    path: Path, record: IOData, comparison: Comparison, filter_: Conditioning, level: str = ""
+    path: Path,
+    record: IOData,
+    comparison: Comparison,
+    filter_: Conditioning,
+    level: str = "",
+    file: Path | None = None,
 ) -> None:
     """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
 
-    ``level`` says whether the lag depends on the level, where that was asked.
+    ``level`` says whether the lag depends on the level, where that was asked; ``file``: the table it was read from.
     """
     best = comparison.best
     model, removal = best.identified, comparison.removal(filter_)
@@ -78,9 +85,11 @@ def write_identify_report(
         ),
         Section(
             f"{model.model.name}: fit",
-            f"{len(record.runs)} run(s), {record.n_samples} samples at {record.dt_s:g} s.",
+            f"{len(record.runs)} run{'s' if len(record.runs) > 1 else ''}, {record.n_samples} samples at "
+            f"{record.dt_s:g} s.",
             None,
             fit_figure(best),
+            "Points: measured. Line: simulated from the input alone (dashed, right axis), never from past outputs.",
         ),
         Section(
             f"{model.model.name}: dynamics",
@@ -89,7 +98,14 @@ def write_identify_report(
             dynamics_figure(model),
             "Step response, Bode diagram, poles (crosses) and zeros (rings) of the identified model with 95 % bands.",
         ),
-        Section(f"{model.model.name}: residuals", model.sentence, None, residual_figure(best, comparison.validation)),
+        Section(
+            f"{model.model.name}: residuals",
+            model.sentence,
+            None,
+            residual_figure(best, comparison.validation),
+            "Left: measured less simulated, disturbances in it. Middle and right: what is left when the noise model "
+            "has taken the disturbances out; by chance one lag in twenty lies outside the grey band.",
+        ),
     ]
     if level:
         sections.append(Section("Does the lag depend on the level?", level))
@@ -109,5 +125,5 @@ def write_identify_report(
             *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
             *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
         ],
-        footer=f"identified from {record.name}",
+        sources=None if file is None else sources([("table", file.name, f"{record.n_samples} samples", sha256(file))]),
     )

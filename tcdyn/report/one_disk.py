@@ -70,6 +70,7 @@ def _budget(p: OneDisk, name: str) -> Section:
         "alone; the last row is all together, the root of the sum of squares.",
         table=pd.DataFrame(rows, columns=["source", "u(β) [1], joint fit", "u(β) [1], cooling fit"]),
         figure=picture,
+        caption="The first column of the table; a longer bar is a source better worth measuring.",
     )
 
 

@@ -27,9 +27,11 @@ from tcdyn.version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIGNS = (("+-", "±"), (" degC", " °C"), ("W/m2K", "W/m²K"), ("W/mK", "W/m K"), ("kg/m3", "kg/m³"), ("mm2/s", "mm²/s"))
+SIGNS = (("+-", "±"), (" degC", " °C"), ("[degC", "[°C"), ("W/m2K", "W/m²K"), ("W/mK", "W/m K"), ("kg/m3", "kg/m³"),
+         ("mm2/s", "mm²/s"))  # fmt: skip
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
+UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 SHORT = 20  # rows; a table of so many stays on one printed page
 LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 
@@ -61,9 +63,19 @@ class Section:
         return table_html(self.table)
 
     @property
+    def short(self) -> bool:
+        """Whether heading, words and table stay on one printed page."""
+        return self.table is None or len(self.table) <= SHORT
+
+    @property
     def image(self) -> str:
         """The figure as a ``data:`` address; empty without one."""
         return "" if self.figure is None else figure_data_uri(self.figure)
+
+    @property
+    def width_in(self) -> float:
+        """The figure's width [inch], by which a narrow screen knows how small it may be drawn."""
+        return 0.0 if self.figure is None else float(self.figure.get_figwidth())
 
 
 @dataclass(frozen=True)
@@ -108,7 +120,7 @@ def render_page(
 
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    environment.filters["typeset"] = typeset
+    environment.filters["typeset"] = lambda text: UNBROKEN.sub("\u00a0", typeset(text))
     page = environment.from_string(source).render(
         title=title,
         sections=sections,

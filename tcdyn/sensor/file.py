@@ -17,7 +17,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files.seal import altered, sealed
 from calibration.files.write import write_text
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.static import StaticLine
 from calibration.record import (
     ChannelChain,
@@ -129,7 +129,7 @@ class SensorFile(Result, RecordPart):
         for k, v in self.fit.items():
             estimate = isinstance(v, dict) and set(v) == set(Estimate.model_fields)
             lines += [f"  {k}: {Estimate(**v)}"] if estimate else [f"  {k}: {v:.4g}"] if isinstance(v, float) else []
-        return "\n".join([*lines, *(f"{f.grade.value}: {f.sentence}" for f in self.findings)])
+        return "\n".join([*lines, *graded(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Lag and times of each column."""

@@ -47,7 +47,12 @@ def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
             "--immersion", folder / "bouncing.csv", "--structure", "P1", "--out", out, "--report", page,
         )  # fmt: skip
     assert code == 0
-    return Said(said.getvalue(), warned.getvalue(), json.loads(out.read_text("utf-8")), page.read_text("utf-8"))
+    return Said(
+        said.getvalue(),
+        warned.getvalue(),
+        json.loads(out.read_text("utf-8")),
+        page.read_text("utf-8").replace("\u00a0", " "),
+    )
 
 
 def test_a_bouncing_switch_is_told_once_and_in_one_wording(said: Said) -> None:

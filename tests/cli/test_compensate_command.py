@@ -170,7 +170,10 @@ def test_other_compensators_give_a_second_opinion(
     late = reference["time_s"] > reference["time_s"].iloc[-1] - 4
     for words in (["--method", "deconvolve", "--criterion", "discrepancy"], ["--method", "inverse"]):
         assert tcdyn("compensate", log, *fast(campaign), "--out", out, "--report", page, *words) == 0
-        assert ("looks both ways" in page.read_text(encoding="utf-8")) == ("inverse" not in words)
+        html = page.read_text(encoding="utf-8")
+        assert ("Deconvolution looks both ways" in html) == ("follows up to" in html) == ("inverse" not in words)
+        assert ("the causal inverse removed a common lag" in html) == ("inverse" in words)
+        assert "fast.disk.json, of " in html  # the record by its own name
         done = pd.read_csv(out, comment="#")
         z = (done["e_degC"] - reference["e_degC"]) / np.hypot(done["e_u_K"], reference["e_u_K"])
         assert np.mean(np.abs(z[late]) < 1.96) > 0.9

@@ -82,8 +82,8 @@ def test_help_has_an_example_whose_options_exist(name: str) -> None:
 def test_help_keeps_its_brackets() -> None:
     """Rich takes [word] for markup and swallows it: units are capital or stand in words."""
     for name, command in ALL.items():
-        for parameter in command.params:
-            assert not re.search(r"\[[a-z/@#]", getattr(parameter, "help", "") or ""), (name, parameter.name)
+        for text in (command.help, *(getattr(p, "help", "") for p in command.params)):
+            assert not re.search(r"\[[a-z/@#]", text or ""), name
 
 
 def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -295,7 +295,7 @@ def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.Capture
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:
     told = "the entry into the bath came late, initial split of the gain; calibrate with structure=P3"
     warn([look("said", text=told)])
-    assert capsys.readouterr().err == f"warning: {told.removesuffix('structure=P3')}--structure P3\n"
+    assert capsys.readouterr().err == f"look: {told.removesuffix('structure=P3')}--structure P3\n"
 
 
 def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:

@@ -79,7 +79,7 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     empty = (kept["joint"]["profiles"], crosscheck["suspects"], crosscheck["strained"], crosscheck["p_value"])
     assert not any(empty)
     assert "one_disk.only" in [f["code"] for f in kept["findings"]]
-    shown = page.read_text(encoding="utf-8")
+    shown = page.read_text(encoding="utf-8").replace("\u00a0", " ")
     beta = Estimate(**kept["headline"]["beta"])
     assert typeset(f"<b>β = {beta}</b>") in shown
     assert "sensor map of the fast disk" in shown

@@ -9,9 +9,32 @@ import pytest
 
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
+from calibration.log import Log
 from calibration.record import read_record
+from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, pm, render_page, table_html
+from tcdyn.report.sources import log_row, record_rows
+
+
+def plain(page: str) -> str:
+    """The page with spaces at which lines may end in the place of those at which they may not."""
+    return page.replace("\u00a0", " ")
+
+
+def test_a_number_is_not_torn_from_its_sign_or_unit_at_the_end_of_a_line() -> None:
+    page = render_page("B3", [Section("x", "beta = 0.66 +- 0.01, 95 %: 0.64 to 0.68 at 110 degC")])
+    assert "beta\u00a0=\u00a00.66\u00a0±\u00a00.01, 95\u00a0%: 0.64 to 0.68 at 110\u00a0°C" in page
+
+
+def test_a_picture_scrolls_at_a_readable_size_and_stays_with_its_heading_in_print() -> None:
+    drawn, (ax,) = figure(1, 1, width_in=8.5)
+    ax.plot([0, 1])
+    page = render_page("B3", [Section("x", figure=drawn, caption="what to see")])
+    assert '<div class="keep">\n<h2>x</h2>' in page
+    assert page.index('<div class="scroll"><img') < page.index('style="--in: 8.5"') < page.index("<figcaption>what")
+    long = pd.DataFrame({"row": range(40)})
+    assert 'class="keep"' not in render_page("B3", [Section("x", table=long)])
 
 
 def test_cells_are_set_by_what_they_hold() -> None:
@@ -37,6 +60,19 @@ def test_cells_are_set_by_what_they_hold() -> None:
     assert '<td class="long" data-name="sha">0123456789abcdef0123456789abcdef</td>' in html
 
 
+def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:
+    file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
+    record = read_record(file)
+    logs = ", ".join(f.file for f in record.inputs)
+    (named,), (bare,) = (record_rows({"fast": record}, files) for files in ([file], []))
+    assert (named[1], bare[1]) == (f"{file.name}, of {logs}", logs)
+    frame = pd.DataFrame({"time_s": [0.0, 1.0]})
+    part = Log(frame, "ehl", tmp_path / "D4.2.csv", "00", 1.0)
+    assert log_row(part)[1] == "D4.csv, test 2"
+    part.path.touch()  # a file of that name is itself
+    assert log_row(part)[1] == "D4.2.csv"
+
+
 def test_a_value_is_rounded_to_its_uncertainty() -> None:
     assert pm([0.681487, 747.3], [0.00934, 60.2]) == ["0.6815 ± 0.0093", "747 ± 60"]
     html = table_html(pd.DataFrame({"lag": [Estimate.normal(0.74512, 0.0163)]}))
@@ -47,7 +83,7 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     mended = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
     alarm = "fast disk: c read 22 to 140 degC, calibrated from 20 to 130 degC: static lines extrapolate there"
     said = [note("said", text=mended), look("said", text=alarm)]
-    page = render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"])
+    page = plain(render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"]))
     warned, noted = (page.split(f'<div class="{kind}">')[1].split("</div>")[0] for kind in ("warnings", "notes"))
     assert mended in noted
     assert mended not in warned

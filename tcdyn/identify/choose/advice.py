@@ -123,7 +123,7 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
             "model": good["model"].to_list(),
             "parameters": [f"{n:.0f}" for n in good["parameters"]],
             "fit [%]": [f"{v:.2f}" for v in good["fit_percent"]],
-            f"rms{f' [{unit}]' if unit else ''}": [f"{v:.3g}" for v in good["rms"]],
+            f"rms{f' [{unit}]' if unit else ''}": [f"{v:#.3g}".rstrip(".") for v in good["rms"]],
             "held out [%]": [f"{v:.2f}" if np.isfinite(v) else "" for v in good["held_out_percent"]],
             "BIC above best": [f"{v:.1f}" for v in good["BIC"] - good["BIC"].min()],
             "white p": white,

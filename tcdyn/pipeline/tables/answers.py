@@ -222,8 +222,8 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
                 "joint fit": "both disks" if i.fit == "both" else f"{i.fit} disk",
                 "number": HEADINGS[i.parameter],
                 "value": str(e),
-                "95 %, normal": " … ".join(as_known(end, e.u) for end in (e.low95, e.high95)),
-                "95 %, profile": " … ".join(as_known(end, e.u) for end in (i.low95, i.high95)),
+                "95 %, normal": " to ".join(as_known(end, e.u) for end in (e.low95, e.high95)),
+                "95 %, profile": " to ".join(as_known(end, e.u) for end in (i.low95, i.high95)),
                 "remark": i.sentence,
             }
         )

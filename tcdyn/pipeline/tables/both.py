@@ -50,7 +50,7 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
             if np.isnan(off[:, k]).any():
                 rows.append((disk, c, LEFT_OUT, "", ""))
                 continue
-            before, cooling = (f"{1e3 * float(np.mean(off[part, k])):+.0f}" for part in (~after, after))
+            before, cooling = (f"{1e3 * float(np.mean(off[part, k])):+z.0f}" for part in (~after, after))
             rms = float(np.sqrt(np.mean((off[:, k] / m.sd[:, k]) ** 2)))
             rows.append((disk, c, before, cooling, f"{rms:.2f}"))
     columns = ["disk", "junction", "mean under load [mK]", "mean after the parting [mK]", "rms over noise [1]"]

@@ -1,0 +1,65 @@
+"""The time that a command still takes: told from what is done, by a clock of the test's own."""
+
+from __future__ import annotations
+
+import pytest
+
+from tcdyn.cli.common import TYPICAL, TimeLeft, stages
+
+TYPICALLY = {"reading": 2.0, "fit": 6.0, "report": 2.0}
+
+
+class Clock:
+    """A clock that stands still until it is moved."""
+
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def test_nothing_is_told_before_a_stage_is_done(clock: Clock) -> None:
+    left = TimeLeft(TYPICALLY, clock)
+    left.begin("reading the log")
+    clock.now = 100.0
+    assert left.left_s() is None
+    assert str(left) == ""
+
+
+def test_a_machine_three_times_slower_takes_three_times_longer(clock: Clock) -> None:
+    left = TimeLeft(TYPICALLY, clock)
+    left.begin("reading the log")
+    clock.now = 6.0
+    left.begin("fits of both disks")
+    assert left.left_s() == pytest.approx(3 * (6 + 2))
+    assert str(left) == "about 25 s left"
+    clock.now += 10.0
+    left.begin("going on without fast_c")  # no stage of its own
+    assert left.left_s() == pytest.approx(3 * (6 + 2) - 10)
+    clock.now += 90.0  # longer than thought: what comes after is still ahead
+    assert left.left_s() == pytest.approx(3 * 2)
+    left.begin("report")
+    assert left.left_s() == pytest.approx((6 + 100) / (2 + 6) * 2)  # and the rate has learnt of it
+
+
+def test_tests_still_to_come_count_without_their_report(clock: Clock) -> None:
+    left = TimeLeft(TYPICALLY, clock)
+    for what, s in (("reading", 2), ("fit", 6)):
+        left.begin(what)
+        clock.now += s
+    left.begin("test 2 of 3: reading")
+    assert left.left_s() == pytest.approx(10 + 8)
+    assert str(TimeLeft({}, clock)) == ""
+
+
+def test_an_unknown_command_tells_no_time(capsys: pytest.CaptureFixture[str]) -> None:
+    with stages(False, verbose=True) as progress:
+        progress("reading")
+        progress("fit")
+    assert "left" not in capsys.readouterr().err
+    assert set(TYPICAL) >= {"beta", "calibrate", "compensate", "demo"}
