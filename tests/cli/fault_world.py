@@ -151,7 +151,7 @@ def complaints(before: dict[str, bytes], sound: Ended, now: Ended, grows: str = 
     ``sound``: the same command on a machine that refuses nothing. A run that ends as that one did, files and all, has
     lost nothing; every other has to end with 2, one sentence, and each file as it was or as it should be.
     """
-    told = [line for line in now.err.splitlines() if not line.startswith(("... ", "note: ", "warning: "))]
+    told = [line for line in now.err.splitlines() if not line.startswith(("... ", "note: ", "look: "))]
     if (now.code, now.files) == (sound.code, sound.files):
         return []
     out = []
