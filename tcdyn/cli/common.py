@@ -56,8 +56,8 @@ OptionalRecordFiles = Annotated[
 
 TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
     "calibrate": {"static lines": 0.1, "plunge": 0.2, "grey-box fit": 7.5, "other chain": 11.0},
-    "compensate": {"reading": 1.3, "common lags": 4.4, "fast disk": 3, "slow disk": 3, "writing": 1.4, "report": 2.2},
-    "deconvolve": {"reading": 1.7, "common lags": 4.5, "fast disk": 70, "slow disk": 42, "writing": 0.6, "report": 2.2},
+    "compensate": {"reading": 1.3, "common lags": 4.4, "junctions": 4.5, "writing": 1.4, "report": 2.2},
+    "deconvolve": {"reading": 1.7, "common lags": 4.5, "junctions": 70, "writing": 0.6, "report": 2.2},
     "beta": {"reading": 5.0, "sensor map": 4.6, "steady": 0.3, "joint fits": 2.2, "other structures": 0.6,
              "compensation": 0.9, "cooling fit, fast": 0.9, "cooling fit, slow": 4.0, "writing the report": 15.0},
     "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},

@@ -132,8 +132,7 @@ def compensate(
     with stages(quiet or json_, verbose, timed, report is not None) as progress:
         done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
-        progress("writing")
-        written, noticed = done.write(target)
+        written, noticed = done.write(target, progress)
         if covariance is not None:
             write_text(covariance, dump(between))
         if report is not None:

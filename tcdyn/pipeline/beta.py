@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,7 +97,6 @@ def prepare(
     if missing := [d for d in here or DISKS if d not in records]:
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
-    others = {d: _other_disk(rig, d, records[d]) for d in here}
     frame, t = log.frame, log.frame["time_s"].to_numpy(dtype=float)
     dt, events = interval_s(t), find_events(frame, where)
     stated, told = constants_of(frame, rig)
@@ -151,17 +152,16 @@ def prepare(
     u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
     about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
     air = {d: a for d, (a, _) in about.items()}
-    stated_u = {
-        "friction_rel": sliding_rel,
-        "half_width_rel": load_rel / 3,  # b ~ W^(1/3)
-        "ambient_K": stated["ambient_degC"].u if "ambient_degC" in stated else 0.0,
-    }
+    stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
+    stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
+
+    read = partial(disk_traces, frame, rig=rig, rows=steady, where=where)
+    with ThreadPoolExecutor() as side_by_side:
+        made = [*side_by_side.map(lambda d: read(d, record=records[d], left_out=out[d]), here)]
     disks = {}
-    for d in here:
-        found += others[d]
+    for d, traces in zip(here, made):
         rig.disk_setup(d).check_rows()
-        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
-        found += [*traces.findings, *traces.outside_lines(f"{d} disk", steady)]
+        found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]
         own = traces.uncertainty
         wider = {key: math.hypot(getattr(own, key), part) for key, part in stated_u.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -79,10 +80,13 @@ class CompensatedLog(Result):
         disks = {disk: done.to_dict() for disk, done in self.disks.items()}
         return {"metadata": dict(self.metadata), "disks": disks, "warnings": list(self.warnings)}
 
-    def write(self, path: str | Path) -> tuple[Path, tuple[Finding, ...]]:
+    def write(
+        self, path: str | Path, progress: Callable[[str], None] = lambda _: None
+    ) -> tuple[Path, tuple[Finding, ...]]:
         """Write every row of the log to ``path``, whole or not at all; the path, and all that was noticed."""
+        progress("writing")
         if self.rest is not None:
-            return Path(path), once_each([*self.findings, *self.rest.write(path)])
+            return Path(path), once_each([*self.findings, *self.rest.write(path, progress)])
         return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
@@ -169,9 +173,8 @@ def compensate_log(
         progress("common lags from the unloading")
         traces, fits, said = _refined(table, rig, records)
         findings += said
-    frame, done = table.frame.copy(), {}
+    frame = table.frame.copy()
     for disk, record in records.items():
-        progress(f"{disk} disk")
         one = traces.get(disk) or disk_traces(
             frame, disk, rig, record, named=kind == "ehl", where=table.path.name, lag=way.removes_lag
         )
@@ -179,7 +182,12 @@ def compensate_log(
             one, notes[f"{disk}_common_lag_s"] = with_lag(one, record, fits.get(disk))
         for name, sd in one.noise.to_dict().items():
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
-        traces[disk], done[disk] = one, one_disk(one, table.frame, known, way)
+        traces[disk] = one
+    progress(f"junctions, {' and '.join(records)}")
+    with ThreadPoolExecutor() as side_by_side:
+        answers = side_by_side.map(lambda disk: one_disk(traces[disk], table.frame, known, way), records)
+        done = dict(zip(records, answers))
+    for disk, one in ((d, traces[d]) for d in records):
         frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings

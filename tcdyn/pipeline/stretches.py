@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -135,9 +135,9 @@ class Stretches:
                 piece.findings,
             )
 
-    def write(self, out: str | Path) -> list[Finding]:
+    def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
         """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
-        found: list[Finding] = []
+        rows, told, found = 0, 0, list[Finding]()
         lags = [c.lag_s.value for r in self.records.values() if r.chain for c in r.chain.channels.values()]
         with log_writer(out, [*self.header], self.notes) as write:
             stretches = parts(self, [*self.columns], max(lags, default=0.0), STRETCH_ROWS)
@@ -148,7 +148,10 @@ class Stretches:
                     stretch = stretches.send(beside)
                     continue
                 write(frame)
-                found += said
+                rows, found = rows + len(frame), [*found, *said]
+                if (percent := 10 * (10 * rows // self.log.rows)) > told:
+                    told = percent
+                    progress(f"writing, {percent} % of the rows")
                 stretch = next(stretches, None)
         return found
 

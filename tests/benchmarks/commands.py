@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from tcdyn.campaign import solve
 from tcdyn.compensate.smoother import smooth
+from tests.campaign.toy import toy
 
 COMMANDS = ("calibrate", "beta", "compensate", "identify", "campaign", "follow", "design", "sensor", "verify")
 SMOOTHED = (12, 105_000)
@@ -96,6 +98,12 @@ def main(folder: Path, lengths: list[int]) -> None:
     )
     took = best_s(lambda: smooth(y, 1 / 75, 0.7, events_s=[rows / 100], noise_sd=0.15), 2)
     print(f"{'smoother alone':14} {took:6.2f} s {took / base:6.2f}")
+    counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).kept
+    spans = [best_s(lambda n=n: solve(kept[:n])) for n in counts.tolist()]
+    said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
+    print(
+        f"campaign from kept answers: {said}; slope from 20 on {np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]:.2f}"
+    )
     told = []
     for rows in lengths:
         made = longer(log, rows, folder / "longer.csv")
