@@ -101,9 +101,8 @@ def main(folder: Path, lengths: list[int]) -> None:
     counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).kept
     spans = [best_s(lambda n=n: solve(kept[:n])) for n in counts.tolist()]
     said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
-    print(
-        f"campaign from kept answers: {said}; slope from 20 on {np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]:.2f}"
-    )
+    slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]
+    print(f"campaign from kept answers: {said} tests; slope from 20 on {slope:.2f}")
     told = []
     for rows in lengths:
         made = longer(log, rows, folder / "longer.csv")
