@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -155,11 +153,9 @@ def prepare(
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
-    read = partial(disk_traces, frame, rig=rig, rows=steady, where=where)
-    with ThreadPoolExecutor() as side_by_side:
-        made = [*side_by_side.map(lambda d: read(d, record=records[d], left_out=out[d]), here)]
     disks = {}
-    for d, traces in zip(here, made):
+    for d in here:
+        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
         rig.disk_setup(d).check_rows()
         found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]

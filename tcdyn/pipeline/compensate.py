@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -184,10 +183,9 @@ def compensate_log(
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
         traces[disk] = one
     progress(f"junctions, {' and '.join(records)}")
-    with ThreadPoolExecutor() as side_by_side:
-        answers = side_by_side.map(lambda disk: one_disk(traces[disk], table.frame, known, way), records)
-        done = dict(zip(records, answers))
+    done = {}
     for disk, one in ((d, traces[d]) for d in records):
+        done[disk] = one_disk(one, table.frame, known, way)
         frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
