@@ -75,7 +75,10 @@ def stages(file: str) -> list[list[str]]:
 
 
 def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
-    """The tests that run a line: a hundred quick ones, and the rest; of what a fixture runs, those of its room, too."""
+    """The tests that run a line: a hundred quick ones, without the campaign that is made first, and the rest.
+
+    Of a line that a fixture runs those of its room, too.
+    """
     data = CoverageData(str(seen / ".coverage"))
     data.read()
     (measured,) = [path for path in data.measured_files() if path.endswith(f"/{file}")]
@@ -85,9 +88,13 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
     for case in ElementTree.parse(seen / "tests.xml").iter("testcase"):
         file_of = case.attrib["classname"].replace(".", "/")
         took[f"{file_of}.py::{case.attrib['name']}"] = float(case.attrib["time"])
-    quick = sorted(contexts, key=lambda test: took.get(test, 1.0))
+    with_campaign = {
+        name: "campaign" in (ROOT / name).read_text("utf-8") for name in {t.split("::")[0] for t in contexts}
+    }
+    quick = sorted(contexts, key=lambda test: (with_campaign[test.split("::")[0]], took.get(test, 1.0)))
+    alone = sum(not with_campaign[test.split("::")[0]] for test in quick[:100])
     own = [test for some in stages(file)[1:] for test in some] if shared else []
-    return [quick[:100], quick[100:], own]
+    return [quick[:alone], quick[alone:], own]
 
 
 def killed(copy: Path, file: str, found: list[list[str]]) -> str:
