@@ -120,7 +120,7 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
     """
     found = list(doubts(record.findings))
     for c, line in record.static.items():
-        found += line_doubts(c, line)
+        found += doubts(line_doubts(c, line))
     if missing := [c for c in sorted(record.setup.thermocouples) if c not in record.static]:
         found.append(look("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):

@@ -12,6 +12,7 @@ from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
+APART = 4.0  # standard uncertainties
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
 RISEN = 0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
 HEAD_S = 1.0  # of the log, for the level before the entry: junctions that rise within it tell none
@@ -131,8 +132,9 @@ def reconcile_entry(
 ) -> EntryEvent:
     """One instant from two witnesses, weighted by their variances; the uncertainty is widened when they disagree.
 
-    With d the difference and u_d its standard uncertainty: beyond 2 u_d the result's u grows by |d|/(2 u_d); beyond
-    3 s (and 6 u_d) they contradict each other and InputError is raised. One witness alone serves, with a warning.
+    With d the difference and u_d its standard uncertainty: beyond 2 u_d the result's u grows by |d|/(2 u_d), which is
+    noted, and beyond ``APART`` u_d to be looked at; beyond 3 s (and 6 u_d) they contradict each other and InputError is
+    raised. One witness alone serves, with a warning.
     """
     su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
@@ -163,7 +165,8 @@ def reconcile_entry(
     u = (su**-2 + pu**-2) ** -0.5
     if difference > 2 * u_difference:
         u *= difference / (2 * u_difference)
-        found.append(look("entry.apart", subject="switch", difference_s=difference, u_s=u))
+        far = difference > APART * u_difference
+        found.append((look if far else note)("entry.apart", subject="switch", difference_s=difference, u_s=u))
     time = weight * switch_s + (1 - weight) * probe_s
     return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(found))
 

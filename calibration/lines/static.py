@@ -15,14 +15,14 @@ from calibration.columns import couples_in
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.finding import Finding, look, sentences
+from calibration.finding import Finding, look, note, sentences
 from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
 from calibration.stated import STRICT
 from calibration.traceability import PRT_U_DEGC
 
-SIGNIFICANT = 0.01
+SIGNIFICANT, CLEARLY = 0.01, 0.001  # a disk has some twenty such tests: only from the latter on it is asked to look
 FAR_K = 10.0  # beyond the oven's range
 MIDDLE_DEGC = 85.0  # of what a disk's junctions read
 WIRE_RANGE_DEGC = (-40.0, 333.0)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
@@ -109,8 +109,8 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     PRT (standard uncertainty ``prt_u_degC`` for each reading; ``prt_shared_u_degC``, common to all, is kept beside the
     line) and the logged means both err; the slope is corrected for the noise of the logged side (errors in variables,
     method of moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit
-    and a shift between repeats widen it. Tests at the 1 % level give warnings: lack of fit, curvature, shifts, outlying
-    rows by name.
+    and a shift between repeats widen it. Tests at the 1 % level give notes, from 0.1 % on findings to look at: lack
+    of fit, curvature, shifts; outlying rows by name.
 
     Raises InputError when a channel has fewer than 3 rows.
     """
@@ -141,7 +141,9 @@ def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tu
     found, variance = list[Finding](), 0.0
     if shift_p is not None and shift_p < SIGNIFICANT:
         variance = shift_u**2
-        found.append(look("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p))
+        found.append(
+            (look if shift_p < CLEARLY else note)("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p)
+        )
     for i in outlying(fit):
         repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
         off_K = fit.residuals[i]
@@ -179,12 +181,14 @@ def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, Stat
 
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
-    """What the tests of a line say against it, at the 1 % level."""
+    """What the tests of a line say against it, at the 1 % level: see ``fit_static_lines``."""
     found = list[Finding]()
     if line.lack_of_fit_p is not None and line.lack_of_fit_p < SIGNIFICANT:
-        found.append(look("line.lack_of_fit", subject=channel, p=line.lack_of_fit_p))
+        found.append(
+            (look if line.lack_of_fit_p < CLEARLY else note)("line.lack_of_fit", subject=channel, p=line.lack_of_fit_p)
+        )
     if line.quadratic_p is not None and line.quadratic_p < SIGNIFICANT:
-        found.append(look("line.curved", subject=channel, p=line.quadratic_p))
+        found.append((look if line.quadratic_p < CLEARLY else note)("line.curved", subject=channel, p=line.quadratic_p))
     return found
 
 
