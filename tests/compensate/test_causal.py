@@ -9,9 +9,13 @@ from scipy.signal import lfilter, lfilter_zi
 
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.lines.static import unit_lines
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
+from tcdyn.compensate.states import corner_rad_s
+from tcdyn.pipeline.causal import CORNER_LAGS, Causal, Settings
+from tcdyn.traces import DiskChannels
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -141,3 +145,16 @@ def test_report_warns_when_the_bandwidth_cannot_be_had_and_says_which_can():
 def test_bandwidth_above_half_the_sampling_is_refused_with_the_remedy():
     with pytest.raises(InputError, match=r"37\.5 \(half of the 75 Hz sampling\); got 50; lower it"):
         proper_inverse(CHAIN, DT, 50.0)
+
+
+@pytest.mark.parametrize(("lag_s", "dt_s", "noise_K"), [(0.5, 0.02, 0.1), (5.0, 0.1, 0.4)])
+def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
+    lag_s: float, dt_s: float, noise_K: float
+) -> None:
+    """The intensity is that at which the signal sinks into the noise at a set multiple of one over the lag."""
+    chain = Chain((lag_s,), conditioning=NO_CONDITIONING)
+    channels = DiskChannels(("T1",), (unit_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1))
+    learnt = {"dt_s": dt_s, "dead": [], "noise_K": {"T1": noise_K}, "before_K": {"T1": 0.0}}
+    plan = Causal.of(("time_s", "T1"), [channels], None, Settings(), learnt)
+    corner = corner_rad_s(chain, plan.engine.intensity / (noise_K**2 * dt_s))
+    assert corner == pytest.approx(CORNER_LAGS / lag_s, rel=0.03)

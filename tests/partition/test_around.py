@@ -14,7 +14,7 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline.around import around_disk
 from tcdyn.plots.around import draw_round, draw_round_surface
 from tcdyn.plots.style import figure
-from tcdyn.simulate.field import around_disks
+from tcdyn.simulate.field import _middle, around_disks
 from tcdyn.simulate.truth import BoreContact, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
 
@@ -60,3 +60,11 @@ def test_pictures_show_the_disk_and_its_junctions() -> None:
         assert {t.get_text()[0] for t in whole.texts if t.get_text()[0].isalpha()} == set("abcdef")
         assert whole.get_ylim()[0] == pytest.approx(1.02e3 * around.depth_m.max())
         assert "K between the hottest and the coldest side" in surface.get_title(loc="left")
+
+
+@pytest.mark.parametrize("rows", [4, 7])
+def test_the_middle_plane_lies_between_the_rows_beside_it(rows: int) -> None:
+    """A field that is a straight line across the disk, on rows that are no mirror images."""
+    z = np.linspace(0.0, 1.0, rows) ** 1.3 * 0.01
+    field = np.array([[[20.0 + 500 * x] * 3 for x in z]] * 2)
+    assert _middle(field, z) == pytest.approx(np.full((2, 3), 20.0 + 500 * 0.5 * (z[0] + z[-1])))
