@@ -227,7 +227,7 @@ def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: 
     given = [a for p in plunges for a in ("--immersion", p)]
     code = tcdyn("calibrate", "--rig", f.rig, "--disk", "fast", "--oven", f.ovens["fast"], *given, "--structure", "P1",
                  "--out", out, "--report", page, "--quiet")  # fmt: skip
-    assert code == 0
+    assert code == 1
     record = read_record(out)
     noisy = [found for found in record.findings if found.code == "noise.high"]
     assert {found.channels for found in noisy} == {("e",)}
