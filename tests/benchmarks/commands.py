@@ -72,7 +72,7 @@ def main(folder: Path, lengths: list[int]) -> None:
     """A row for each command: seconds, and how many times pandas' reading and writing; then a row for each length."""
     log = folder / "EHL_D4.csv"
     if not log.is_file():
-        command("demo", "--out", folder, "--tests", "D4", "--quiet")
+        command("demo", "--out", folder, "--test", "D4", "--quiet")
     records = [word for d in ("fast", "slow") for word in ("--record", folder / f"{d}.disk.json")]
     plunges = [word for k in (1, 2) for word in ("--immersion", folder / f"plunge_fast_{k}.csv")]
     base = best_s(lambda: pd.read_csv(log, comment="#").to_csv(folder / "copy.csv", index=False))
