@@ -10,7 +10,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +17,11 @@ import pandas as pd
 
 from tcdyn.campaign import solve
 from tcdyn.compensate.smoother import smooth
+from tests.benchmarks.log_reading import best_s
 from tests.campaign.toy import toy
 
 COMMANDS = ("calibrate", "beta", "compensate", "identify", "campaign", "follow", "design", "sensor", "verify")
 SMOOTHED = (12, 105_000)
-
-
-def best_s(work: Callable[[], object], times: int = 3) -> float:
-    """The shortest of some runs [s]."""
-    spans = []
-    for _ in range(times):
-        start = time.perf_counter()
-        work()
-        spans.append(time.perf_counter() - start)
-    return min(spans)
 
 
 def command(*words: object) -> tuple[float, float]:
