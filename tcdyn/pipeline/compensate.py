@@ -203,11 +203,11 @@ def compensate_log(
 
 def about_unloading(pieces: LogPieces) -> Log:
     """The log; of a long one what surrounds the unloading, or its first rows where there is none."""
+    if pieces.rows <= LONG_ROWS:
+        return pieces.whole()
     try:
         return read_stage(pieces, None)[0]
     except InputError:
-        if pieces.rows <= LONG_ROWS:
-            raise
         return pieces.whole(np.arange(LONG_ROWS))
 
 
