@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -193,17 +194,27 @@ def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
 def _spline(x: Array, y: Array) -> Curve:
     if len(x) == 2:
         slope = (y[1] - y[0]) / (x[1] - x[0])
-        return lambda T: np.asarray(y[0] + slope * (T - x[0]))
-    curve = CubicSpline(x, y, bc_type="natural" if len(x) == 3 else "not-a-knot")
-    return lambda T: np.asarray(curve(T))
+        return partial(_straight, slope, y[0] - slope * x[0])
+    curve: Curve = CubicSpline(x, y, bc_type="natural" if len(x) == 3 else "not-a-knot")
+    return curve
 
 
 def _viscosity_spline(T: Array, nu: Array) -> Curve:
     if np.min(nu) * 1e6 <= 0.5:  # thinner than D341 covers (water, gases): a spline of ln nu
-        log_curve = _spline(T, np.log(nu))
-        return lambda t: np.asarray(np.exp(log_curve(t)))
-    curve = _spline(np.log10(T + ZERO_C), np.log10(np.log10(nu * 1e6 + 0.7)))
-    return lambda t: np.asarray((10 ** (10 ** curve(np.log10(t + ZERO_C))) - 0.7) * 1e-6)
+        return partial(_thin, _spline(T, np.log(nu)))
+    return partial(_walther, _spline(np.log10(T + ZERO_C), np.log10(np.log10(nu * 1e6 + 0.7))))
+
+
+def _straight(slope: float, at_zero: float, t: Array) -> Array:
+    return np.asarray(at_zero + slope * t)
+
+
+def _thin(log_nu: Curve, t: Array) -> Array:
+    return np.asarray(np.exp(log_nu(t)))
+
+
+def _walther(curve: Curve, t: Array) -> Array:
+    return np.asarray((10 ** (10 ** curve(np.log10(t + ZERO_C))) - 0.7) * 1e-6)
 
 
 _JET_DEGC = np.array([40.0, 100.0])

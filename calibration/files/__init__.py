@@ -19,7 +19,6 @@ from pyarrow import csv as pacsv
 
 from calibration import Array
 from calibration.errors import InputError, printable
-from calibration.files.binary import parquet_table, tdms_table
 from calibration.files.dialect import ABSENT, Dialect, TextColumn, is_number, sniff
 from calibration.files.lvm import MARK, lvm_table
 from calibration.files.table import PIECE_ROWS, Columns, Table, read_whole
@@ -27,6 +26,7 @@ from calibration.finding import Finding, Place, look
 
 __all__ = ["CsvTable", "Table", "open_table", "read_numbers", "read_whole", "sha256", "shown", "text_of"]
 
+PARQUET = (".parquet", ".pq")
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 MOST_COLUMNS = 5000
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
@@ -68,10 +68,10 @@ def _opened(file: Path, known: Collection[str]) -> Table:
     if not head:
         raise InputError("the file is empty", where=where, expected="a log")
     ending = file.suffix.lower()
-    if head.startswith(b"TDSm") or ending == ".tdms":
-        return tdms_table(file, where)
-    if head.startswith(b"PAR1") or ending in (".parquet", ".pq"):
-        return parquet_table(file, where)
+    if (tdms := head.startswith(b"TDSm") or ending == ".tdms") or head.startswith(b"PAR1") or ending in PARQUET:
+        from calibration.files.binary import parquet_table, tdms_table  # whose libraries few logs need
+
+        return tdms_table(file, where) if tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(MARK):
         return lvm_table(file, where, text_pieces)
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):

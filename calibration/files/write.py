@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from nptdms import ChannelObject, RootObject, TdmsWriter
 from pyarrow import csv as pacsv
-from pyarrow import parquet as pq
 
 from calibration.errors import InputError
 
@@ -118,6 +116,8 @@ def log_writer(
         raise InputError(f"ending {target.suffix!r}", where=str(target), expected=expected)
     with atomic_path(target) as beside:
         if ending == ".parquet":
+            from pyarrow import parquet as pq
+
             fields = pa.schema([(n, pa.float64()) for n in names], metadata=dict(notes))
             with pq.ParquetWriter(beside, fields) as parquet:
                 yield lambda frame: parquet.write_table(_arrow(frame).replace_schema_metadata(dict(notes)))
@@ -151,10 +151,14 @@ def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
 
 
 def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
+    from pyarrow import parquet as pq
+
     pq.write_table(_arrow(frame).replace_schema_metadata(dict(notes)), path)
 
 
 def _tdms(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
+    from nptdms import ChannelObject, RootObject, TdmsWriter
+
     channels = [
         ChannelObject("log", str(n), np.ascontiguousarray(frame[n].to_numpy(dtype=float))) for n in frame.columns
     ]
