@@ -5,7 +5,7 @@ its module are run, then those of its room, then golden answers and the main job
 what these let live, the whole run would have to see. A test that does not end counts as one that fails.
 
 SEEN is a folder that ``pytest --cov --cov-context=test --junitxml=SEEN/tests.xml`` was run with, its ``.coverage`` put
-there: then the tests that run the mutant's line are all that is run, the quick ones first, those of one room in one go.
+there: then the tests that run the mutant's line are all that is run, the quick ones first, for a few minutes.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import accumulate
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -33,6 +34,7 @@ SWAPPED = {**dict(zip(SIGNS, "-+/*><")), ast.LtE: ">=", ast.GtE: "<="}
 TESTS_OF = {"chain": "compensate", "contact": "simulate", "traces": "partition", "design": "plunge", "pipeline": "cli",
             "plots": "report", "verify": "verify"}  # fmt: skip
 LIMIT_s = 1500.0
+MOST_s = 90.0
 
 
 def places(path: Path) -> Iterator[tuple[int, int, type]]:
@@ -75,9 +77,9 @@ def stages(file: str) -> list[list[str]]:
 
 
 def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
-    """The tests that run a line: a hundred quick ones, without the campaign that is made first, and the rest.
+    """The tests that run a line: those without the campaign that is made first, then the rest, the quick ones first.
 
-    Of a line that a fixture runs those of its room, too.
+    Of each as many as the whole run took ``MOST_s`` for; of a line that a fixture runs the whole job, too.
     """
     data = CoverageData(str(seen / ".coverage"))
     data.read()
@@ -91,10 +93,17 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
     with_campaign = {
         name: "campaign" in (ROOT / name).read_text("utf-8") for name in {t.split("::")[0] for t in contexts}
     }
-    quick = sorted(contexts, key=lambda test: (with_campaign[test.split("::")[0]], took.get(test, 1.0)))
-    alone = sum(not with_campaign[test.split("::")[0]] for test in quick[:100])
-    own = [test for some in stages(file)[1:] for test in some] if shared else []
-    return [quick[:alone], quick[alone:], own]
+    own = tuple(name for some in stages(file)[:2] for name in some if name != file)
+    quick = sorted(
+        contexts,
+        key=lambda test: (with_campaign[test.split("::")[0]], not test.startswith(own), took.get(test, 1.0)),
+    )
+    alone = [test for test in quick if not with_campaign[test.split("::")[0]]]
+    found = []
+    for some in (alone, quick[len(alone) :]):
+        until = accumulate(took.get(test, 1.0) for test in some)
+        found.append([test for test, end in zip(some, until) if end < MOST_s] or some[:1])
+    return [*found, stages(file)[-1] if shared else []]
 
 
 def killed(copy: Path, file: str, found: list[list[str]]) -> str:
