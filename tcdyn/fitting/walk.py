@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calibration import Array
 from calibration.estimate import Z95
+from tcdyn.cores import side_by_side
 from tcdyn.fitting.descend import held
 from tcdyn.fitting.problem import Optimum, Status
 
@@ -73,50 +74,62 @@ def profile(
     problem = optimum.problem
     row = problem.toward(toward)
     width = optimum.u(row) * np.sqrt(scale) if u is None else u
-    centre, found = value(float(row @ optimum.theta)), [optimum]
-    numbers, costs = [centre], [cost(optimum)]
+    centre = value(float(row @ optimum.theta))
     low, high = _box(optimum, row)
+    bare = replace(problem, evaluate=_nothing)  # a model may be large, or nothing that can be sent to another process
 
-    def add(number: float, near: Optimum) -> bool:
-        done = held(near, row, at(number), **search)
-        if done.status in (Status.EDGE, Status.NOWHERE):
-            return False
-        found.append(done)
-        numbers.append(number)
-        costs.append(cost(done))
-        return True
+    def walked(side: float) -> list[_Point]:
+        points = [_Point(centre, cost(optimum), optimum)]
 
-    for side in (-1.0, 1.0):
-        near, offset, stride = optimum, 0.0, step
+        def add(number: float, near: Optimum) -> bool:
+            done = held(near, row, at(number), **search)
+            if done.status in (Status.EDGE, Status.NOWHERE):
+                return False
+            points.append(_Point(number, cost(done), done))
+            return True
+
+        offset, stride = 0.0, step
         while stride >= LEAST_STEP * step and offset < reach - 1e-9:
             number = centre + side * (offset + stride) * width
             inside = within[0] < number < within[1]
             at_end = inside and not low < at(number) < high
             if at_end:
                 number = value(low if at(number) <= low else high)
-            if not inside or not add(number, near):
+            if not inside or not add(number, points[-1].fit):
                 stride /= 2
                 continue
-            near, offset = found[-1], offset + stride
-            deviance = (costs[-1] - min(costs)) / scale
+            offset += stride
+            deviance = (points[-1].cost - min(p.cost for p in points)) / scale
             if deviance > drop or at_end:
                 break
             if offset > 3.0 and deviance < SLOW * offset**2:
                 stride *= 1.5
         for _ in range(8 if refine else 0):
-            order = np.argsort(numbers)[:: int(side)]
-            deviance_k = (np.array(costs)[order] - costs[0]) / scale
-            end = crossing(np.array(numbers)[order], deviance_k, level)
-            if end is None:
+            outward = sorted(points, key=lambda p: side * p.number)
+            numbers = np.array([p.number for p in outward])
+            end = crossing(numbers, np.array([(p.cost - points[0].cost) / scale for p in outward]), level)
+            if end is None or not add(end, outward[int(np.argmin(np.abs(numbers - end)))].fit):
                 break
-            k = int(np.argmin(np.abs(np.array(numbers) - end)))
-            if not add(end, found[k]):
+            if abs(np.sqrt(max(points[-1].cost - points[0].cost, 0.0) / scale / level) - 1) < refine:
                 break
-            if abs(np.sqrt(max(costs[-1] - costs[0], 0.0) / scale / level) - 1) < refine:
-                break
-    order = np.argsort(numbers)
-    deviances = (np.array(costs)[order] - costs[0]) / scale
-    return Profile(np.array(numbers)[order], deviances, level, tuple(found[k] for k in order))
+        return [replace(p, fit=replace(p.fit, problem=bare)) for p in points[1:]]
+
+    below, above = side_by_side(walked, (-1.0, 1.0))
+    every = sorted([_Point(centre, cost(optimum), optimum), *below, *above], key=lambda p: p.number)
+    deviances = np.array([(p.cost - cost(optimum)) / scale for p in every])
+    fits = tuple(replace(p.fit, problem=problem) for p in every)
+    return Profile(np.array([p.number for p in every]), deviances, level, fits)
+
+
+def _nothing(_: Array) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class _Point:
+    number: float
+    cost: float
+    fit: Optimum
 
 
 def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:

@@ -18,6 +18,7 @@ from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
+from tcdyn.cores import side_by_side
 from tcdyn.partition.alternatives import (
     OFF_SCALE,
     WAYS,
@@ -33,8 +34,10 @@ from tcdyn.partition.cooling import (
     cooling_errors,
     cooling_fit,
     cooling_shift,
+    longer_than_lag,
     refined_chains,
     slowed,
+    smoothed,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
@@ -181,9 +184,10 @@ def analyse(
     structures = alternatives(fitted, joint, both)
     progress("compensation")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
+    done = side_by_side(lambda d: smoothed(test, test.disks[d], rows, chains[d], joint[d].estimates["lag_s"].u), DISKS)
     cooled, cooling, shifts = {}, {}, {}
-    for d in DISKS:
-        one = cooled[d] = compensated(test, test.disks[d], rows, chains[d], joint[d].estimates["lag_s"].u, profile)
+    for d, junctions in zip(DISKS, done):
+        one = cooled[d] = compensated(test, test.disks[d], rows, junctions, profile)
         progress(f"cooling fit, {d} disk")
         prior = log_h_prior(test.disks[d].setup.surface)
         fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K, prior)
@@ -208,16 +212,6 @@ def analyse(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
         {d: one.shown for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
-
-
-def longer_than_lag(test: EhlTest, window_s: float) -> None:
-    """Raise InputError for a cooling window that holds less than the lag of a disk."""
-    if window_s < (lag := max(d.common_lag_s for d in test.disks.values())):
-        raise InputError(
-            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
-            expected=f"at least {lag:.2f} s",
-            remedy="ask for a longer window",
-        )
 
 
 def heeded(found: SensorCheck) -> list[Finding]:

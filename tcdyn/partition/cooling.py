@@ -27,6 +27,16 @@ LAG_STEP_S = 0.01
 LEAST_SPEED = 0.01  # of that under load
 
 
+def longer_than_lag(test: EhlTest, window_s: float) -> None:
+    """Raise InputError for a cooling window that holds less than the lag of a disk."""
+    if window_s < (lag := max(d.common_lag_s for d in test.disks.values())):
+        raise InputError(
+            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
+            expected=f"at least {lag:.2f} s",
+            remedy="ask for a longer window",
+        )
+
+
 def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
     """The test with ``film`` set for the disks that did not keep their speed after the parting.
 
@@ -122,12 +132,10 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
 
 
-def compensated(
-    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float, profile: Profile = "modal"
-) -> Cooled:
+def smoothed(test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float) -> Compensated:
     """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
     start, end = test.time_s[rows][[0, -1]]
-    done = smooth(
+    return smooth(
         disk.measured_degC[rows],
         test.dt_s,
         chains,
@@ -137,6 +145,10 @@ def compensated(
         lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
     )
+
+
+def compensated(test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal") -> Cooled:
+    """The traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and the windows made of them."""
     window, late = (
         disk_window(test, disk, done.temperature + longer_s * done.lag_sensitivity, rows, disk.noise_K, profile)
         for longer_s in (0.0, LAG_STEP_S)

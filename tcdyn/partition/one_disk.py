@@ -13,15 +13,17 @@ from calibration.finding import Finding, doubts, look, note
 from tcdyn.compensate.record import Compensated
 from tcdyn.fitting import Optimum, minimise
 from tcdyn.partition.alternatives import cannot_be
-from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded, longer_than_lag
+from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded
 from tcdyn.partition.cooling import (
     CoolingFit,
     compensated,
     cooling_errors,
     cooling_fit,
     cooling_shift,
+    longer_than_lag,
     refined_chains,
     slowed,
+    smoothed,
 )
 from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, together
 from tcdyn.partition.effects import known_round
@@ -142,7 +144,7 @@ def analyse_one(
     progress("cooling fit")
     disk, line = even.disks[name], steady_lines(even, rows)[0][name]
     chains = refined_chains(disk.chains, fit.chain)
-    cooled = compensated(even, disk, rows, chains, fit.estimates["lag_s"].u)
+    cooled = compensated(even, disk, rows, smoothed(even, disk, rows, chains, fit.estimates["lag_s"].u))
     prior = log_h_prior(disk.setup.surface)
     cooling = cooling_fit(cooled.window, line.line, test.events.unload_s, window_s, cooled.noise_K, prior)
     shift = cooling_shift(cooling, *cooling_errors(cooled, cooling.share, cooling.h_W_m2K), line)

@@ -33,12 +33,13 @@ from tcdyn.contact import (
     speed_course,
     surface_speed_m_s,
 )
+from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
-from tcdyn.traces import disk_traces, gathered, rig_of
+from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
@@ -153,9 +154,11 @@ def prepare(
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
+    def traces_of(d: str) -> DiskTraces:
+        return disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
+
     disks = {}
-    for d in here:
-        traces = disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
+    for d, traces in zip(here, side_by_side(traces_of, here)):
         rig.disk_setup(d).check_rows()
         found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]

@@ -25,6 +25,7 @@ from tcdyn.campaign.stages import LONG_ROWS, all_events, read_stage
 from tcdyn.compensate.inverse import BeforeUse, before_use, proper_inverse
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.windows import over_window
+from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.steady import at_one_radius
@@ -183,9 +184,8 @@ def compensate_log(
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
         traces[disk] = one
     progress(f"junctions, {' and '.join(records)}")
-    done = {}
+    done = dict(zip(records, side_by_side(lambda d: one_disk(traces[d], table.frame, known, way), [*records])))
     for disk, one in ((d, traces[d]) for d in records):
-        done[disk] = one_disk(one, table.frame, known, way)
         frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings

@@ -19,9 +19,9 @@ from calibration.log import write_log
 from calibration.record import DiskRecord, read_record, write_record
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
+from tcdyn.cores import side_by_side
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
-from tcdyn.pipeline.campaign.spread import spread
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
 from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 
@@ -75,18 +75,15 @@ def run_demo(
     """
     folder = Path(out)
     progress("simulating the campaign")
-    files = simulate_campaign(
-        folder, seed, tests, n_jobs=n_jobs, progress=lambda name, *_: progress(f"simulated {name}")
-    )
-    rig, workers = load_rig(files.rig), max(n_jobs, 1)
+    files = simulate_campaign(folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}"))
+    rig = load_rig(files.rig)
     progress("calibrating both disks")
-    runs: dict[int, Any] = dict(spread(partial(_calibrated, files, rig), DISKS, workers))
-    calibrations = {disk: runs[i] for i, disk in enumerate(DISKS)}
+    calibrations = dict(zip(DISKS, side_by_side(partial(_calibrated, files, rig), DISKS, n_jobs)))
     progress("compensating every test, and its heat partition")
-    jobs = [(name, stage) for name in files.ehl for stage in (_compensated, _partition)]
-    done: dict[int, Any] = dict(spread(partial(_on_log, files, rig), jobs, workers))
-    compensated = {name: done[i] for i, (name, stage) in enumerate(jobs) if stage is _compensated}
-    betas = {name: done[i] for i, (name, stage) in enumerate(jobs) if stage is _partition}
+    jobs = [(name, stage) for name in files.ehl for stage in (_partition, _compensated)]
+    done = dict(zip(jobs, side_by_side(partial(_on_log, files, rig), jobs, n_jobs)))
+    compensated = {name: done[name, _compensated] for name in files.ehl}
+    betas = {name: done[name, _partition] for name in files.ehl}
     comparison = compare_with_truth(files, calibrations, betas, compensated)
     return DemoRun(files, calibrations, betas, compensated, comparison)
 

@@ -14,6 +14,7 @@ from scipy.interpolate import PchipInterpolator
 from calibration import Array
 from calibration.estimate import Z95, Estimate
 from immersion.correlations import Correlation
+from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
 from tcdyn.plunge import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
 from tcdyn.plunge.model import RunModel, RunSurface, predict_run
@@ -250,16 +251,18 @@ def model_form(
     The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
     (sample covariance) is what the choice of correlation adds.
     """
-    width = scan.sd_s
-    base_top = _top(final, width)
+    width, others = scan.sd_s, [other for other in others if other.name != chosen.name]
+
+    def under(other: Correlation | None) -> tuple[Array, float, float]:
+        at = final if other is None else _under(final, other)
+        return at.lag_s, at.cost, _top(at, width)
+
+    (_, _, base_top), *found = side_by_side(under, [None, *others])
     lags, cost = [final.lag_s], {chosen.name: final.cost}
-    for other in others:
-        if other.name == chosen.name:
-            continue
-        at = _under(final, other)
-        shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
-        lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
-        cost[other.name] = at.cost
+    for other, (lag_s, its_cost, top) in zip(others, found):
+        shift = float(np.clip(top - base_top, -2 * width, 2 * width))
+        lags.append(lag_s - lag_s.mean() + final.lag_s.mean() + shift)
+        cost[other.name] = its_cost
     spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
     common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
     return ModelForm(common, cost, np.atleast_2d(spread))

@@ -15,6 +15,7 @@ from calibration.finding import Finding, look, note
 from calibration.result import jsonable
 from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES, Structure
+from tcdyn.cores import side_by_side
 from tcdyn.plunge import BURST_KINDS, PlungePriors, lag_u_s
 from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.plunge.run import RunNoise
@@ -169,25 +170,30 @@ def compare_structures(
     uncertain in the common lag (choice of correlation).
     """
     chosen = final.problem.layout.structure
-    fits = {s: _optima(final, s, priors) for s in structures}
+    fits = dict(zip(structures, side_by_side(lambda s: _optima(final, s, priors), structures)))
     best = max(fits, key=lambda s: fits[s][0].laplace)
     kept = best == chosen and fits[best][0].is_near(final)
     if not kept:
         noise = fits[best][0].judged()
-        fits = {s: [_refit(f, s, priors, noise) for f in fits[s]] for s in structures}
+        again = side_by_side(lambda s: [_refit(f, s, priors, noise) for f in fits[s]], structures)
+        fits = dict(zip(structures, again))
     likeliest = max(f.laplace for s in structures for f in fits[s])
     reported = scan.estimate(own_lag_s, extra_u_s)
     modes: list[_Mode] = []
-    for s, k, fit in [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]:
+    solutions = [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]
+    far = [s != chosen and fit.laplace < likeliest - UNLIKELY for s, _, fit in solutions]
+    near = [i for i, (s, k, _) in enumerate(solutions) if not far[i] and not (kept and s == chosen and k == 0)]
+    walks = dict(zip(near, side_by_side(lambda i: settled_scan(solutions[i][2], step=1.8, drop=7.0), near)))
+    for i, (s, k, fit) in enumerate(solutions):
         if kept and s == chosen and k == 0:
             cost = min(float(scan.cost.min()), final.cost)
             modes.append(_Mode(s, final, reported, cost, log_evidence(scan, final), True))
-        elif s != chosen and fit.laplace < likeliest - UNLIKELY:
+        elif far[i]:
             row = fit.problem.layout.common_lag
             roughly = Estimate.normal(fit.found.value(row) + own_lag_s, fit.found.u(row))
             modes.append(_Mode(s, fit, roughly, fit.cost, fit.laplace))
         else:
-            walked, at, start = settled_scan(fit, step=1.8, drop=7.0)
+            walked, at, start = walks[i]
             if any(m.structure == s and m.at.is_near(at) for m in modes):
                 continue
             own = s == chosen and at.is_near(final)
@@ -221,7 +227,7 @@ def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> t
     ranked = sorted(zip(modes, shares), key=lambda pair: (not pair[0].reported, -pair[1]))
     mine = [[(m, p) for m, p in ranked if m.structure == s] for s in structures]
     cost = [min(m.cost for m, _ in own) for own in mine]
-    held = [held_out(own[0][0].at) for own in mine]
+    held = side_by_side(held_out, [own[0][0].at for own in mine])
     least = min((h for h in held if h is not None), default=0.0)
     return tuple(
         StructureRow(
@@ -277,13 +283,9 @@ def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
     index = np.arange(layout.size)
     index = np.concatenate([*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]])
     part = replace(
-        problem,
-        models=tuple(problem.models[r] for r in keep),
-        noise=tuple(problem.noise[r] for r in keep),
-        layout=replace(layout, runs=len(keep)),
-        mean=problem.mean[index],
-        sd=problem.sd[index],
-    )
+        problem, models=tuple(problem.models[r] for r in keep), noise=tuple(problem.noise[r] for r in keep),
+        layout=replace(layout, runs=len(keep)), mean=problem.mean[index], sd=problem.sd[index],
+    )  # fmt: skip
     return part.minimised(at.theta[index], limit=12)
 
 

@@ -10,7 +10,7 @@ import html
 import io
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import resources
 from numbers import Real
@@ -22,6 +22,7 @@ import pandas as pd
 from calibration.estimate import Estimate, with_u
 from calibration.files.write import write_text
 from calibration.finding import Finding, doubts, notes, sentences
+from tcdyn.cores import side_by_side
 from tcdyn.version import __version__
 
 if TYPE_CHECKING:
@@ -40,7 +41,8 @@ LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 class Section:
     """A heading with any of: paragraphs of text (blank line between them), a table, a figure with its caption.
 
-    ``folded``: opened by a click, and left out in print unless it is open.
+    ``folded``: opened by a click, and left out in print unless it is open; ``drawn``: the figure as :attr:`image`, once
+    it has been drawn.
     """
 
     title: str
@@ -49,6 +51,7 @@ class Section:
     figure: Figure | None = None
     caption: str = ""
     folded: bool = False
+    drawn: str = ""
 
     @property
     def paragraphs(self) -> list[str]:
@@ -70,7 +73,7 @@ class Section:
     @property
     def image(self) -> str:
         """The figure as a ``data:`` address; empty without one."""
-        return "" if self.figure is None else figure_data_uri(self.figure)
+        return self.drawn or ("" if self.figure is None else figure_data_uri(self.figure))
 
     @property
     def width_in(self) -> float:
@@ -118,6 +121,9 @@ def render_page(
     """
     import jinja2
 
+    every = [*sections] if lead is None else [lead, *sections]
+    every = [replace(s, drawn=image) for s, image in zip(every, side_by_side(lambda s: s.image, every))]
+    lead, sections = (None, every) if lead is None else (every[0], every[1:])
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["typeset"] = lambda text: UNBROKEN.sub("\u00a0", typeset(text))

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from joblib import Parallel, delayed
 from pyarrow import csv, parquet
 
 from calibration.disk import DISKS
@@ -21,6 +20,7 @@ from calibration.files import sha256
 from calibration.files.write import atomic_path, write_text
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml
+from tcdyn.cores import spread
 from tcdyn.simulate.bath import FluidName
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
@@ -129,10 +129,11 @@ def simulate_campaign(
             raise _not_ours(folder, f"{name}.csv")
     written = _write_rig(folder, believed)
 
-    scalars: dict[str, Any] = {}
-    done = Parallel(n_jobs=n_jobs, return_as="generator")(delayed(_run)(*job, folder) for job in jobs.items())
-    for number, (name, values) in enumerate(done, 1):
-        scalars[name] = values
+    scalars: dict[str, dict[str, Any]] = {name: {} for name in jobs}
+    for number, (_, answer) in enumerate(spread(partial(_run, folder=folder), [*jobs.items()], n_jobs), 1):
+        if isinstance(answer, Exception):
+            raise answer
+        name, scalars[name] = answer
         if progress:
             progress(name, number, len(jobs))
     files = CampaignFiles(
@@ -178,7 +179,8 @@ def _traces(folder: Path, name: str) -> Path:
     return folder / "truth" / f"{name}_traces.parquet"
 
 
-def _run(name: str, job: Job, folder: Path) -> tuple[str, dict[str, Any]]:
+def _run(named: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
+    name, job = named
     frame, truth = job()
     write_traces(truth["traces"], _traces(folder, name))
     write_log(frame, folder / f"{name}.csv")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ import pandas as pd
 from calibration import Array
 from calibration.disk import DISKS
 from tcdyn.contact import hertz_contact
+from tcdyn.cores import side_by_side
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem
@@ -186,27 +186,26 @@ def simulate_ehl(
     drawn = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
     columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
+    shares = {"fast": (drawn.beta, drawn.h_fast_W_m2K), "slow": (1 - drawn.beta, drawn.h_slow_W_m2K)}
+
+    def logged(name: str) -> tuple[Array, Array, dict[str, Any]]:
+        disk, rng = rig.disk(name), rng_for(seed, "measure", condition.name, name)
+        at = disk_run(disk, drawn, *shares[name], o, o.duration_s)[1].at
+        log, true = log_disk(
+            lambda t: at(t)[:, : len(disk.channels)], o.duration_s, disk, rng, rig.imperfections, spikes=True
+        )
+        return log, true, seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
+
     uneven: dict[str, Any] = {}
-    for name, share, h in (("fast", drawn.beta, drawn.h_fast_W_m2K), ("slow", 1 - drawn.beta, drawn.h_slow_W_m2K)):
+    for name, (log, true, uneven[name]) in zip(shares, side_by_side(logged, [*shares])):
         disk = rig.disk(name)
-        rng = rng_for(seed, "measure", condition.name, name)
-        at = disk_run(disk, drawn, share, h, o, o.duration_s)[1].at
-        log, true = log_disk(partial(_junctions, at, disk), o.duration_s, disk, rng, rig.imperfections, spikes=True)
-        uneven[name] = seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]
-    order = [c for c in columns if c not in _LAST] + _LAST
+    last = ["ambient_degC", "oil_degC"]
+    order = [c for c in columns if c not in last] + last
     frame, trace_frame = pd.DataFrame(columns)[order], pd.DataFrame(traces)[order]
     return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
-
-
-def _junctions(at: Callable[[Array], Array], disk: DiskTruth, t: Array) -> Array:
-    """The junctions alone of what a disk's solution ``at`` times (M,) tells, (M, channels)."""
-    return at(t)[:, : len(disk.channels)]
-
-
-_LAST = ["ambient_degC", "oil_degC"]
 
 
 def disk_run(

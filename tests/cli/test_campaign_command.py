@@ -16,12 +16,12 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
+from tcdyn.cores import spread
 from tcdyn.pipeline.bearing import read_bearing
 from tcdyn.pipeline.beta import prepare
 from tcdyn.pipeline.campaign import one_log as stage
 from tcdyn.pipeline.campaign.one_log import CampaignSettings
 from tcdyn.pipeline.campaign.run import run_campaign
-from tcdyn.pipeline.campaign.spread import spread
 from tcdyn.pipeline.campaign.table import COLUMNS, table_columns, trend_table
 from tests.conftest import Campaign
 
@@ -168,7 +168,7 @@ def test_bad_requests_get_one_sentence(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tcdyn.pipeline.campaign.spread.CONNECT_S", 0.5)
+    monkeypatch.setattr("tcdyn.cores.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
     assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcdyn.partition.cooling import compensated, cooling_fit
+from tcdyn.partition.cooling import compensated, cooling_fit, smoothed
 from tcdyn.partition.steady import SteadyLine, steady_lines
 from tcdyn.partition.window import stretch_of
 from tests.partition.study_rigs import QUICK, study_rig
@@ -56,6 +56,6 @@ def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     rows = stretch_of(test, 5.0)
     lines, _ = steady_lines(test, rows)
     disk = test.disks["fast"]
-    window = compensated(test, disk, rows, disk.chains, 0.01).window
+    window = compensated(test, disk, rows, smoothed(test, disk, rows, disk.chains, 0.01)).window
     fit = cooling_fit(window, lines["fast"].line, test.events.unload_s, 5.0, 0.03)
     assert fit.h_W_m2K == pytest.approx(made.told["h_fast"], rel=0.05)  # the budget's own standard uncertainty of h

@@ -14,6 +14,7 @@ from scipy import stats
 from calibration.disk import DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
+from tcdyn.cores import side_by_side
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors.faults import (
     DepthTest,
@@ -120,13 +121,14 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     """
     features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
     groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
-    found: dict[str, tuple[Suspect, ...]] = {}
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
     likely, depths, before_load = {}, {}, at_rest(test)
+    found = {d: _dead(test, test.disks[d], f) for d, f in features.items()}
+    alive = [d for d in features if not found[d]]
+    judged = dict(zip(alive, side_by_side(lambda d: _judged(test, features[d], test.disks[d]), alive)))
     for d, f in features.items():
-        found[d] = _dead(test, test.disks[d], f)
         if not found[d]:
-            sound, best, suspect, pairs = _judged(test, f, test.disks[d])
+            sound, best, suspect, pairs = judged[d]
             resting = (Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d])
             found[d], likely[d] = tuple(resting) or suspect, best
             if not found[d]:

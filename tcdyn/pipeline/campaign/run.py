@@ -19,9 +19,9 @@ from calibration.result import Result, jsonable
 from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
+from tcdyn.cores import spread
 from tcdyn.pipeline.campaign.answers import ANSWER, given_answer, is_altered, read_answer, said_once
 from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
-from tcdyn.pipeline.campaign.spread import spread
 from tcdyn.pipeline.campaign.table import AGREE, campaign_table, table_csv, table_row
 
 TABLE_FILE, PAGE_FILE, JOINED_FILE = "campaign.csv", "campaign.html", "campaign.json"

@@ -15,8 +15,9 @@ from calibration.estimate import Estimate, rounded, with_u
 from calibration.words.base import as_known
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
+from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift
+from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift, smoothed
 from tcdyn.partition.one_disk import OneDisk
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensors import SensorCheck
@@ -153,12 +154,14 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
     if not wanted:
         raise InputError(f"the log holds {held:.2f} s of cooling", expected=f"at least {min(lengths, default=0):g} s")
     rows = stretch_of(test, wanted[-1])
-    return pd.DataFrame([row for d in DISKS for row in _disk_rows(partition, d, rows, wanted)])
+    of_disks = side_by_side(lambda d: _disk_rows(partition, d, rows, wanted), DISKS)
+    return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
 def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -> list[dict[str, object]]:
     test, line, lag, at = p.test, p.lines[name], p.joint[name].estimates["lag_s"], p.cooling[name]
-    cooled = compensated(test, test.disks[name], rows, p.chains[name], lag.u, p.windows[name].rim.profile)
+    done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u)
+    cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
     errors = cooling_errors(cooled, at.share, at.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:
@@ -194,21 +197,11 @@ def referee_table(partition: Partition) -> pd.DataFrame:
             a, b = (partition.budget.draws[way] for way in ways)
             gap, u = one.value - other.value, float(np.std(a - b))
             z = gap / max(u, 1e-12)
-            rows.append(
-                {
-                    "disk": d,
-                    "quantity": quantity,
-                    "compensated": one.value,
-                    "u_compensated": one.u,
-                    "commuted": other.value,
-                    "u_commuted": other.u,
-                    "difference": gap,
-                    "u_difference": u,
-                    "correlation": float(np.corrcoef(a, b)[0, 1]),
-                    "z": z,
-                    "agree": bool(abs(z) < TWO_SIGMA),
-                }
-            )
+            rows.append({
+                "disk": d, "quantity": quantity, "compensated": one.value, "u_compensated": one.u,
+                "commuted": other.value, "u_commuted": other.u, "difference": gap, "u_difference": u,
+                "correlation": float(np.corrcoef(a, b)[0, 1]), "z": z, "agree": bool(abs(z) < TWO_SIGMA),
+            })  # fmt: skip
     return pd.DataFrame(rows)
 
 

@@ -1,0 +1,175 @@
+"""A function over many jobs: few and short ones side by side on the cores of this machine, many long ones on worker
+processes, here or a Dask scheduler's."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any, TypeVar
+
+from calibration.errors import InputError
+
+Job = TypeVar("Job")
+Answer = TypeVar("Answer")
+CONNECT_S = 10.0  # to a Dask scheduler
+REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
+CORES = "TCDYN_CORES"  # how many side_by_side may use; those that this process may run on if not set
+
+
+def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: int | None = None) -> list[Answer]:
+    """``function`` of each of ``jobs``, which are independent of each other, in their order.
+
+    Copies of this process (fork) take the jobs in turn with it, ``most`` processes in all; they know all that it knows,
+    and send back nothing but their answers, pickled. What a copy fails to answer, for whatever reason, is done here,
+    and told here. All is done here, one after the other, where one core is to be used (``CORES`` in the environment),
+    where the system is not Linux or this process has threads, which cannot be copied safely (one that redraws a line
+    of progress can), and within another ``side_by_side``.
+
+    >>> side_by_side(lambda x: x**2, [3, 1, 2])
+    [9, 1, 4]
+    """
+    hands = max(min(_hands(), len(jobs), most or len(jobs)), 1)
+    copies = [_copied(function, jobs[k::hands]) for k in range(1, hands)]
+    answers: list[list[Answer]] = []
+    try:
+        with _one_core():
+            answers.append([function(job) for job in jobs[::hands]])
+            for k, copy in enumerate(copies, 1):
+                done = None if copy is None else _sent(copy[1])
+                answers.append(done if done is not None else [function(job) for job in jobs[k::hands]])
+    finally:
+        for process, receiver in filter(None, copies):
+            process.terminate()
+            process.join()
+            receiver.close()
+    return [answers[k % hands][k // hands] for k in range(len(jobs))]
+
+
+def _hands() -> int:
+    """How many processes may work side by side here."""
+    threads = {type(t).__module__ for t in threading.enumerate() if t is not threading.current_thread()}
+    if sys.platform != "linux" or threads - REDRAWS:  # a copy holds the locks of threads that it has not
+        return 1
+    asked = os.environ.get(CORES, "")
+    return int(asked) if asked.isdecimal() else len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """Nothing within is done side by side."""
+    before = os.environ.get(CORES)
+    os.environ[CORES] = "1"
+    try:
+        yield
+    finally:
+        os.environ.pop(CORES)
+        os.environ |= {} if before is None else {CORES: before}
+
+
+def _copied(function: Callable[[Job], Answer], jobs: Sequence[Job]) -> tuple[BaseProcess, Connection] | None:
+    """A copy of this process at work on ``jobs``, and where its answers come from; None if there is none to be had."""
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+
+    def work() -> None:
+        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's
+        with suppress(BaseException), _one_core():
+            sender.send_bytes(pickle.dumps([function(job) for job in jobs], pickle.HIGHEST_PROTOCOL))
+
+    process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of libraries' own threads, which heed a fork
+            process.start()
+    except OSError:
+        receiver.close()
+        return None
+    finally:
+        sender.close()
+    return process, receiver
+
+
+def _sent(receiver: Connection) -> list[Any] | None:
+    """The answers of a copy; None if it ended without them."""
+    try:
+        found: list[Any] = pickle.loads(receiver.recv_bytes())
+    except (EOFError, OSError, MemoryError):
+        return None
+    return found
+
+
+def spread(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
+) -> Iterator[tuple[int, Answer | Exception]]:
+    """Yield (position in ``jobs``, answer) in the order in which they are ready.
+
+    ``dask``: address of a scheduler, e.g. "tcp://host:8786"; without it ``workers`` processes of this machine, or
+    this process for one. ``function`` should return its failures: an exception that a Dask worker raises comes as
+    the answer, any other is raised here. Raises InputError for no worker, or a scheduler that does not answer.
+
+    >>> sorted(spread(abs, [-3, 2]))
+    [(0, 3), (1, 2)]
+    """
+    if dask is not None:
+        return _on_dask(function, jobs, dask)
+    if workers < 1:
+        raise InputError(f"{workers} workers", expected="at least 1")
+    if workers == 1 or len(jobs) < 2:
+        return ((i, function(job)) for i, job in enumerate(jobs))
+    return _in_processes(function, jobs, min(workers, len(jobs)))
+
+
+def _in_processes(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], workers: int
+) -> Iterator[tuple[int, Answer | Exception]]:
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    def answered(i: int, job: Job) -> tuple[int, Answer]:
+        with _one_core():
+            return i, function(job)
+
+    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+    try:
+        yield from pool(delayed(answered)(i, job) for i, job in enumerate(jobs))
+    except TerminatedWorkerError:
+        raise InputError(
+            "a worker process was killed, perhaps for want of memory",
+            remedy="run the same command with fewer workers; what is finished is kept",
+        ) from None
+
+
+def _on_dask(
+    function: Callable[[Job], Answer], jobs: Sequence[Job], address: str
+) -> Iterator[tuple[int, Answer | Exception]]:
+    try:
+        from dask.distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            "dask.distributed is not installed",
+            remedy="pip install 'tcdyn[dask]', or use workers",
+            parameters=("workers",),
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise InputError(
+            f"no Dask scheduler answers at {address} ({type(problem).__name__})",
+            expected="an address such as tcp://host:8786",
+            remedy="start one with `dask scheduler` and `dask worker`, or use workers=2",
+            parameters=("workers=2",),
+        ) from None
+    with client:
+        place = {client.submit(function, job, pure=False): i for i, job in enumerate(jobs)}
+        for future in as_completed(place, loop=client.loop):
+            try:
+                yield place[future], future.result()
+            except Exception as problem:
+                yield place[future], problem
