@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.cli.common import Json, Quiet, check_choice, contacts, dump, say, spare_inputs, within
 from tcdyn.cli.simulate import RigPath, Seed, Uneven
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from calibration.disk import DiskSetup
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -47,6 +48,7 @@ def simulate_round(
 
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
+    from calibration.disk import DISKS
     from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_round, draw_round_surface
@@ -91,6 +93,7 @@ def fit_round(
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
+    from calibration.disk import DISKS
     from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_fit

@@ -9,8 +9,6 @@ from typing import Annotated, Any
 
 import typer
 
-from calibration.disk import left_out_of
-from calibration.finding import doubts
 from tcdyn.cli.common import (
     Json,
     OwnRigFile,
@@ -166,6 +164,8 @@ def campaign(
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
+    from calibration.disk import left_out_of
+    from calibration.finding import doubts
     from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign

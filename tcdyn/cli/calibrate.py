@@ -8,8 +8,6 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from calibration.finding import once, sentences
-from calibration.words import SPOKEN
 from tcdyn.cli.common import (
     Json,
     Quiet,
@@ -92,7 +90,7 @@ def calibrate(
         print(run.record.to_json(), end="")
     else:
         warn(run.findings, quiet)
-        say(in_options(run.summary(), SPOKEN), quiet)
+        say(in_options(run.summary()), quiet)
         say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)
     end(f"the {disk} disk", run.findings)
 
@@ -116,6 +114,7 @@ def hole(
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
     from calibration.files.write import write_text
+    from calibration.finding import once, sentences
     from calibration.log import read_log
     from calibration.rig import load_rig
     from tcdyn.pipeline.calibrate import untold

@@ -13,26 +13,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.table import Table
 
-from calibration.disk import DISKS
 from calibration.errors import InputError, printable
-from calibration.finding import Finding, doubts, once
-from calibration.words import SPOKEN
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.table import Table
 
+    from calibration.finding import Finding
     from tcdyn.simulate.truth import BoreContact
 
 OPTIONS = {  # of parameters, where it is not the name with dashes
@@ -131,6 +119,7 @@ def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
 
 def contacts(said: list[str] | None) -> dict[str, BoreContact]:
     """What ``--uneven`` says of each disk's bore."""
+    from calibration.disk import DISKS
     from tcdyn.simulate.truth import BoreContact
 
     contacts: dict[str, BoreContact] = {}
@@ -172,6 +161,8 @@ def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = T
     if quiet or not console.is_terminal:
         yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
         return
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, TextColumn("{task.fields[left]}"), console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None, left=left)  # asked anew at each refresh
@@ -194,6 +185,15 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
             else (lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr))
         )
         return
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )  # fmt: skip
+
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
@@ -220,17 +220,19 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
         taken[path.resolve()] = f"which is --{option}"
 
 
-def in_options(text: str, parameters: Iterable[str]) -> str:
+def in_options(text: str, parameters: Iterable[str] | None = None) -> str:
     """A sentence with each of its ``parameters``, named as a caller in Python writes them, as an option of a command.
 
-    A parameter that ends with its "=" stands before any value.
+    Without ``parameters`` those that findings name. A parameter that ends with its "=" stands before any value.
 
     >>> in_options("ask for window_s=4.2, or go on with sensor_check=False", ["window_s=4.2", "sensor_check=False"])
     'ask for --window-s 4.2, or go on with --no-sensor-check'
     >>> in_options("compare others (models=P3,P3D)", ["models="])
     'compare others (--models P3,P3D)'
     """
-    for parameter in parameters:
+    from calibration.words import SPOKEN
+
+    for parameter in SPOKEN if parameters is None else parameters:
         name, _, value = parameter.partition("=")
         option = OPTIONS.get(parameter) or OPTIONS.get(name) or f"--{name.replace('_', '-')}"
         if value == "False":
@@ -238,9 +240,7 @@ def in_options(text: str, parameters: Iterable[str]) -> str:
         elif parameter not in OPTIONS and value != "True":
             option = f"{option} {value}"
         told = option if parameter.endswith("=") else option.rstrip()
-        alone = rf"(?<![\w/.-]){re.escape(parameter)}" + (
-            "" if parameter.endswith("=") else r"(?!\w)"
-        )  # no part of a path
+        alone = rf"(?<![\w/.-]){re.escape(parameter)}" + ("" if parameter.endswith("=") else r"(?!\w)")  # not of a path
         text = re.sub(alone, lambda _, told=told: told, text)  # type: ignore[misc]
     return text
 
@@ -253,21 +253,27 @@ def say(text: str, quiet: bool = False) -> None:
 
 def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
     """Print each finding on standard error, its grade in front: note, look or refuse."""
+    from calibration.finding import once
+
     for found in () if quiet else once(findings):
-        sentence = printable(in_options(found.sentence, SPOKEN))
+        sentence = printable(in_options(found.sentence))
         print(f"{found.grade.value}: {sentence}", file=sys.stderr)
 
 
 def in_one_line(what: str, findings: Iterable[Finding]) -> None:
     """One line on standard error that tells of the first finding above a note, also under --quiet and --json."""
+    from calibration.finding import doubts, once
+
     asking = doubts(once(findings))
     if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence, SPOKEN))}{more}", file=sys.stderr)
+        print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence))}{more}", file=sys.stderr)
 
 
 def end(what: str, findings: Iterable[Finding]) -> None:
     """End with 1 where something asks for a look, told in one line on standard error; with 0 otherwise."""
+    from calibration.finding import doubts
+
     asking = doubts(findings)
     if asking:
         in_one_line(what, asking)
@@ -283,6 +289,9 @@ def dump(data: Any) -> str:
 
 def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
     """A table for the terminal: words left, numbers right."""
+    from rich.markup import escape
+    from rich.table import Table
+
     table = Table(title=title, title_justify="left")
     for k, name in enumerate(rows.columns):
         table.add_column(escape(str(name)), justify="left" if k == 0 else "right")

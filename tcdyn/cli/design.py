@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.cli.common import Json, Quiet, RigFile, bounded, check_choice, dump, say, spare_inputs
 
@@ -63,6 +62,7 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
+    from calibration.disk import DISKS
     from calibration.rig import load_rig
     from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests

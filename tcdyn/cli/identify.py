@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.finding import doubts
-from calibration.words import SPOKEN
 from tcdyn.cli.common import (
     Json,
     Quiet,
@@ -111,6 +108,7 @@ def identify(
 
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
     """
+    from calibration.disk import FILTER_SHAPES, Conditioning
     from calibration.files.write import write_text
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
@@ -159,7 +157,7 @@ def identify(
         with counted(len(structures) or None, quiet or json_) as progress:
             found[y] = comparison = compare(one, structures, held_out=held_out, progress=progress, **begun)
         if not (quiet or json_):
-            typer.echo(in_options(comparison.summary(), SPOKEN))
+            typer.echo(in_options(comparison.summary()))
             say(comparison.removal(filter_))
         content, level = comparison.best.identified.to_dict(), ""
         if narx:
@@ -211,6 +209,7 @@ def response(
     import pandas as pd
 
     from calibration.files.write import write_text
+    from calibration.finding import doubts
     from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
@@ -239,7 +238,7 @@ def response(
     if json_:
         print(dump(best.to_dict()), end="")
     else:
-        say(f"{in_options(best.summary(), SPOKEN)}\n\n{table.to_string(index=False)}\nwrote {path}", quiet)
+        say(f"{in_options(best.summary())}\n\n{table.to_string(index=False)}\nwrote {path}", quiet)
     end(data.name, best.findings)
 
 

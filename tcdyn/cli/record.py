@@ -9,10 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.estimate import with_u
-from calibration.finding import once, sentences
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, rich_table, say, spare_inputs
 
 app = typer.Typer(
@@ -49,6 +46,7 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
 def _show(found: DiskRecord) -> None:
     """The record in words."""
+    from calibration.finding import once
     from calibration.lines.static import lines_table
 
     console = Console()
@@ -97,6 +95,7 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
     Example: tcdyn record check fast.disk.json
     """
     from calibration.compare import check_record
+    from calibration.finding import sentences
     from calibration.record import read_record
 
     doubts = sentences(check_record(read_record(record)))
@@ -188,6 +187,7 @@ def spot(
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
+    from calibration.disk import DISKS
     from calibration.files import read_numbers
     from calibration.stated.surface import fit_surface_flux
 
@@ -206,6 +206,8 @@ def spot(
 
 def chain_rows(record: DiskRecord) -> pd.DataFrame:
     """Lags, one row a channel, the common lag last."""
+    from calibration.estimate import with_u
+
     assert record.chain is not None
     apart = {c: with_u(e.value, e.u) for c, e in record.chain.differential_lag_s.items()}
     rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]

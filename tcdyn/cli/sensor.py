@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.disk import FILTER_SHAPES, Conditioning
 from calibration.errors import InputError
-from calibration.finding import Finding
 from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, say, spare_inputs, warn
 from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units, value_and_u
 
 if TYPE_CHECKING:
+    from calibration.disk import Conditioning
+    from calibration.finding import Finding
     from calibration.record import InputFile
     from tcdyn.sensor import SensorFile
 
@@ -260,6 +260,7 @@ def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
 
 def filter_of(cutoff_Hz: float | None, poles: int, shape: str) -> Conditioning:
     """The filter that was stated, none if it was not."""
+    from calibration.disk import FILTER_SHAPES, Conditioning
     from tcdyn.chain import NO_CONDITIONING
 
     check_choice("--shape", shape, FILTER_SHAPES)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from calibration.disk import DISKS
 from calibration.errors import InputError
 from tcdyn.cli.common import (
     Json,
@@ -260,6 +259,8 @@ def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict
 
 
 def _disk(name: str) -> str:
+    from calibration.disk import DISKS
+
     check_choice("--disk", name, DISKS)
     return name
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from calibration.finding import look
 from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
 
 if TYPE_CHECKING:
@@ -113,6 +112,7 @@ SHOWN = ("quantity", "source", "published", "ours", "verdict", "kind", "why")  #
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
+    from calibration.finding import look
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 

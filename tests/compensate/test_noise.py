@@ -74,6 +74,15 @@ def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> Non
     assert np.all(np.abs(level[(f > 0.5) & (f < 12)] / np.median(noise.level_K) - 1) < 0.15)
 
 
+@pytest.mark.parametrize(("stated_Hz", "taken"), [(2.0, True), (2.2, True), (6.0, False)])
+def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(stated_Hz: float, taken: bool) -> None:
+    rng = np.random.default_rng(8)
+    decay = np.exp(-2 * np.pi * 2.0 * DT_S)
+    y = lfilter([1 - decay], [1, -decay], rng.standard_normal((9_000, 4)), axis=0)
+    stated = Conditioning(stated_Hz, 1)
+    assert (noise_of([80 + y], DT_S, stated, np.full(4, 0.1)).shaping == stated) is taken
+
+
 def test_white_noise_stays_as_it_is() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)

@@ -39,6 +39,18 @@ def test_log_has_the_columns_and_the_rate_of_the_format(short: tuple[pd.DataFram
     assert np.isfinite(frame.to_numpy()).all()
 
 
+def test_the_truth_s_friction_is_the_mean_of_the_last_five_seconds_of_full_load(
+    short: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
+    truth = short[1]
+    t, friction = truth["traces"]["time_s"].to_numpy(), truth["traces"]["friction_N"].to_numpy()
+    parts = truth["unload_s"] - truth["parting_s"]
+    last = [f for at, f in zip(t, friction) if parts - 5.0 + truth["parting_s"] <= at < parts]
+    assert len(last) == pytest.approx((5.0 - truth["parting_s"]) * 75, abs=1)
+    assert truth["friction_N"] == pytest.approx(sum(last) / len(last), rel=1e-12)
+    assert min(last) > 0.99 * truth["friction_N"]
+
+
 def test_the_same_seed_writes_the_same_log_and_another_does_not(short: tuple[pd.DataFrame, dict[str, Any]]) -> None:
     again, _ = simulate_ehl("B3", 1, options=SHORT)
     other, _ = simulate_ehl("B3", 2, options=SHORT)
