@@ -7,11 +7,13 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
+from calibration.estimate import Z95
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline.tables import cooling_by_window, referee_table
 from tcdyn.plots.style import figure
-from tcdyn.plots.transient import draw_referee, draw_window_study
+from tcdyn.plots.transient import draw_junctions, draw_referee, draw_window_study
 from tests.conftest import Campaign
+from tests.pictures import bars
 
 LENGTHS = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 60.0)
 
@@ -64,6 +66,32 @@ def test_compensated_and_commuted_forms_agree(partition: Partition) -> None:
     apart = np.hypot(table["u_compensated"], table["u_commuted"])
     assert (table["u_difference"] < apart).all()  # depth, steel and static lines move both alike
     assert (table["difference"] == table["compensated"] - table["commuted"]).all()
+
+
+@pytest.mark.parametrize("quantity", ["beta", "h_W_m2K"])
+def test_windows_are_drawn_with_bars_of_95_percent_side_by_side(by_window: pd.DataFrame, quantity: str) -> None:
+    marks, low, high = bars(draw_window_study(by_window, figure()[1][0], quantity))
+    table = by_window.sort_values("disk", kind="stable")
+    assert (low + high) / 2 == pytest.approx(table[quantity])
+    assert high - low == pytest.approx(2 * Z95 * table[f"u_{quantity}"])
+    beside = marks[:, 0] / table["window_s"]
+    assert set(beside[table["disk"] == "fast"].round(6)) == {1.0}
+    assert set(beside[table["disk"] == "slow"].round(6)) == {1.03}
+
+
+def test_junctions_are_drawn_where_the_test_places_them(partition: Partition) -> None:
+    assert partition.sensors is not None
+    tests = partition.sensors.depths
+    ax = draw_junctions(tests, figure()[1][0])
+    marks, low, high = bars(ax)
+    places = [e for test in tests.values() for e in test.deeper_m.values()]
+    assert marks[:, 1] == pytest.approx([1e3 * e.value for e in places])
+    assert low == pytest.approx([1e3 * e.low95 for e in places])
+    assert high == pytest.approx([1e3 * e.high95 for e in places])
+    assert sorted({round(x % 1, 2) for x in marks[:, 0]}) == [0.12, 0.88]  # to the left and to the right of the tick
+    (band,) = ax.patches
+    stated = 1e3 * Z95 * max(t.stated_u_m for t in tests.values())
+    assert band.get_extents().transformed(ax.transData.inverted()).intervaly == pytest.approx([-stated, stated])
 
 
 def test_pictures_show_both_disks(by_window: pd.DataFrame, partition: Partition) -> None:
