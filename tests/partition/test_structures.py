@@ -53,6 +53,18 @@ def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> 
     assert len(s.tried) == 1 + len(STRUCTURES) + 12  # and the lag of each junction
 
 
+def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(sound: tuple[StudyRig, Partition]) -> None:
+    p = sound[1]
+    s, law_u = p.structures, p.test.exponent_half_range / 3**0.5
+    weight = {}
+    for a in s.tried:
+        referee = np.exp(-(a.referee_z**2) / 2) / np.hypot(a.exponent.u, law_u)
+        prior = 0.5 if a.name == "as assumed" else 0.5 / (len(s.tried) - 1)
+        weight[a.name] = prior * np.exp(a.log_odds) * referee
+    shares = np.array([weight[a.name] for a in s.tried]) / sum(weight.values())
+    assert np.asarray(s.probability) == pytest.approx(shares, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("world", "structure"),
     [("flux 1 mm", "flux_shift"), ("15 % elsewhere", "elsewhere")],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,9 +12,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration import files
+from calibration import Array, files
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.finding import Finding
 from calibration.lines.couples import emf_mV
 from calibration.lines.static import StaticLine
 from tcdyn.chain import Chain
@@ -217,6 +219,30 @@ def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> N
     out = written(compensate_table(log, [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv").path)
     assert len(out) == kept.sum()
     assert held(out, "T1_degC", "T1_u_K", x[kept])[1] > 0.92
+
+
+class OnePiece:
+    """A table that comes in one piece."""
+
+    def __init__(self, time_s: Array) -> None:
+        self.time_s = time_s
+
+    def pieces(self, columns: Sequence[str]) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        yield self.time_s, {name: np.zeros(len(self.time_s)) for name in columns}, ()
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "silence_s", "parted"),
+    [(0.5, 4.5, False), (0.5, 5.5, True), (2.0, 19.0, False), (2.0, 21.0, True), (0.1, 2.5, False), (0.1, 3.5, True)],
+)
+def test_a_silence_parts_where_it_is_longer_than_ten_lags_and_sixty_rows(
+    lag_s: float, silence_s: float, parted: bool
+) -> None:
+    t = 0.05 * np.arange(400.0)
+    t[200:] += silence_s
+    stretches = list(table.parts(OnePiece(t), ["x"], lag_s))
+    assert np.concatenate([s.time_s[s.keep] for s in stretches]) == pytest.approx(t)
+    assert [len(s.time_s) for s in stretches] == ([200, 200] if parted else [400])
 
 
 def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> None:
