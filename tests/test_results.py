@@ -8,6 +8,7 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import pandas as pd
 import pytest
 
 import tcdyn
@@ -91,6 +92,20 @@ class Balanced(HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
+
+
+def test_the_demo_s_comparison_is_that_of_the_files(results: dict[str, Any], campaign: Campaign) -> None:
+    done, demo = results["CompensatedLog"], results["DemoRun"]
+    unload_s = campaign.truth["tests"]["B3"]["unload_s"]
+    true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
+    t = true["time_s"]
+    after = (t >= unload_s) & (t < unload_s + 5.0)
+    told = demo.comparison.set_index("quantity")["estimate"]
+    for disk in ("fast", "slow"):
+        column = f"{disk}_e_degC"
+        for frame, what in ((done.raw.frame, "raw, 5 s after unloading"), (done.frame, "compensated")):
+            left = (frame[column] - true[column])[after]
+            assert told[f"B3 {disk} e, rms error {what}"] == pytest.approx(np.sqrt(left.pow(2).mean()))
 
 
 def test_every_result_speaks_words_json_and_html(results: dict[str, Any]) -> None:
