@@ -148,3 +148,26 @@ def test_the_commands_write_files_that_compensate_takes(tmp_path: Path, capsys: 
     log = write(tmp_path / "noise.csv", time_s=np.round(t, 3), T_degC=y)
     assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--quiet") in (0, 1)
     assert read_sensor(out).method == "noise"
+
+
+@pytest.mark.parametrize(("biot", "wall", "heated"), [(5.0, 0.3, 0.1), (0.8, 1.2, 0.3), (30.0, 0.05, 0.5)])
+def test_modes_of_a_heated_cylinder_are_those_of_its_rings(biot: float, wall: float, heated: float) -> None:
+    """Rings of finite volume, radius and diffusivity one; at the wall -T' = Bi T + (g/2) dT/dt; heat within ``heated``."""
+    edge = np.linspace(0.0, 1.0, 601)
+    middle, area = 0.5 * (edge[1:] + edge[:-1]), np.diff(edge**2) / 2
+    n = len(middle)
+    between = edge[1:-1] / np.diff(middle)
+    out = np.append(between, 0.0) + np.insert(between, 0, 0.0)
+    to_wall = 1 / (1 - middle[-1])
+    out[-1] += to_wall
+    conductance = np.diag(np.append(out, to_wall + biot))
+    pairs = np.arange(n)
+    conductance[pairs[:-1], pairs[1:]] = conductance[pairs[1:], pairs[:-1]] = -between
+    conductance[n - 1, n] = conductance[n, n - 1] = -to_wall
+    root = np.sqrt(np.append(area, wall / 2))  # capacities; the wall is one node
+    rate, mode = np.linalg.eigh(conductance / root[:, None] / root)
+    heat = np.append(np.where(middle < heated, area, 0.0), 0.0)
+    shares = (mode[0] / root[0]) * (mode.T @ (heat / root)) / rate
+    tau_s, share = cylinder(np.log([0.25 + (1 + wall) / (2 * biot), biot, wall, heated]))
+    assert tau_s[:4] == pytest.approx(1 / rate[:4], rel=2e-3)
+    assert share[:4] / share[0] == pytest.approx(shares[:4] / shares[0], rel=1e-2)  # the series is cut elsewhere
