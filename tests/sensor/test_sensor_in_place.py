@@ -152,7 +152,7 @@ def test_the_commands_write_files_that_compensate_takes(tmp_path: Path, capsys: 
 
 @pytest.mark.parametrize(("biot", "wall", "heated"), [(5.0, 0.3, 0.1), (0.8, 1.2, 0.3), (30.0, 0.05, 0.5)])
 def test_modes_of_a_heated_cylinder_are_those_of_its_rings(biot: float, wall: float, heated: float) -> None:
-    """Rings of finite volume, radius and diffusivity one; at the wall -T' = Bi T + (g/2) dT/dt; heat within ``heated``."""
+    """Rings of radius and diffusivity one; at the wall -T' = Bi T + (g/2) dT/dt; heat within ``heated``."""
     edge = np.linspace(0.0, 1.0, 601)
     middle, area = 0.5 * (edge[1:] + edge[:-1]), np.diff(edge**2) / 2
     n = len(middle)
