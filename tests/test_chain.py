@@ -137,6 +137,15 @@ def test_a_channel_is_made_to_read_as_another_chain_would(name):
     assert np.abs(made - wanted).max() < 5e-3  # the bend of 5 K/s lies between samples: a quarter of it times dt^2/lag
 
 
+def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second():
+    rng, (own, common) = np.random.default_rng(5), KINDS["lags"]
+    y = 80 + rng.standard_normal((300, 2))
+    y[0] += 10  # one spike at the start is no level
+    made = equalised(y, 1 / 75, [own, own], common)
+    rested = np.concatenate([np.tile(y[:75].mean(axis=0), (1500, 1)), y])
+    assert np.abs(made - equalised(rested, 1 / 75, [own, own], common)[1500:]).max() < 1e-6
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [("P4", "no process model"), ("P2ZZ", "no process model"), ("P1U", "use P2U"), ("P0Z", "use P1Z")],

@@ -36,6 +36,20 @@ def test_each_criterion_recovers_a_wave_without_phase(criterion):
         assert 0.9 < np.mean(np.abs(error) < 1.96 * ours.sd) <= 1.0
 
 
+def test_cross_validation_finds_its_least_between_the_trials():
+    """Twenty trials a factor of 3.5 apart find what a hundred find, within a fraction of their distance."""
+    _, y = record()
+    many = deconvolve(y, DT, CHAIN, criterion="gcv", trials=101)[1]
+    score = np.log(many.misfit / (1 - many.freedom / len(y)) ** 2)
+    least = many.intensity[np.argmin(score, axis=0), np.arange(y.shape[1])]
+    few = deconvolve(y, DT, CHAIN, criterion="gcv", trials=21)[1]
+    spacing = np.log(few.intensity[1, 0] / few.intensity[0, 0])
+    off = np.abs(np.log(few.chosen / least)) / spacing
+    nearest = np.abs(np.log(few.intensity / least)).min(axis=0) / spacing
+    assert off.mean() < 0.15
+    assert nearest.mean() > 0.25  # no trial stood there
+
+
 def test_pictures_are_drawn_from_results():
     from matplotlib.figure import Figure
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.disk import CHANNELS
+from calibration.estimate import Estimate
 from calibration.finding import Grade
 from calibration.rig import Rig, load_rig, parse_rig
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.statement.fit import bore_flux_W_m2, predicted, shaft_admittance
+from tcdyn.partition.statement.fit import bore_flux_W_m2, flux_and_u, predicted, shaft_admittance, stated_round
 from tcdyn.partition.uneven import UNKNOWN, Unevenness, at_junctions, harmonic_K
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
@@ -97,6 +98,24 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
     taken = harmonic_K(known, disk.setup, since_s)
     np.testing.assert_allclose(p.test.disks["slow"].readings_degC + taken, disk.readings_degC, atol=1e-9)
+
+
+def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_through_the_bore() -> None:
+    made = study_rig(SEED, truth=draw_truth(SEED, stating(), uncertain=True), rig=stating())
+    test, events = made.test, made.test.events
+    u_rel, h = 0.02, {"fast": 3000.0, "slow": 1500.0}
+    told = {f"h_{d}": Estimate.normal(value, 1.0) for d, value in h.items()}
+    told["beta"] = Estimate.normal(0.7, u_rel)
+    wide = replace(UNKNOWN, covariance=1e4 * np.eye(len(UNKNOWN.found)), h_W_m2K=h["slow"])
+    prior = stated_round(test, told, {"fast": UNKNOWN, "slow": wide})[0]["slow"]
+    near = (test.time_s > events.unload_s - 20) & (test.time_s < events.unload_s - 1)
+    power = float(test.power_W[near].mean())
+    disk = test.disks["slow"]
+    power_u = power * float(np.hypot(u_rel, 0.3 * disk.uncertainty.friction_rel))
+    inner = disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)] - test.ambient_of("slow")[near, None]
+    flux, u = flux_and_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
+    assert flux < 0.4 * u
+    assert prior.stated_K == pytest.approx(predicted(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6)
 
 
 def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
