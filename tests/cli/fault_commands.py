@@ -102,6 +102,10 @@ QUICK = {
         "simulate ehl --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
         ("tcdyn.simulate.ehl:simulate_ehl",),
     ),
+    "simulate hole": Command(
+        "simulate hole --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
+        ("tcdyn.simulate.plunge:simulate_hole",),
+    ),
 }  # fmt: skip
 LONG = {
     "calibrate": Command(
@@ -133,6 +137,12 @@ LONG = {
         "simulate campaign --out o -q --bath-degC 110", (),
         ("tcdyn.simulate.campaign:simulate_oven", "tcdyn.simulate.campaign:simulate_plunge",
          "tcdyn.simulate.campaign:simulate_ehl"),
+    ),
+    "demo": Command(
+        "demo --out o -q", (),
+        ("tcdyn.simulate.campaign:simulate_oven", "tcdyn.simulate.campaign:simulate_plunge",
+         "tcdyn.simulate.campaign:simulate_ehl", "tcdyn.pipeline.demo:calibrate_disk",
+         "tcdyn.pipeline.demo:compensate_log", "tcdyn.pipeline.demo:estimate_beta", PICTURE),
     ),
 }  # fmt: skip
 

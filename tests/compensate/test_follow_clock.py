@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.errors import InputError
+from calibration.files.dialect import HEAD_BYTES
 from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import FollowRun, follow
 from tcdyn.sensor import stated
@@ -61,3 +63,24 @@ def test_a_clock_that_jumps_back_is_told(tmp_path: Path, change: Change, lost: i
     rising = np.fmax.accumulate(np.concatenate([[-np.inf], logged_s]))
     assert written_s.tolist() == logged_s[logged_s > rising[:-1]].tolist()
     assert run.rows_written == len(logged_s) - lost
+
+
+def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(tmp_path: Path) -> None:
+    t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
+    whole = write(tmp_path / "whole.csv", time_s=np.round(t, 3), T1_degC=y).read_text(encoding="utf-8")
+    sensors, log, out = [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "log.csv", tmp_path / "out.csv"
+    log.write_text(whole[:10], encoding="utf-8")  # "time_s,T1_": the logger has not got further
+
+    def goes_on(_: float) -> None:
+        log.write_text(whole, encoding="utf-8")
+
+    run = follow(log, sensors, out, settings=Settings(learn_s=2.0), idle_s=0.2, poll_s=0.01, sleep=goes_on)
+    assert run.rows_written == 600
+
+    def waits(_: float) -> None:
+        raise AssertionError("waits for a head that is there")
+
+    log.write_text(whole.replace("T1", "X") * 10, encoding="utf-8")
+    assert log.stat().st_size > HEAD_BYTES
+    with pytest.raises(InputError):
+        follow(log, sensors, tmp_path / "other.csv", idle_s=60.0, poll_s=0.01, sleep=waits)
