@@ -289,7 +289,7 @@ def test_a_number_that_cannot_be_is_refused_in_one_sentence(
 
 def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert tcdyn("design", "--lag-s", "0.05") == 2
-    assert "the conditioning alone lags by 0.0796 s" in capsys.readouterr().err
+    assert "at least 0.0896 s, since the conditioning alone lags by 0.0796 s" in capsys.readouterr().err
 
 
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,7 +17,7 @@ from tcdyn.partition.alternatives import FITS_Z, NAMED_LOG_ODDS, WAYS, alternati
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.structures import STRUCTURES, structures
+from tcdyn.partition.structures import STEM_SD, STRUCTURES, structures
 from tcdyn.pipeline import tables
 from tcdyn.pipeline.beta import summary_of
 from tcdyn.plots.style import figure
@@ -78,6 +78,13 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
     assert abs(best.referee_z) < FITS_Z
     assert p.status == "look"
     assert "structures.other" in [f.code for f in p.findings]
+
+
+def test_what_wires_take_away_is_within_what_the_test_tells_of_it() -> None:
+    _, p = of_world("stem 3 %")
+    (stem,) = (a for a in p.structures.tried if a.name == "stem")
+    (size,) = stem.size
+    assert abs(STEM_SD * size.value - 0.03) < 3 * STEM_SD * size.u
 
 
 @pytest.mark.slow

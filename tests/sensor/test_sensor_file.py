@@ -221,6 +221,15 @@ def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> N
     assert held(out, "T1_degC", "T1_u_K", x[kept])[1] > 0.92
 
 
+@pytest.mark.parametrize("dt_s", [0.05, 2.5])
+def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float) -> None:
+    row = np.flatnonzero(np.arange(400) % 50 > 3)
+    grid, found = table.places(7.0 + dt_s * row, "here")
+    assert grid.dt_s == pytest.approx(dt_s, rel=1e-12)
+    assert (grid.place == row - row[0]).all()
+    assert not found
+
+
 class OnePiece:
     """A table that comes in one piece."""
 
