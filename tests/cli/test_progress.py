@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import sleep
+
 import pytest
 
 from tcdyn.cli.common import TYPICAL, TimeLeft, stages
@@ -63,3 +65,15 @@ def test_an_unknown_command_tells_no_time(capsys: pytest.CaptureFixture[str]) ->
         progress("fit")
     assert "left" not in capsys.readouterr().err
     assert set(TYPICAL) >= {"beta", "calibrate", "compensate", "demo"}
+
+
+def test_with_verbose_every_line_tells_the_time_gone_by(capsys: pytest.CaptureFixture[str]) -> None:
+    with stages(quiet=False, verbose=True) as begin:
+        begin("reading the log")
+        sleep(0.2)
+        begin("fit")
+    lines = [line.split(maxsplit=3) for line in capsys.readouterr().err.splitlines()]
+    assert [what for *_, what in lines] == ["reading the log", "fit", "done"]
+    seconds = [float(s) for _, s, _, _ in lines]
+    assert seconds == sorted(seconds)
+    assert 0.1 < seconds[-1] < 5.0

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from calibration.errors import InputError
 from tcdyn.identify import IOData, compare, fit, several, transfer
 from tcdyn.identify.choose.held_out import blocks_out
-from tcdyn.identify.choose.shared import regressed
+from tcdyn.identify.choose.shared import candidates, regressed
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
 
@@ -114,3 +114,20 @@ def test_names_are_read_and_what_cannot_be_is_refused():
         fit(stirred(0, 100).select("heat"), "ARX(1,1)", noise=(1, 0), check=False)
     with pytest.raises(InputError, match=r"poles that colour the noise differ.*common=True"):
         several(["ARX(1,1)", "ARX(1,1)"], ["heat", "fan"])
+
+
+def test_a_candidate_with_dead_time_has_one_zero_less_and_finds_it() -> None:
+    rng, dt_s = np.random.default_rng(12), 0.1
+    u = np.repeat(rng.choice([0.0, 1.0], 80), 15)
+    u[:30] = 0.0
+    late = np.concatenate([np.zeros(7), u])[: len(u)]
+    keep = np.exp(-dt_s / 0.8)
+    y = lfilter([0, 2 * (1 - keep)], [1, -keep], late) + 0.02 * rng.standard_normal(len(u))
+    data = IOData.from_arrays(u, y, dt_s, hold="zoh")
+    found = list(candidates(data, 1, False, {}, fit(data, "P1").problem.model))
+    late_ones = [f for f in found if "Td" in f.estimates]
+    assert 0 < len(late_ones) < len(found)
+    for f in late_ones:
+        assert set(f.estimates) == {"b0", "a1", "Td"}
+        for name, true in (("b0", 2.0), ("a1", 0.8), ("Td", 0.7)):
+            assert abs(f.estimates[name].value - true) < 4 * f.estimates[name].u
