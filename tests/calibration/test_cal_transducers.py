@@ -7,6 +7,8 @@ import pytest
 
 from calibration.errors import InputError
 from calibration.lines.transducers import fit_bearing_friction, fit_transducer
+from tcdyn.plots.calibration import draw_bearing, draw_transducer
+from tcdyn.plots.style import figure
 
 LOADS = np.linspace(0, 2400, 9)
 
@@ -32,6 +34,17 @@ def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_
     assert 0.917 <= np.mean(slope) <= 0.983
     assert 0.917 <= np.mean(shift) <= 0.983
     assert np.mean(alarms) <= 0.083
+
+
+def test_lines_are_drawn_through_their_points():
+    volts, force, session = sessions(3)
+    ax = draw_transducer(fit_transducer(volts, force, session), volts, force, session, figure()[1][0])
+    drawn = [np.transpose(line.get_data()) for line in ax.lines]
+    assert len(drawn) == 6
+    for dots, line in zip(drawn[::2], drawn[1::2]):
+        at = np.polyval(np.polyfit(*dots.T, 1), line[:, 0])
+        assert line[:, 1] == pytest.approx(at, abs=2.0)
+        assert [line[:, 0].min(), line[:, 0].max()] == [dots[:, 0].min(), dots[:, 0].max()]
 
 
 def test_the_shift_between_sessions_is_figure_2_21s():
@@ -72,6 +85,14 @@ def test_half_of_the_measured_bearing_friction_is_added():
     )
     assert (u < 1e-6).all()
     assert fitted.outside([1000.0, 3000.0, 1000.0], [774.0, 774.0, 400.0]).tolist() == [False, True, True]
+
+
+def test_each_family_of_bearing_friction_is_drawn_with_its_line():
+    ax = draw_bearing(fit_bearing_friction(*bearing()), figure()[1][0])
+    for rpm, dots, line in zip((774, 1005, 1238, 1546), ax.lines[::2], ax.lines[1::2]):
+        assert float(dots.get_label().removesuffix(" rpm")) == pytest.approx(rpm, abs=3.0)
+        assert line.get_xdata().tolist() == [800.0, 2320.0]
+        assert line.get_ydata() == pytest.approx(2.0 + 0.004 * rpm + 0.002 * np.array([800.0, 2320.0]), abs=0.02)
 
 
 def test_bearing_intervals_hold_the_truth_at_the_right_rate():

@@ -10,6 +10,7 @@ import pytest
 
 from calibration.errors import InputError
 from calibration.files.dialect import HEAD_BYTES
+from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import FollowRun, follow
 from tcdyn.sensor import stated
@@ -63,6 +64,19 @@ def test_a_clock_that_jumps_back_is_told(tmp_path: Path, change: Change, lost: i
     rising = np.fmax.accumulate(np.concatenate([[-np.inf], logged_s]))
     assert written_s.tolist() == logged_s[logged_s > rising[:-1]].tolist()
     assert run.rows_written == len(logged_s) - lost
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.05, 0.133])
+def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: float) -> None:
+    dt_s, chain = 0.05, Chain((0.5,), delay_s=delay_s, conditioning=NO_CONDITIONING)
+    t = dt_s * np.arange(1200)
+    true = 50 + 10 * np.sin(2 * np.pi * t / 20)  # 3 K/s: a tenth of a sample is 0.016 K
+    y = np.ravel(chain.response(true, dt_s)) + 0.003 * np.random.default_rng(1).standard_normal(len(t))
+    log, out = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y), tmp_path / "out.csv"
+    sensor = stated("s", ["T1"], [(0.5, 0.001)], delay_s=(delay_s, 0.0))
+    follow(log, [sensor], out, settings=Settings(behind_s=0.5, learn_s=2.0), idle_s=0.0, poll_s=0.01)
+    off = (written(out)["T1_degC"].to_numpy() - true)[t < 55.0][200:]
+    assert np.sqrt(np.mean(off**2)) < 0.016
 
 
 def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(tmp_path: Path) -> None:

@@ -18,6 +18,9 @@ from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
 from tcdyn.chain import STRUCTURES, Chain
+from tcdyn.chain.noise import Whitened
+from tcdyn.chain.rational import Factor, Rational
+from tcdyn.chain.rational import simulate as simulate_rational
 from tcdyn.plunge import PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.fit import identify_plunges
 from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
@@ -136,6 +139,18 @@ def test_a_section_of_two_real_poles_is_two_lags_also_where_they_are_one(taus: t
     expected = lag_on_grid(lag_on_grid(u, np.diff(t), 1 / taus[0]), np.diff(t), 1 / taus[1])
     # in the other order the straight lines between the knots bend elsewhere: curvature 0.25/s2 times dt^2/8, times 3
     np.testing.assert_allclose(conditioned(u, np.diff(t), section), expected, atol=4e-4)
+
+
+def test_the_zero_of_a_whitened_filter_is_on_the_graded_grid_too() -> None:
+    t = np.concatenate([np.arange(0, 3, 0.01), np.arange(3, 30, 0.1)])
+    white = Whitened(4.0, 2, "cascade", ((1.0, 0.3), (1.0, 0.05)), (1.0, 0.02))
+    fine = np.arange(0, 30, 0.001)
+    one = Rational(np.array(white.numerator), tuple(Factor(f) for f in white.factors))
+    exact = np.interp(t, fine, simulate_rational(one, 1 - np.exp(-fine / 2.0), 0.001))
+    made = conditioned((1 - np.exp(-t / 2.0))[:, None], np.diff(t), white)[:, 0]
+    np.testing.assert_allclose(made, exact, atol=4e-4)
+    without = conditioned((1 - np.exp(-t / 2.0))[:, None], np.diff(t), replace(white, numerator=(1.0,)))[:, 0]
+    assert np.abs(without - exact).max() > 4e-3
 
 
 def test_reading_the_grid_gives_nothing_before_entry() -> None:

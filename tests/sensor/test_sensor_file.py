@@ -230,6 +230,17 @@ def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float)
     assert not found
 
 
+def test_steps_that_do_not_add_up_put_each_row_where_its_time_is() -> None:
+    t = np.concatenate([np.arange(300.0), 300.0 + 1.02 * np.arange(300)])
+    grid, (found,) = table.places(t, "here")
+    away = t - grid.dt_s * grid.place
+    assert grid.dt_s == pytest.approx(t[-1] / 599)
+    assert np.abs(away).max() <= 0.5 * grid.dt_s + 1e-9
+    assert found.code == "sensor.uneven"
+    assert found.numbers["stray_s"] == pytest.approx(np.sqrt(np.mean(away**2)))
+    assert found.numbers["rate_Hz"] == pytest.approx(1 / grid.dt_s)
+
+
 class OnePiece:
     """A table that comes in one piece."""
 
