@@ -201,6 +201,8 @@ def test_pieces_can_be_gone_through_again_and_findings_say_where(tmp_path):
     frame = at([700, 1000], "fast_e_degC", 150.0)(ehl_frame())
     log = iter_log(write_log(frame, tmp_path / "log.csv"), "ehl", rows=700)
     first, again = (list(log) for _ in range(2))
+    assert sum(len(piece.frame) for piece in first) == len(frame)
+    assert max(len(piece.frame) for piece in first) <= 2 * 700 < len(frame)
     assert all(a.frame.equals(b.frame) and a.findings == b.findings for a, b in zip(first, again, strict=True))
     (spikes,) = (f for piece in first for f in piece.findings)
     assert (spikes.code, spikes.grade, spikes.subject) == ("spikes.removed", "note", "fast_e_degC")

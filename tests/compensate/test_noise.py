@@ -11,7 +11,7 @@ from calibration.disk import Conditioning
 from calibration.noise import SPIKES, white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.chain.bursts import find_bursts, noise_and_white
-from tcdyn.chain.noise import noise_of, passed_share
+from tcdyn.chain.noise import LoggerNoise, noise_of, passed_share
 from tcdyn.compensate.record import stretch_of
 from tcdyn.compensate.smoother import deconvolve, smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
@@ -81,6 +81,26 @@ def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(stated_
     y = lfilter([1 - decay], [1, -decay], rng.standard_normal((9_000, 4)), axis=0)
     stated = Conditioning(stated_Hz, 1)
     assert (noise_of([80 + y], DT_S, stated, np.full(4, 0.1)).shaping == stated) is taken
+
+
+@pytest.mark.parametrize(
+    ("rate_Hz", "seen_Hz", "rests"),
+    [
+        (75.0, 25.0, True),
+        (75.0, 15.0, True),
+        (80.0, 30.0, False),
+        (25.3, 0.6, False),
+        (100.0, 50.0, True),
+        (75.0, 10.0, False),
+    ],
+)
+def test_only_harmonics_that_come_to_rest_are_taken_for_temperature(
+    rate_Hz: float, seen_Hz: float, rests: bool
+) -> None:
+    """75 Hz: the third of 50 Hz and the fifth of 60 Hz; 80 Hz: 100, 150, 200 and 250 Hz are seen at 20, 10, 40, 10."""
+    sd = np.full(2, 0.1)
+    noise = LoggerNoise(0 * sd, sd, sd, B, lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz)
+    assert (noise.folded_u_K > 0).tolist() == [rests, False]
 
 
 def test_white_noise_stays_as_it_is() -> None:
