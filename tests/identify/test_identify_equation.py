@@ -87,6 +87,12 @@ def test_a_regression_finds_the_poles_and_a_stride_does_not_move_them():
         assert below[1] == pytest.approx(-np.sum(DT / np.log(POLES)), rel=1e-3 if stride == 1 else 0.1)
 
 
+def test_the_criterion_of_a_record_given_twice_is_twice_that_of_one_but_for_the_parameters():
+    once = stirred(4)
+    one, two = (regressed(pose(replace(once, runs=once.runs * k), pair(), "equilibrium"), 2)[1] for k in (1, 2))
+    assert 2 * one - two == pytest.approx(2 * (2 + 2 * 3 + 1))  # two poles, three samples of each input, a level
+
+
 def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
     data = stirred(2)
     model = several([transfer(1, 1)] * 2, ["heat", "fan"], common=True)
