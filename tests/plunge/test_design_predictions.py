@@ -67,6 +67,18 @@ def test_the_patch_response_has_the_steady_state_of_carslaw_and_jaeger() -> None
     assert early < 1e-20  # heat has gone 3 um
 
 
+def test_a_wide_patch_begins_as_a_half_space() -> None:
+    """Explicit steps of the heat equation under a unit flux, before the patch's edge is felt."""
+    k, alpha, dx, dt = 41.0, 1.1e-5, 5e-5, 5e-5
+    rise = np.zeros(400)
+    for _ in range(20_000):  # 1 s; alpha dt/dx2 = 0.22
+        flow = -k * np.diff(rise) / dx
+        rise[:-1] += dt * alpha / k / dx * (np.insert(flow[:-1], 0, 1.0) - flow)
+    for at in (0, 40, 80):
+        told = patch_response(np.array([1.0]), (at + 0.5) * dx, 1.0, k, alpha)
+        assert told[0] == pytest.approx(rise[at], rel=5e-3)
+
+
 def test_a_touch_cannot_beat_its_unknown_onset() -> None:
     vague = predict_touches(TouchPlan(onset_log_u=1.0, onset_s=0.3), SETUP)
     crisp = predict_touches(TouchPlan(onset_log_u=0.05, onset_s=0.05), SETUP)
