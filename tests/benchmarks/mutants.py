@@ -79,7 +79,8 @@ def stages(file: str) -> list[list[str]]:
 def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
     """The tests that run a line: those without the campaign that is made first, then the rest, the quick ones first.
 
-    Of each as many as the whole run took ``MOST_s`` for; of a line that a fixture runs the whole job, too.
+    Of each as many as the whole run took ``MOST_s`` for; then the numbers of this version, and of a line that a fixture
+    runs the whole job.
     """
     data = CoverageData(str(seen / ".coverage"))
     data.read()
@@ -103,7 +104,7 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
     for some in (alone, quick[len(alone) :]):
         until = accumulate(took.get(test, 1.0) for test in some)
         found.append([test for test, end in zip(some, until) if end < MOST_s] or some[:1])
-    return [*found, stages(file)[-1] if shared else []]
+    return [*found, stages(file)[-1] if shared else ["tests/golden/test_as_built.py"]]
 
 
 def killed(copy: Path, file: str, found: list[list[str]]) -> str:
