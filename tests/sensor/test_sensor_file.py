@@ -22,7 +22,7 @@ from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.compensate import smooth
 from tcdyn.compensate.intensity import spectral_level
-from tcdyn.identify import IOData, fit
+from tcdyn.identify import IOData, fit, process
 from tcdyn.pipeline import sensors as pipeline
 from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import follow
@@ -273,6 +273,20 @@ def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> N
     assert {"sensor.few_decimals", "sensor.left"} <= {f.code for f in done.findings}
     assert out["T2_degC"].isna().all()
     assert held(out, "T1_degC", "T1_u_K", x)[1] > 0.9
+
+
+@pytest.mark.parametrize("filter_", [Conditioning(4.0, 2), Conditioning(2.5, 3, "butterworth"), Conditioning(1.0, 1)])
+def test_the_filter_that_identify_knew_is_that_of_the_sensor(filter_: Conditioning, tmp_path: Path) -> None:
+    u = np.repeat([0.0, 1.0, 0.0, 1.0], 150)
+    y = Chain((0.8, 0.3), conditioning=filter_).response(u, 0.05, hold="zoh")
+    y = np.ravel(y) + 1e-3 * np.random.default_rng(1).standard_normal(len(u))
+    data = IOData.from_arrays(u, y, 0.05, hold="zoh", output_names=["T1_degC"])
+    path = tmp_path / "m.identified.json"
+    path.write_text(fit(data, process("P2", known=filter_)).identified.to_json(), encoding="utf-8")
+    (chain,) = read_sensor(path).chains
+    assert (chain.conditioning.poles, chain.conditioning.shape) == (filter_.poles, filter_.shape)
+    assert chain.conditioning.cutoff_Hz == pytest.approx(filter_.cutoff_Hz)
+    assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.02)
 
 
 def test_a_model_of_identify_is_a_sensor(tmp_path: Path) -> None:
