@@ -7,7 +7,7 @@ import pandas as pd
 
 from calibration.disk import DISKS
 from calibration.errors import printable
-from calibration.estimate import Estimate, rounded
+from calibration.estimate import rounded
 from tcdyn.campaign.joined import JoinedCampaign
 
 LATEX = {
@@ -92,8 +92,3 @@ def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
                 }
             )  # fmt: skip
     return pd.DataFrame(rows, columns=["over", "with", "slope", "p_value", "scatter", "p_value_of_line"])
-
-
-def slope_of(joined: JoinedCampaign, against: str) -> Estimate | None:
-    """Slope of the trend over ``against`` alone; None where the tests do not tell it."""
-    return next((t.slopes[0] for t in joined.trends if t.against == (against,)), None)
