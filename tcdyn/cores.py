@@ -21,36 +21,52 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
+TURNS = 256  # that jobs are given out in, a byte for each
 CORES = "TCDYN_CORES"  # how many side_by_side may use; those that this process may run on if not set
 
 
 def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: int | None = None) -> list[Answer]:
     """``function`` of each of ``jobs``, which are independent of each other, in their order.
 
-    Copies of this process (fork) take the jobs in turn with it, ``most`` processes in all; they know all that it knows,
-    and send back nothing but their answers, pickled. What a copy fails to answer, for whatever reason, is done here,
-    and told here. All is done here, one after the other, where one core is to be used (``CORES`` in the environment),
-    where the system is not Linux or this process has threads, which cannot be copied safely (one that redraws a line
-    of progress can), and within another ``side_by_side``.
+    Copies of this process (fork) work with it, ``most`` processes in all; each takes the next job when it is done with
+    one. They know all that it knows, and send back nothing but their answers, pickled. What a copy fails to answer, for
+    whatever reason, is done here, and told here. All is done here, one after the other, where one core is to be used
+    (``CORES`` in the environment), where the system is not Linux or this process has threads, which cannot be copied
+    safely (one that redraws a line of progress can), and within another ``side_by_side``.
 
     >>> side_by_side(lambda x: x**2, [3, 1, 2])
     [9, 1, 4]
     """
-    hands = max(min(_hands(), len(jobs), most or len(jobs)), 1)
-    copies = [_copied(function, jobs[k::hands]) for k in range(1, hands)]
-    answers: list[list[Answer]] = []
-    try:
+    hands = max(min(_hands(), len(jobs), most or len(jobs), TURNS), 1)
+    if hands == 1:
         with _one_core():
-            answers.append([function(job) for job in jobs[::hands]])
-            for k, copy in enumerate(copies, 1):
-                done = None if copy is None else _sent(copy[1])
-                answers.append(done if done is not None else [function(job) for job in jobs[k::hands]])
+            return [function(job) for job in jobs]
+    turns, (next_turn, giver) = min(len(jobs), TURNS), os.pipe()
+    os.write(giver, bytes(range(hands, turns)))
+    os.close(giver)
+
+    def answers(turn: int) -> dict[int, Answer]:
+        done: dict[int, Answer] = {}
+        with _one_core():
+            while True:
+                done |= {k: function(jobs[k]) for k in range(turn, len(jobs), turns)}
+                if not (token := os.read(next_turn, 1)):
+                    return done
+                turn = token[0]
+
+    copies = [_copied(answers, k) for k in range(1, hands)]
+    try:
+        found = answers(0)
+        for copy in filter(None, copies):
+            found |= _sent(copy[1])
+        with _one_core():
+            return [found[k] if k in found else function(job) for k, job in enumerate(jobs)]
     finally:
+        os.close(next_turn)
         for process, receiver in filter(None, copies):
             process.terminate()
             process.join()
             receiver.close()
-    return [answers[k % hands][k // hands] for k in range(len(jobs))]
 
 
 def _hands() -> int:
@@ -74,14 +90,14 @@ def _one_core() -> Iterator[None]:
         os.environ |= {} if before is None else {CORES: before}
 
 
-def _copied(function: Callable[[Job], Answer], jobs: Sequence[Job]) -> tuple[BaseProcess, Connection] | None:
-    """A copy of this process at work on ``jobs``, and where its answers come from; None if there is none to be had."""
+def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> tuple[BaseProcess, Connection] | None:
+    """A copy of this process that begins with ``turn``, and where its answers come from; None if none is to be had."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
 
     def work() -> None:
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's
-        with suppress(BaseException), _one_core():
-            sender.send_bytes(pickle.dumps([function(job) for job in jobs], pickle.HIGHEST_PROTOCOL))
+        with suppress(BaseException):
+            sender.send_bytes(pickle.dumps(answers(turn), pickle.HIGHEST_PROTOCOL))
 
     process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
     try:
@@ -96,12 +112,12 @@ def _copied(function: Callable[[Job], Answer], jobs: Sequence[Job]) -> tuple[Bas
     return process, receiver
 
 
-def _sent(receiver: Connection) -> list[Any] | None:
-    """The answers of a copy; None if it ended without them."""
+def _sent(receiver: Connection) -> dict[int, Any]:
+    """The answers of a copy by the place of their jobs; none if it ended without them."""
     try:
-        found: list[Any] = pickle.loads(receiver.recv_bytes())
+        found: dict[int, Any] = pickle.loads(receiver.recv_bytes())
     except (EOFError, OSError, MemoryError):
-        return None
+        return {}
     return found
 
 

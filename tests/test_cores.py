@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Callable
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -37,6 +39,22 @@ def test_answers_come_in_the_order_of_the_jobs_from_as_many_processes_as_asked()
     assert len({pid for _, pid in found}) == ASKED
     assert len(set(side_by_side(where, range(7), most=2))) == 2
     assert side_by_side(where, []) == []
+
+
+@pytest.mark.usefixtures("several")
+def test_who_is_done_first_takes_what_is_left(tmp_path: Path) -> None:
+    def job(k: int) -> int:
+        until = time.monotonic() + 20
+        if k == 0:  # done when all others are
+            while len(list(tmp_path.iterdir())) < 9 and time.monotonic() < until:
+                time.sleep(0.005)
+        (tmp_path / str(k)).touch()
+        return os.getpid()
+
+    home, *others = side_by_side(job, range(10), most=2)
+    assert home not in others
+    many = cores.TURNS + 5  # more than there are turns to give: some turns are two jobs
+    assert side_by_side(lambda k: k, range(many)) == [*range(many)]
 
 
 @pytest.mark.usefixtures("several")
