@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
 ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
+SHORTEST_S = 1e-7  # of a lag
 ENTRY, INITIAL = RUN_KINDS.index("entry"), RUN_KINDS.index("initial")
 
 
@@ -30,9 +32,8 @@ class RunModel:
     grid_s: Array
     own: Array  # (n, n) surface on surface
     own_k: Array  # its derivative with ln K
-    junction: Array  # (C, n, n)
-    junction_k: Array
-    junction_depth: Array
+    junctions: Array  # (3, C, n, n) surface on junctions, its derivatives with ln K and with depth
+    readings: Array  # (3, C, n, n) the same behind the conditioning filter
     ln_k: float
     depth_shift_m: Array
     bath: Bath
@@ -70,13 +71,15 @@ def build_run_model(
     slope = (high - low) / (2 * _DK)
     bath_degC = np.interp(grid, blocks.bath_time_s, blocks.bath_degC)
     initial = float(np.mean(blocks.readings_degC[blocks.time_s < 0]))
+    junctions = np.stack([centre[1 : c + 1], slope[1 : c + 1], (centre[c + 1 :] - centre[1 : c + 1]) / extra])
+    by_time = junctions.transpose(2, 0, 1, 3)
+    behind = conditioned(by_time.reshape(len(grid), -1), np.diff(grid), setup.conditioning).reshape(by_time.shape)
     model = RunModel(
         grid,
         centre[0],
         slope[0],
-        centre[1 : c + 1],
-        slope[1 : c + 1],
-        (centre[c + 1 :] - centre[1 : c + 1]) / extra,
+        junctions,
+        np.ascontiguousarray(behind.transpose(1, 2, 0, 3)),
         ln_k,
         shift,
         Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m),
@@ -141,13 +144,12 @@ def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> R
     return RunSurface(T, q, h, np.asarray(flux_by))
 
 
-def junction_rise(
-    model: RunModel, lay: PlungeParameters, theta: Array, surface: RunSurface
+def rise_of(
+    parts: Array, model: RunModel, lay: PlungeParameters, theta: Array, surface: RunSurface
 ) -> tuple[Array, Array, Array]:
-    """Rise of the junctions (C, n) [K] above the initial temperature, and its derivatives with ln K and depth."""
-    q = surface.flux_W_m2
-    by_k, by_depth = model.junction_k @ q, model.junction_depth @ q
-    rise = model.junction @ q + (theta[lay.at("ln_conductivity")] - model.ln_k) * by_k
+    """Rise (C, n) [K] of what ``parts`` (3, C, n, n) see, and its derivatives with ln K and depth."""
+    rise, by_k, by_depth = parts @ surface.flux_W_m2
+    rise = rise + (theta[lay.at("ln_conductivity")] - model.ln_k) * by_k
     return rise + (theta[lay.at("depth")] - model.depth_shift_m)[:, None] * by_depth, by_k, by_depth
 
 
@@ -156,24 +158,20 @@ def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) ->
     own = theta[lay.run(r)]
     surface = solve_run(model, lay, theta, r)
     dt = np.diff(model.grid_s)
-    c, n, kinds = len(lay.channels), len(model.grid_s), len(RUN_KINDS)
-    columns = np.empty((c, n, kinds + 3))  # value, run derivatives, ln K, depth
+    c, kinds = len(lay.channels), len(RUN_KINDS)
+    columns = np.empty((c, len(model.grid_s), kinds + 3))  # value, run derivatives, ln K, depth
     # the value follows K and depths exactly; its other derivatives take the matrices where they were built
-    columns[:, :, 1 : kinds + 2] = model.junction @ surface.flux_by
-    columns[:, :, 0], by_k, columns[:, :, kinds + 2] = junction_rise(model, lay, theta, surface)
+    columns[:, :, 1 : kinds + 2] = model.readings[0] @ surface.flux_by
+    columns[:, :, 0], by_k, columns[:, :, kinds + 2] = rise_of(model.readings, model, lay, theta, surface)
     columns[:, :, kinds + 1] += by_k
-    flat = columns.transpose(1, 0, 2).reshape(n, -1)
-    filtered = conditioned(flat, dt, model.setup.conditioning).reshape(n, c, -1)
     times = model.blocks.time_s - own[ENTRY]
     out = np.empty((len(times), c))
     jac = np.zeros((len(times), c, lay.size))
     lags, logits = theta[lay.at("lag")], theta[lay.at("common_split")] + theta[lay.at("split")]
     for j in range(c):
-        value, by_lag, by_logit, delay = chain_on_grid(
-            filtered[:, j], dt, float(lags[j]), float(logits[j]), lay.structure
-        )
+        value, by_lag, by_logit, delay = chain_on_grid(columns[j], dt, float(lags[j]), float(logits[j]), lay.structure)
         reading = Reading.at(model.grid_s, times - delay[0])
-        y = reading.value(value)
+        y = reading.value(np.column_stack([value, by_lag, by_logit]))
         rate = reading.slope(value[:, 0])
         gain = 1 + theta[lay.at("gain")][j]
         level = own[INITIAL] + y[:, 0]
@@ -183,10 +181,10 @@ def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) ->
         by_run[:, INITIAL] += 1.0
         jac[:, j, lay.run(r)] = gain * by_run
         jac[:, j, lay.at("ln_conductivity")] = gain * y[:, [kinds + 1]]
-        by_split = gain * (reading.value(by_logit) - rate * delay[2])
+        by_split = gain * (y[:, -1] - rate * delay[2])
         jac[:, j, lay.at("common_split")] = by_split[:, None]
         own_kinds = {
-            "lag": gain * (reading.value(by_lag) - rate * delay[1]),
+            "lag": gain * (y[:, -2] - rate * delay[1]),
             "split": by_split,
             "depth": gain * y[:, kinds + 2],
             "offset": 1.0,
@@ -201,7 +199,7 @@ def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) 
     """Temperatures [degC] of the junctions without the chain: a column a channel, a row an instant after entry [s]."""
     own = theta[lay.run(r)]
     surface = solve_run(model, lay, theta, r)
-    rise = junction_rise(model, lay, theta, surface)[0]
+    rise = rise_of(model.junctions, model, lay, theta, surface)[0]
     time_s = pd.Index(model.grid_s + own[ENTRY], name="time_s")
     return pd.DataFrame((own[INITIAL] + rise).T, index=time_s, columns=list(lay.channels))
 
@@ -215,37 +213,39 @@ def chain_on_grid(
     """
 
     def parts(lag: float, z: float) -> Array:
-        taus, delay, zero = stages(structure, lag, z)
-        return np.array([*taus, delay, zero])
+        return np.hstack(stages(structure, lag, z))
 
     step_lag, step_z = 1e-5, 1e-4
     shorter = max(lag_s - step_lag, 1e-9)
     by_lag = (parts(lag_s + step_lag, logit) - parts(shorter, logit)) / (lag_s + step_lag - shorter)
     by_z = (parts(lag_s, logit + step_z) - parts(lag_s, logit - step_z)) / (2 * step_z)
     *taus, delay, zero = parts(lag_s, logit)
-    for tau in taus[1:]:
-        if tau > 1e-7:
-            u = np.asarray(lag_on_grid(u, dt_s, 1 / tau))
-    first = max(float(taus[0]), 1e-7)
-    lagged = np.asarray(lag_on_grid(u, dt_s, 1 / first))
-    rate = (u[:, 0] - lagged[:, 0]) / first  # of the lagged column: what a zero adds per second
-    y = lagged + zero / first * (u - lagged)
+    taus = [max(float(tau), SHORTEST_S) for tau in taus]
+    steps = [lag_step(dt_s, 1 / tau) for tau in taus]
+    for step in steps[1:]:
+        u = stepped(u, step)
+    lagged = stepped(u, steps[0])
+    rate = (u[:, 0] - lagged[:, 0]) / taus[0]  # of the lagged column: what a zero adds per second
+    y = lagged + zero / taus[0] * (u - lagged)
     d_lag, d_z = rate * by_lag[-1], rate * by_z[-1]
-    for i, tau in enumerate(taus):
-        floor = max(float(tau), 1e-4)
-        again = np.asarray(lag_on_grid(y[:, :1], dt_s, 1 / floor))[:, 0]
-        by_tau = (again - y[:, 0]) / floor
+    for i, (tau, step) in enumerate(zip(taus, steps)):
+        by_tau = (stepped(y[:, :1], step)[:, 0] - y[:, 0]) / tau
         d_lag += by_tau * by_lag[i]
         d_z += by_tau * by_z[i]
     return y, d_lag, d_z, (float(delay), float(by_lag[-2]), float(by_z[-2]))
 
 
-def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[np.float64] | NDArray[np.complex128]:
+def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
     """Unit-gain lag of ``rate`` [1/s] of deviations ``u`` (n, M) from equilibrium, linear between knots.
 
     Exact for that input; y[0] = 0, as before the first knot nothing had changed.
     """
-    decay, old, new = lag_step(dt_s, rate)
+    return stepped(u, lag_step(dt_s, rate))
+
+
+def stepped(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
+    """``lag_on_grid`` by its steps between the knots."""
+    decay, old, new = step
     drive = np.zeros(u.shape, dtype=np.result_type(u, decay), order="F")
     drive[1:] = old[:, None] * u[:-1] + new[:, None] * u[1:]
     bands = np.zeros((2, len(u)), dtype=decay.dtype)
