@@ -137,9 +137,7 @@ def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, fl
     total = tau + borrowed
     ratio = (0.25, 0.5, 0.1)[pattern % 3]
     shares = ratio ** np.arange(max(len(lags), 1))
-    if pattern == 0:
-        shares = shares / shares[0]
-    else:
+    if pattern:
         shares = shares / shares.sum()
     theta |= {n: float(total * s) * (2.0 if n == "Tc" else 1.0) for n, s in zip(lags, shares)}
     if "Tw" in model.names:

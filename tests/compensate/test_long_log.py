@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -78,3 +81,30 @@ def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
     with pytest.raises(InputError, match=r"\.tdms"):
         done.write(tmp_path / "out.tdms")
     assert not (tmp_path / "out.tdms").exists()
+
+
+def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_needs_more_beside_it_comes_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sent: list[int] = []
+
+    def in_four(*_: object) -> Generator[SimpleNamespace, int, None]:
+        for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
+            beside = 10
+            while wanted := (yield SimpleNamespace(rows=rows, beside=beside)):
+                sent.append(wanted)
+                beside = wanted
+
+    def answered(_: object, part: SimpleNamespace) -> tuple[pd.DataFrame, list[Any], int]:
+        return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
+
+    monkeypatch.setattr(stretches, "parts", in_four)
+    monkeypatch.setattr(stretches.Stretches, "_answered", answered)
+    log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
+    way, rig = stretches.Way(), cast(Any, None)
+    rest = stretches.Stretches(log, rig, {}, way, {}, {}, False, False, none, none, {})
+    told: list[str] = []
+    assert rest.write(tmp_path / "out.csv", told.append) == []
+    assert told == [f"writing, {percent} % of the rows" for percent in (10, 30, 100)]
+    assert sent == [12]
+    assert len(pd.read_csv(tmp_path / "out.csv", comment="#")) == 40

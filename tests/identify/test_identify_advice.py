@@ -12,6 +12,7 @@ import pytest
 
 import tcdyn
 from calibration.disk import Conditioning
+from calibration.finding import note
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
 from tcdyn.identify.choose.advice import as_chain, order_table, recommend, verdict
@@ -185,3 +186,8 @@ def test_each_model_is_told_before_it_is_fitted() -> None:
     told_of: list[tuple[str, int, int]] = []
     compare(off_equilibrium(), ["P1", "P1D"], initial="estimated", progress=lambda *what: told_of.append(what))
     assert told_of == [("P1", 1, 2), ("P1D", 2, 2)]
+
+
+def test_a_rival_that_foresees_better_says_by_how_much() -> None:
+    said = note("models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False).sentence
+    assert said == ("TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals.")

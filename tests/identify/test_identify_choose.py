@@ -13,7 +13,9 @@ from scipy.signal import cont2discrete, lfilter
 
 from calibration.errors import InputError
 from calibration.finding import Grade
+from tcdyn.fitting import correlation_length
 from tcdyn.identify import IOData, compare, fit, from_control, from_frame, process, several, simulate
+from tcdyn.identify.choose import grow
 from tcdyn.identify.choose.comparison import not_worse
 from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import intervals_said, noise_said
@@ -115,3 +117,31 @@ def test_a_record_that_rings_when_it_begins_is_told_by_all_of_its_residuals():
     assert "state at each start was estimated" in found.advice
     for name, truth in (("Kp", 1.0), ("Tw", 0.5), ("Zeta", 0.03), ("Tz", 0.15)):
         assert found.best.estimates[name].value == pytest.approx(truth, abs=3 * found.best.estimates[name].u), name
+
+
+def test_a_larger_sum_that_is_as_good_to_a_millionth_is_not_begun_anew(monkeypatch: pytest.MonkeyPatch):
+    begun: list[object] = []
+    data, quick = plant(3, 200).select("heat"), {"intervals": "quadratic", "check": False, "input_noise": 0.0}
+    small, large = (fit(data, p, **quick, start={"Kp": 2.0, "Tp1": 8.0, "Td": 1.5}) for p in ("P1", "P1D"))
+    monkeypatch.setattr(grow, "fit", lambda data, model, **how: begun.append(model) or large)
+    for rms, often in ((1 - 5e-7, 0), (1 - 5e-6, 1)):
+        told = {**large.identified.statistics, "rms": rms * large.identified.statistics["rms"]}
+        other = replace(small, identified=replace(small.identified, statistics=told))
+        assert not_worse(large, {"small": other}, data, quick) is large
+        assert len(begun) == often
+
+
+def test_what_a_larger_model_gains_is_counted_by_independent_samples():
+    """White residuals: N ln(S/S') - ln N for one parameter more; of each repeated r times there are N/r."""
+    rng = np.random.default_rng(3)
+    e, data, begun = rng.normal(size=100), plant(3, 200), {"Kp": 2.0, "Tp1": 8.0}
+    made = fit(data.select("heat"), "P1", intervals="quadratic", check=False, input_noise=0.0, start=begun)
+    for times in (1, 4):
+        larger = np.repeat(e, times)
+        more = replace(made.identified, statistics={**made.identified.statistics, "parameters": 5.0})
+        less = replace(made.identified, statistics={**made.identified.statistics, "parameters": 3.0})
+        before = replace(made, innovation=1.2 * larger, identified=less)
+        count = len(larger) / correlation_length(larger)
+        assert count == pytest.approx(100, rel=0.25)  # correlations of 100 samples are known to a tenth
+        found = grow.gain(before, replace(made, innovation=larger, identified=more))
+        assert found == pytest.approx(2 * count * np.log(1.2) - 2 * np.log(count))

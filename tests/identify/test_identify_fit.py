@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
 from scipy.signal import lfilter
 
 from calibration.disk import Conditioning
+from tcdyn.fitting import Noise, Optimum, Status
 from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer, validate
+from tcdyn.identify.fit import last_level, noticed
 from tcdyn.identify.models import as_model
+from tcdyn.identify.search import pose
 
 TRUTHS = {
     "P1": {"Kp": 2.0, "Tp1": 0.8},
@@ -172,3 +177,59 @@ def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
     assert not found.warnings
     for name, truth in (("Kp", 0.05), ("Tp1", 2.0)):
         assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
+
+
+def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
+    """What is said of two lags and a zero, well determined but for what is ``moved``, with u of 1 % of each."""
+    posed = pose(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
+    theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **moved}
+    x, size = posed.vector(theta), posed.size
+    nothing = np.zeros((0, size))
+    ended = Optimum(posed.core(), x, np.zeros(0), nothing, 0.0, np.eye(size), np.eye(size), Status.CONVERGED, 1)
+    u = {n: moved.get(f"u_{n}", 0.01 * abs(v)) for n, v in theta.items()}
+    said = noticed(posed, ended, theta, u)
+    return {f.subject: f.code for f in said}, [str(f.numbers.get("end", "")) for f in said]
+
+
+@pytest.mark.parametrize(
+    ("moved", "code", "end"),
+    [
+        ({}, {}, []),
+        ({"Td": 0.0}, {"Td": "fit.bound"}, ["lower"]),
+        ({"Td": 20.0}, {"Td": "fit.bound"}, ["upper"]),  # half of 800 samples of 0.05 s
+        ({"Tp2": 0.5e-3}, {"Tp2": "fit.bound"}, ["lower"]),  # a hundredth of a sample
+        ({"Tp1": 4000.0}, {"Tp1": "fit.bound"}, ["upper"]),  # a hundred records
+        ({"Tp2": 1.985}, {"Tp1": "fit.twin", "Tp2": "fit.twin"}, ["", ""]),
+        ({"Tp2": 1.97}, {}, []),
+        ({"u_Tp2": 0.26}, {"Tp2": "fit.undetermined"}, [""]),
+        ({"u_Tp2": 0.24, "u_Kp": 0.49, "u_Tz": 1.2}, {}, []),  # a zero is measured by both lags
+        ({"u_Tz": 1.3}, {"Tz": "fit.undetermined"}, [""]),
+    ],
+)
+def test_what_is_wrong_with_a_parameter_is_said_of_it(moved, code, end):
+    assert told_of(**moved) == (code, end)
+
+
+def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
+    """Offsets of two runs, drifts of each over its length, and a walk that ended half a unit above the model."""
+    data = case_a("PRBS", 1)
+    run = data.runs[0]
+    two = replace(data, runs=(run, replace(run, u=run.u[:400], y=run.y[:400])))
+    posed = replace(pose(two, process("P1", offset="per run"), "equilibrium"), trend=True)
+    x = np.zeros(posed.size)
+    x[2:4], x[-2:] = (3.0, 5.0), (0.8, 0.4)  # the drift per length of the longest run
+    residual = np.r_[np.zeros(1180), np.full(20, 0.5)]
+    assert last_level(posed, x, residual, Noise()) == pytest.approx(4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2)
+    walk = last_level(replace(posed, trend=False), x[:-2], residual, Noise((-1.0,), rest=True))
+    assert walk == pytest.approx(4.0 + 0.5)
+
+
+def test_criteria_of_white_residuals_are_those_of_the_textbook():
+    """N ln(S/N) + k ln N and Hurvich and Tsai's; the noise of N - p degrees of freedom, k one more than p."""
+    found = fit(case_a("PRBS", 2), "P2D", intervals="quadratic", check=False, start=CASE_A)
+    n, p, sse = 800, 5, float(found.residual @ found.residual)  # with the offset
+    told = found.identified.statistics
+    assert told["parameters"] == p
+    assert told["bic"] == pytest.approx(n * np.log(sse / n) + (p + 1) * np.log(n))
+    assert told["aicc"] == pytest.approx(n * np.log(sse / n) + 2 * (p + 1) * n / (n - p - 2))
+    assert found.identified.noise_sd == pytest.approx(np.sqrt(sse / (n - p)))

@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from calibration.errors import InputError
+from calibration.estimate import Estimate
 from tcdyn.identify import IOData
-from tcdyn.identify.narx import Narx, narx, refined
+from tcdyn.identify import narx as module
+from tcdyn.identify.level import LevelLag
+from tcdyn.identify.narx import Narx, narx, refined, spanned
 
 TERMS = ((("y", 1),), (("u", 1),), (("u", 1), ("y", 1)))
 TRUTH = (0.8, 0.25, -0.05)  # y_t = 0.8 y + 0.25 u - 0.05 u y: slow where the input is low
@@ -48,3 +52,78 @@ def test_terms_found_by_one_step_are_refined_and_the_lag_has_an_interval():
     assert lag.value == pytest.approx(0.1 * (1 + 0.8 / 0.2), abs=4 * lag.u)  # at rest five samples
     assert 0 < lag.u < 0.1
     assert Narx(TERMS, TRUTH, (0.0, 1.0), (0.0, 1.0), 0.1, 2).intervals == (None, None, None)
+
+
+@pytest.mark.parametrize(("quadratic", "said"), [(98.1, "Held out, a quadratic"), (98.3, "look at the static line")])
+def test_a_quadratic_model_is_better_from_a_tenth_of_the_error_on(
+    quadratic: float, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A linear model leaves 2 % of the held-out part; a lag that does not depend on the level."""
+    level, e = LevelLag("P1", (20.0, 180.0), *[Estimate.normal(1.0, 0.1)] * 2, Estimate.normal(0.0, 0.1)), (0.0, 1.0)
+
+    def scored(data: IOData, *, degree: int, **_: object) -> Narx:
+        percent = {1: 98.0, 2: quadratic}[degree]
+        return Narx(TERMS, TRUTH, e, e, 0.1, degree, one_step_percent=99.9, held_out_percent=percent)
+
+    monkeypatch.setattr(module, "narx", scored)
+    monkeypatch.setattr(module, "level_lag", lambda data: level)
+    found = module.temperature_dependence(IOData.from_arrays(*record(0, 0.0), 0.1))
+    assert said in found.sentence
+    assert found.sentence.startswith("No sign that the lag depends")
+    assert f"{quadratic:.1f} %" in found.sentence
+
+
+def test_a_lag_is_that_of_the_recursion_linearised_about_its_level() -> None:
+    """y_t = a y + b u_(t-2) has the first moment 2 + a/(1 - a) samples; u y adds c y to b and c u to a."""
+    plain = Narx(((("y", 1),), (("u", 2),)), (0.8, 0.5), (3.0, 2.0), (1.0, 4.0), 0.1, 1)
+    assert plain.local_lag_s(7.0) == pytest.approx(0.1 * (2 + 0.8 / 0.2), rel=1e-9)
+    bent = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1, 2)
+    y = (5.0 - 1.0) / 4.0
+    u = 0.2 * y / (0.25 - 0.05 * y)  # at rest
+    a = 0.8 - 0.05 * u
+    assert bent.local_lag_s(5.0) == pytest.approx(0.1 * (1 + a / (1 - a)), rel=1e-9)
+    assert np.isnan(Narx(TERMS[:2], (1.1, 0.5), (0.0, 1.0), (0.0, 1.0), 0.1, 1).local_lag_s(0.0))  # not stable
+    constant = Narx(((), (("u", 1),)), (0.5, 1.0), (0.0, 1.0), (0.0, 1.0), 0.1, 1)
+    assert constant.local_lag_s(2.0) == pytest.approx(0.1, rel=1e-9)
+
+
+def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None:
+    model = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1, 2)
+    rng = np.random.default_rng(0)
+    u, y = 3 + 2 * rng.normal(size=30), np.full(30, 2.0)
+    for t in range(1, 30):
+        v, x = (u[t - 1] - 3) / 2, (y[t - 1] - 1) / 4
+        y[t] = 1 + 4 * (0.8 * x + 0.25 * v - 0.05 * v * x)
+    assert model.simulate(u, y[:1]) == pytest.approx(y, rel=1e-12)
+    assert 1 + 4 * model.one_step((u - 3) / 2, (y - 1) / 4)[1:] == pytest.approx(y[1:], rel=1e-12)
+    wild = Narx(TERMS[:1], (-2.0,), (0.0, 1.0), (0.0, 1.0), 0.1, 1)
+    grown = wild.simulate(np.zeros(20), np.ones(1))
+    assert grown[:10] == pytest.approx((-2.0) ** np.arange(10))  # up to a thousand spreads
+    assert np.isnan(grown[10:]).all()
+
+
+def test_a_score_is_of_what_has_a_value_unless_too_little_has_one() -> None:
+    y = np.arange(20.0)
+    assert module.percent(y, y + np.tile([1.0, -1.0], 10)) == pytest.approx(100 * (1 - np.sqrt(20 / 665)))
+    assert module.percent(y, np.r_[np.nan, y[1:]]) == 100.0
+    assert module.percent(y, np.r_[np.full(3, np.nan), y[3:]]) == -np.inf
+    draws = [1.0, 2.0, 3.0, 4.0] * 25
+    held = spanned(2.5, draws)
+    assert held is not None
+    assert held.u == pytest.approx(np.sqrt(1.25))
+    assert (held.low95, held.high95) == (1.0, 4.0)
+    assert spanned(2.5, [*draws[:89], *[np.nan] * 11]) is None
+    assert spanned(2.5, [*draws[:91], *[np.nan] * 9]) is not None
+    assert spanned(2.5, []) is None
+
+
+def test_a_dead_time_is_taken_off_the_input_and_too_short_a_record_is_refused() -> None:
+    u, y = record(2, 0.0)
+    late = IOData.from_arrays(u, np.r_[np.full(5, y[0]), y[:-5]], 0.1, hold="zoh")
+    found = narx(late, degree=1, lags=1, dead_samples=5, held_out=0.3)
+    assert found.simulated_percent > 75
+    assert found.held_out_percent > 75
+    least = IOData.from_arrays(u[:58], y[:58], 0.1, hold="zoh")
+    assert narx(least, degree=1, lags=2).order <= 2  # 40 samples to be trained with
+    with pytest.raises(InputError, match="39 training samples"):
+        narx(IOData.from_arrays(u[:57], y[:57], 0.1, hold="zoh"), degree=1, lags=2)
