@@ -137,7 +137,7 @@ def test_what_is_new_is_begun_in_lags_of_what_was_there_whatever_their_unit() ->
 
 
 def test_at_the_truth_the_regression_with_filtered_columns_leaves_nothing() -> None:
-    """A y_f = B u_f + offset, both filtered by 1/A; without noise the instruments are nearly the output's own columns."""
+    """A y_f = B u_f + offset, both filtered by 1/A; without noise the instruments are nearly its columns."""
     den, num = np.array([1.0, 1.3, 0.36]), np.array([2.0, 0.8])
     u = record().runs[0].u[:, 0]
     y = simulate(as_model("TF(1,2)").rational({"b0": 2.0, "b1": 0.8, "a1": 1.3, "a2": 0.36}), u, DT, "foh") + 7.0
