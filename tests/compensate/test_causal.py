@@ -2,6 +2,8 @@
 
 import json
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.states import corner_rad_s
-from tcdyn.pipeline.causal import CORNER_LAGS, Causal, Settings
+from tcdyn.pipeline.causal import CORNER_LAGS, Causal, CausalState, Settings
 from tcdyn.traces import DiskChannels
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
@@ -158,3 +160,48 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
     plan = Causal.of(("time_s", "T1"), [channels], None, Settings(), learnt)
     corner = corner_rad_s(chain, plan.engine.intensity / (noise_K**2 * dt_s))
     assert corner == pytest.approx(CORNER_LAGS / lag_s, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"behind_s": -0.1}, {"behind_s": 60.5}, {"learn_s": 0.0}, {"learn_s": 601.0}, {"noise_K": 0.0},
+        {"intensity_K2_s3": -1.0}, {"noise_K": np.inf},
+    ],
+)  # fmt: skip
+def test_settings_that_cannot_be_are_refused(how: dict[str, float]) -> None:
+    with pytest.raises(InputError):
+        Settings(**how)
+    Settings(behind_s=60.0, learn_s=600.0)
+
+
+def waits(delays: tuple[float, ...], rows: int) -> tuple[Causal, CausalState]:
+    """Rows whose first column is the time and whose answers are that time plus ten times the channel's number."""
+    names = ("time_s", *(f"c{k}_degC" for k in range(len(delays))))
+    chains = tuple(SimpleNamespace(delay_s=d) for d in delays)
+    plan = object.__new__(Causal)
+    engine = SimpleNamespace(lag_samples=2)
+    parts = {"names": names, "junctions": names[1:], "dead": (), "chains": chains, "dt_s": 0.5, "engine": engine}
+    for name, value in parts.items():
+        object.__setattr__(plan, name, value)
+    t = 0.5 * np.arange(rows)
+    waiting = np.column_stack([t, *[np.full(rows, -1.0)] * len(delays)])
+    waiting[3:4, 0] = np.nan  # left out by the logger
+    found = np.column_stack([t + 10 * k for k in range(len(delays))])
+    return plan, CausalState(cast(Any, None), np.zeros(0), waiting, found, 2 * found)
+
+
+def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own_time() -> None:
+    """Two samples behind, dead times of none and of 0.6 s: answers come 1.0 and 1.6 s late, 3.2 samples of 0.5 s."""
+    plan, state = waits((0.0, 0.6), 10)
+    assert plan.shifts_s == pytest.approx([1.0, 1.6])
+    assert plan.rows_late == 4
+    left, out = plan._ready(state)
+    time = out[:, 0]
+    assert time.tolist() == [0.0, 0.5, 1.0, 2.0, 2.5]  # of ten rows six, without the one that is not there
+    assert out[:, 1] == pytest.approx(time + 1.0)
+    assert out[:, 2] == pytest.approx(time + 1.6 + 10.0)
+    assert out[:, 3] == pytest.approx(2 * (time + 1.0))
+    assert out[:, 4] == pytest.approx(2 * (time + 1.6 + 10.0))
+    assert len(left.waiting) == len(left.found) == 4
+    assert len(plan._ready(waits((0.0, 0.6), 3)[1])[1]) == 0
