@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -30,7 +32,7 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
     The state at the first knot as wide as the prior; the slope's jump at every sample is q dt, half of it at the first.
     """
     (s,) = of.sensors
-    mean, cov, _ = prior(s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(ranges(of)[0]), DT, np.array([q]))
+    mean, cov, slope_var = prior(s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(ranges(of)[0]), DT, np.array([q]))
     a = expm(s.drift * DT)
     rows, centre = [], []
     sources = [np.linalg.cholesky(cov[0])]
@@ -39,7 +41,7 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
         if k:
             state, blocks = a @ state, [a @ b for b in blocks]
         jump = np.zeros((len(mean), 1))
-        jump[1] = np.sqrt(q * DT * (0.5 if k == 0 else 1.0))
+        jump[1] = np.sqrt(q * DT * (0.5 if k == 0 else 1.0) + slope_var * (round(k * DT, 9) in of.events_s))
         blocks.append(jump)
         centre.append(float(s.output @ state))
         rows.append(np.concatenate([s.output @ b for b in blocks]))
@@ -50,13 +52,13 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
     spread = table[seen] @ table[seen].T + noise_var * np.eye(seen.sum())
     y, m = of.y[seen, 0], np.array(centre)[seen]
     ln = float(multivariate_normal(m, spread).logpdf(y)) + 0.5 * seen.sum() * np.log(2 * np.pi)
-    return ln, float((y - m) @ np.linalg.solve(spread, y - m)) / (seen.sum() - 2)
+    return ln, float((y - m) @ np.linalg.solve(spread, y - m)) / (seen.sum() - 2 - len(of.events_s))
 
 
-@pytest.mark.parametrize("lost", [(), (10, 11, 30)])
-def test_the_likelihood_is_that_of_all_samples_together(lost: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(("lost", "events"), [((), ()), ((10, 11, 30), ()), ((), (2.5,))])
+def test_the_likelihood_is_that_of_all_samples_together(lost: tuple[int, ...], events: tuple[float, ...]) -> None:
     """Up to what does not hang on noise and intensity: the quadratic form leaves the prior's mean out."""
-    of, found, exact, ratios = stretch(0, lost), [], [], []
+    of, found, exact, ratios = replace(stretch(0, lost), events_s=events), [], [], []
     for noise_var, q in ((0.01, 1.0), (0.01, 30.0), (0.04, 1.0), (0.0025, 0.1)):
         value, ratio = likelihood(of, np.array([noise_var]), [[Intensity.constant(q)]], fine=1e-6)
         ln, expected = dense(of, noise_var, q)
