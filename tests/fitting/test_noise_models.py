@@ -160,3 +160,17 @@ def test_volume_and_pull_of_one_number_with_a_prior() -> None:
     assert best.log_volume == pytest.approx(0.5 * np.log(n + 4))
     assert best.u("a") == pytest.approx(1 / np.sqrt(n + 4))
     assert best.pulls["a"] == pytest.approx(2.0 / np.sqrt(0.25 + 1 / n))  # the data's own mean is as far off
+
+
+def test_correlations_are_summed_up_to_the_first_that_chance_explains() -> None:
+    """Eight ones and eight minus ones: 13, 10 and 7 of 16, of which 2/sqrt(16) leaves the first two."""
+    z = np.repeat([1.0, -1.0], 8)
+    assert correlation_length(z) == pytest.approx(1 + 2 * (13 + 10) / 16)
+    assert correlation_length(np.full(16, 3.0)) == 1.0
+    assert correlation_length(z[6:10]) == 1.0  # too few to tell
+
+
+def test_the_scale_of_robust_weights_is_about_the_median_and_the_weights_are_about_nought() -> None:
+    r = np.linspace(-1, 1, 21) + 0.3
+    limit = 1.345 * 1.4826 * 0.5
+    assert weights_of(r, "huber") == pytest.approx(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-12)))
