@@ -129,8 +129,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         dt = dt_s or span / (n - 1)
         return EvenTimes(np.arange(n, dtype=np.intp), dt), [note("sensor.few_decimals", rate_Hz=1 / dt)]
     usual = dt_s or float(np.median(step))
-    many = np.maximum(np.rint(step / usual), 1.0)
-    dt = dt_s or float(step.sum() / many.sum())
+    dt = dt_s or float(step.sum() / np.rint(step / usual).sum())  # a row that came twice is no step
     place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
     away = (time_s - time_s[0]) / dt - place
     away -= np.median(away)
