@@ -8,8 +8,10 @@ import pytest
 from cal_cases import immersion_frame
 from scipy.signal import lfilter
 
+from calibration.checks.clock import check_time
 from calibration.disk import Conditioning
 from calibration.errors import InputError
+from calibration.finding import Place
 from calibration.log import Log, read_log
 from tcdyn.chain import Chain
 from tcdyn.compensate import smooth
@@ -124,6 +126,16 @@ def test_compensation_loses_little_where_stamps_stray_and_samples_are_lost(tmp_p
     error, held = compensated(tmp_path, world)
     assert error < 1.3**2 * even
     assert held > 0.9
+
+
+def test_stamps_that_stray_tell_one_rate_whenever_the_clock_was_begun():
+    _, stamps = stray("samples, evenly spread", 0)
+    soon, late = (check_time(start_s + stamps, Place("log.csv")) for start_s in (0.0, 86_400.0))
+    assert soon.late_s is not None
+    assert late.dt_s == pytest.approx(soon.dt_s, rel=1e-9)
+    assert soon.dt_s == pytest.approx(DT, rel=1e-4)  # ends stray by a fifth of an interval of 2900
+    assert np.array_equal(late.grid, soon.grid)
+    assert late.time_s == pytest.approx(86_400.0 + soon.time_s, abs=1e-6)
 
 
 def test_two_rates_in_one_log_are_refused(tmp_path):

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from cal_cases import oven_frame, oven_truth
+from scipy import stats
 
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
-from calibration.lines.linefit import fit_line
+from calibration.lines.linefit import fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.lines.oven import error_histogram, error_statistics, steady_minutes
 from calibration.lines.static import (
     StaticLine,
@@ -40,6 +41,98 @@ def test_the_line_agrees_with_nists_norris_to_ten_digits():
     for own, theirs in zip((fit.slope, fit.intercept, u[0], u[1], fit.sd), certified):
         assert own == pytest.approx(theirs, rel=1e-10)
     assert fit.r_squared == pytest.approx(0.999993745883712, rel=1e-10)
+
+
+def left_over(columns, y) -> float:
+    """Sum of squares that least squares on these columns leaves of y."""
+    return float(np.sum((y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]) ** 2))
+
+
+def nested_p(small, large, y) -> float:
+    """p of the F test of the columns that the larger model has beside those of the smaller."""
+    n, few, many = len(y), small.shape[1], large.shape[1]
+    free, rest = left_over(small, y), left_over(large, y)
+    return float(stats.f.sf((free - rest) / (many - few) / (rest / (n - many)), many - few, n - many))
+
+
+def repeats_of_a_line() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Place (N,), noisy y (N,) and repeat (N,) of five places in four repeats, unevenly spread."""
+    x = np.tile([20.0, 30.0, 80.0, 100.0, 160.0], 4)
+    return x, 1.02 * x - 0.3 + np.random.default_rng(8).normal(0, 0.2, 20), np.repeat([0, 1, 2, 3], 5)
+
+
+def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
+    """Each point left out in turn, and asked whether the line through the rest foretells it: the same p for each."""
+    x, y, _ = repeats_of_a_line()
+    x, y = np.append(x, 400.0), np.append(y, 410.0)  # one far away, too, which holds the line
+    n, p = len(x), np.empty(len(x))
+    for i in range(n):
+        rest = np.arange(n) != i
+        slope, intercept, *_ = stats.linregress(x[rest], y[rest])
+        s = np.sqrt(np.sum((y[rest] - slope * x[rest] - intercept) ** 2) / (n - 3))
+        dx = x[rest] - x[rest].mean()
+        u = s * np.sqrt(1 + 1 / (n - 1) + (x[i] - x[rest].mean()) ** 2 / np.sum(dx**2))
+        p[i] = 2 * stats.t.sf(abs(y[i] - slope * x[i] - intercept) / u, n - 3)
+    order = np.argsort(p)
+    for many in (1, 5, 12, 20):
+        between = np.sqrt(p[order[many - 1]] * p[order[many]])
+        assert outlying(fit_line(x, y), n * between) == sorted(order[:many].tolist())
+
+
+def test_the_tests_of_a_line_are_f_tests_of_a_model_with_more_columns():
+    x, y, repeat = repeats_of_a_line()
+    fit, line = fit_line(x, y), np.column_stack([np.ones(20), x])
+    assert quadratic_p(fit) == pytest.approx(nested_p(line, np.column_stack([line, x**2]), y), rel=1e-9)
+    places = (x[:, None] == np.unique(x)).astype(float)
+    assert lack_of_fit_p(fit, x) == pytest.approx(nested_p(line, places, y), rel=1e-9)
+    own = np.column_stack([(repeat[:, None] == np.arange(4)).astype(float), x])
+    within, _, p = repeat_shift(fit, repeat)
+    assert p == pytest.approx(nested_p(line, own, y), rel=1e-9)
+    assert within == pytest.approx(np.sqrt(left_over(own, y) / 15), rel=1e-9)
+    # repeats that lie at -3, -1, 1 and 3 of 10 kelvin each, hardly any noise: their mean is good to sd/sqrt(4)
+    shifted = fit_line(x, y + 10.0 * (2 * repeat - 3))
+    assert repeat_shift(shifted, repeat)[1] == pytest.approx(10 * np.std([-3, -1, 1, 3], ddof=1) / 2, rel=0.02)
+
+
+def test_repeats_that_are_the_same_shift_by_nothing():
+    x, y, repeat = repeats_of_a_line()
+    within, u, p = repeat_shift(fit_line(x, np.tile(y[:5], 4)), repeat)
+    assert within > 0.1
+    assert (u, p) == (0.0, pytest.approx(1.0))
+
+
+def test_noise_of_the_logged_side_is_what_the_known_error_leaves_unexplained():
+    x, y, _ = repeats_of_a_line()
+    plain = fit_line(x, y)
+    assert fit_line(x, y, u_y=plain.sd).slope == plain.slope  # it explains all
+    freed = fit_line(x, y, u_y=plain.sd / 2)
+    # 3/4 of the residuals' variance is then x's: slope^2 u_x^2
+    u_x2 = 0.75 * plain.sd**2 / plain.slope**2
+    assert freed.slope == pytest.approx(plain.slope / (1 - u_x2 / np.var(x)), rel=1e-12)
+    in_mV = fit_line(x, 40 * y, u_y=20 * plain.sd)
+    assert in_mV.slope == pytest.approx(40 * freed.slope, rel=1e-12)
+
+
+def test_places_that_differ_by_rounding_are_one_place():
+    with pytest.raises(InputError, match="one place"):
+        fit_line([1e3 * (0.1 + 0.2), 300.0, 300.0], [1.0, 2.0, 3.0])
+    assert fit_line([300.001, 300.0, 300.0], [2.0, 1.0, 1.0]).slope == pytest.approx(1000.0)
+
+
+def test_too_few_points_are_asked_nothing():
+    x = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    y = x + np.array([0.1, -0.1, 0.05, 0.1, -0.1])
+    four, five = fit_line(x[:4], y[:4]), fit_line(x, y)
+    assert quadratic_p(four) is None
+    assert quadratic_p(five) is not None
+    assert lack_of_fit_p(five, [0, 0, 1, 1, 1]) is None  # a line goes through two means
+    assert lack_of_fit_p(five, [0, 1, 2, 3, 3]) is None  # one difference tells no scatter
+    assert lack_of_fit_p(five, [0, 0, 1, 1, 2]) is not None
+    assert repeat_shift(five, [0, 0, 0, 0, 0]) == (None, 0.0, None)
+    assert repeat_shift(four, [0, 0, 1, 1]) == (None, 0.0, None)
+    assert repeat_shift(five, [0, 0, 1, 1, 1])[0] is not None
+    assert outlying(four, 1e9) == []  # one degree of freedom is left without a point
+    assert outlying(five, 1e9) == [0, 1, 2, 3, 4]
 
 
 def coverage(ovens) -> dict[str, float]:
