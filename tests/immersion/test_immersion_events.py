@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from immersion.events import LATE_U_S, find_entry, probe_time, reconcile_entry, switch_time, useful_end
+from immersion.events import LATE_U_S, find_entry, probe_time, reconcile_entry, rise_time, switch_time, useful_end
 
 T = np.arange(0, 60, 1 / 75)
 ENTRY = 20.004
@@ -101,3 +101,13 @@ def test_junctions_that_rise_within_the_first_second_tell_no_entry(entry_s: floa
     t, readings = junctions(120.0, entry_s)
     with pytest.raises(InputError, match="no entry found"):
         find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
+
+
+def test_noise_moves_the_rise_of_the_junctions_by_little_since_it_is_averaged_over_a_fifth_of_a_second() -> None:
+    """Readings of 0.5 K noise: sd 0.07 K of the mean, 0.3 K of one row, where a disk of 120 s begins by 0.5 K/s."""
+    t, quiet = junctions(120.0, 12.0)
+    bath, rng = np.full(len(t), 107.0), np.random.default_rng(2)
+    clear = rise_time(t, quiet, bath)
+    assert clear is not None
+    found = [rise_time(t, quiet + rng.normal(0, 0.5, quiet.shape), bath) for _ in range(5)]
+    assert np.abs(np.array(found, dtype=float) - clear).mean() < 0.3

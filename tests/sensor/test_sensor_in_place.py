@@ -12,7 +12,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.sensor import read_sensor
 from tcdyn.sensor.current import MODES, current_sensor, cylinder
-from tcdyn.sensor.fluctuations import noise_sensor
+from tcdyn.sensor.fluctuations import _lags, noise_sensor
 from tcdyn.sensor.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_study import DRAWS, noise
@@ -101,6 +101,12 @@ def test_a_second_lag_that_goes_to_nothing_is_none() -> None:
     """Draw 62 of the study: the fit of two lags ends with 1e-95 s for one of them."""
     [(lag, true)] = noise(62)
     assert lag.covers(true)
+
+
+def test_of_two_lags_the_longer_is_told_first_and_one_of_a_millionth_is_not_told() -> None:
+    assert _lags(np.log([1.0, 1.0, 0.3, 2.0])) == pytest.approx([2.0, 0.3])
+    assert _lags(np.log([1.0, 1.0, 2.0, 2.1e-6])) == pytest.approx([2.0, 2.1e-6])
+    assert _lags(np.log([1.0, 1.0, 2.0, 1.9e-6])) == pytest.approx([2.0])
 
 
 def test_noise_tells_when_its_conditions_do_not_hold() -> None:

@@ -11,7 +11,7 @@ import pytest
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.sensor import read_sensor
-from tcdyn.sensor.film import STREAMS, Film
+from tcdyn.sensor.film import STREAMS, Film, Stream
 from tcdyn.sensor.plunge import plunge_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_world import FINE, Array, lagged, write
@@ -92,6 +92,50 @@ def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_
     assert 15 < fit["lag_air_s"]["value"] < 35  # 3 mm: rho c d/4 = 2700 J/m2K over h of 105 W/m2K
     with pytest.raises(InputError, match="water or air"):
         Film("oil", 3e-3)
+
+
+@pytest.mark.parametrize(("medium", "speed"), [("water", 0.1), ("air", 20.0), ("air", None)])
+def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(medium: str, speed: float | None) -> None:
+    """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h' and rho c."""
+    film, lag = Film(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
+    own = film.stream
+    assert (own.k_W_mK, own.speed_m_s) == (STREAMS[medium].k_W_mK, speed or 3.0)
+    fit = film.to_fit(lag)
+    best = np.array([own.h_W_m2K(3e-3), 0.0, 3.6e6, 2.0])
+    told = 0
+    for name, stream in STREAMS.items():
+        if name == medium and speed is None:
+            assert f"lag_{name}_s" not in fit
+            continue
+        best[1] = stream.h_W_m2K(3e-3)
+
+        def there(of: Array) -> float:
+            return float(of[3] + of[2] * 3e-3 / 4 * (1 / of[1] - 1 / of[0]))
+
+        u = np.append(0.15 * best[:3], 0.05)
+        moves = [there(best + 1e-3 * u * side) for side in np.eye(4)]
+        found = fit[f"lag_{name}_s"]
+        assert isinstance(found, dict)
+        assert found["value"] == pytest.approx(there(best), rel=1e-9)
+        assert found["u"] == pytest.approx(1e3 * np.linalg.norm(np.array(moves) - there(best)), rel=1e-3)  # curved
+        told += 1
+    assert told == 1 + (speed is not None)
+    assert fit["diameter_mm"] == pytest.approx(3.0)
+    h = fit["h_W_m2K"]
+    assert isinstance(h, dict)
+    assert (h["value"], h["u"]) == pytest.approx((best[0], 0.15 * best[0]))
+
+
+def test_h_across_a_stream_is_known_where_the_correlation_s_bracket_is_known() -> None:
+    """At Pr = 0.4 and Re = 282 000 its brackets are 2 and 2: Nu = 0.3 + 0.62 Re^1/2 Pr^1/3 2^(4/5 - 1/4)."""
+    nu = 0.3 + 0.62 * 282e3**0.5 * 0.4 ** (1 / 3) * 2**0.55
+    assert Stream(0.5, 1e-5, 0.4, 28.2).h_W_m2K(0.1) == pytest.approx(nu * 0.5 / 0.1, rel=1e-12)
+
+
+@pytest.mark.parametrize(("diameter_m", "speed"), [(0.3, None), (5e-6, None), (3e-3, 0.0), (3e-3, 250.0)])
+def test_a_film_of_impossible_size_or_speed_is_refused(diameter_m: float, speed: float | None) -> None:
+    with pytest.raises(InputError, match=f"diameter {1e3 * diameter_m:g} mm"):
+        Film("air", diameter_m, speed)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
