@@ -1,0 +1,279 @@
+"""Marks, lines and words of pictures stand where the numbers say that they are drawn from."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.text import Annotation
+
+from calibration.estimate import Z95, Estimate
+from calibration.lines.linefit import fit_line
+from calibration.lines.static import fit_static_lines, static_u
+from calibration.rig import load_rig
+from tcdyn.chain import Chain
+from tcdyn.plots import calibration as pictures
+from tcdyn.plots import partition as partitions
+from tcdyn.plots.campaign import name_points
+from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
+from tcdyn.plots.style import figure
+from tcdyn.plots.transient import draw_referee
+from tests.calibration.cal_cases import oven_frame
+from tests.pictures import bars
+
+RIG = load_rig()
+
+
+def drawn(line: Any) -> np.ndarray:
+    """Points (N, 2) of a line."""
+    return np.transpose(line.get_data()).astype(float)
+
+
+def axes() -> Axes:
+    return figure()[1][0]
+
+
+def unloaded() -> Any:
+    """A log of 20 000 rows at 10 Hz that parts at 1500 s, its rows from 1000 on analysed; both disks as on the rig."""
+    time_s, rows = np.arange(20_000) / 10, slice(10_000, 20_000)
+    disks, done = {}, {}
+    for disk, offset in (("fast", 0.0), ("slow", 100.0)):
+        setup = RIG.disk_setup(disk)
+        readings = offset + np.arange(len(setup.channels)) + time_s[:, None] / 100
+        disks[disk] = SimpleNamespace(setup=setup, left_out="", readings_degC=readings)
+        done[disk] = SimpleNamespace(temperature=readings[rows] + 1.0, sd=np.full_like(readings[rows], 0.25))
+    events = SimpleNamespace(unload_s=1500.0, load_on_s=50.0)
+    return SimpleNamespace(test=SimpleNamespace(time_s=time_s, events=events, disks=disks), rows=rows, compensated=done)
+
+
+def test_an_unloading_is_drawn_about_the_parting_with_bands_of_95_percent() -> None:
+    p = unloaded()
+    ax = partitions.draw_unloading(p, "slow", axes(), before_s=2.0, after_s=4.0)
+    setup = p.test.disks["slow"].setup
+    lines = [line for line in ax.lines if len(drawn(line)) == 61]  # of six seconds
+    channels = list(partitions.shown(setup, ""))
+    assert len(channels) == 3
+    assert [line.get_label() for line in lines[1::2]] == [
+        f"{c}, {1e3 * setup.junctions[c].depth_m:g} mm deep, compensated" for c in channels
+    ]
+    assert "e, 1.25 mm deep, compensated" in [line.get_label() for line in lines]
+    for c, logged, compensated, band in zip(channels, lines[::2], lines[1::2], ax.collections):
+        level = 100.0 + setup.channels.index(c) + 15.0  # at the parting
+        t, y = drawn(logged).T
+        assert (t[0], t[-1]) == pytest.approx((-2.0, 4.0))
+        assert y == pytest.approx(level + t / 100)
+        assert drawn(compensated)[:, 1] == pytest.approx(y + 1.0)
+        low, high = band.get_datalim(ax.transData).intervaly
+        assert (low, high) == pytest.approx((y[0] + 1 - 0.25 * Z95, y[-1] + 1 + 0.25 * Z95))
+
+
+def test_temperatures_of_a_whole_test_are_drawn_by_every_third_row_of_20_000() -> None:
+    p = unloaded()
+    ax = partitions.draw_temperatures(p, axes())
+    *channels, on, off = ax.lines
+    assert len(channels) == 6
+    for line in channels:
+        disk, c = str(line.get_label()).split()
+        level = (100.0 if disk == "slow" else 0.0) + p.test.disks[disk].setup.channels.index(c)
+        t, y = drawn(line).T
+        assert np.diff(t) == pytest.approx(0.3)
+        assert t[-1] > 1999
+        assert y == pytest.approx(level + t / 100)
+    assert (on.get_xdata()[0], off.get_xdata()[0]) == (50.0, 1500.0)  # type: ignore[index]
+
+
+@pytest.mark.parametrize(("disk", "word"), [("fast", "A + B h"), ("slow", "1 - (C + D h)")])
+def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(disk: str, word: str) -> None:
+    share = SimpleNamespace(intercept=0.2, slope=1e-4)
+    h = {way: Estimate.normal(at, 50.0) for way, at in (("cooling", 800.0), ("joint", 1000.0))}
+    beta = {w: Estimate.normal(0.2 + 1e-4 * e.value, 0.01) for w, e in h.items()}
+    if disk == "slow":
+        beta = {w: Estimate.normal(1 - e.value, e.u) for w, e in beta.items()}
+    answers = {**beta, **{f"h {w}": e for w, e in h.items()}}
+    p: Any = SimpleNamespace(disk=disk, answers=answers, withheld=(), line=SimpleNamespace(line=share))
+    ax = partitions.draw_line(p, axes())
+    line = drawn(ax.lines[0])
+    assert word in str(ax.lines[0].get_label())
+    assert line[:, 0] == pytest.approx([0.0, 1250.0])  # a quarter beyond the larger h
+    marks, low, high = bars(ax)
+    assert marks.astype(float) == pytest.approx(np.array([[e.value, beta[w].value] for w, e in h.items()]))
+    for x, y in marks:
+        assert np.interp(x, *line.T) == pytest.approx(y)
+    assert (high - low)[::2] == pytest.approx(2 * Z95 * 50.0)  # those along h
+
+
+def test_lines_of_transducers_end_with_their_points() -> None:
+    volts, session = np.array([0.0, 1.0, 2.0, 0.5, 1.5, 3.0]), np.array(["a"] * 3 + ["b"] * 3)
+    line: Any = SimpleNamespace(
+        slope_N_V=Estimate.normal(200.0, 1.0),
+        intercept_N={"a": Estimate.normal(5.0, 1.0), "b": Estimate.normal(-10.0, 1.0)},
+    )
+    force = 200 * volts + np.repeat([5.0, -10.0], 3)
+    ax = pictures.draw_transducer(line, volts, force, session, axes())
+    assert drawn(ax.lines[1]) == pytest.approx(np.array([[0.0, 5.0], [2.0, 405.0]]))
+    assert drawn(ax.lines[3]) == pytest.approx(np.array([[0.5, 90.0], [3.0, 590.0]]))
+    load = np.array([500.0, 1000.0, 3000.0])
+    bearing: Any = SimpleNamespace(speeds_rpm=[400.0], lines=[fit_line(load, 3.0 + load / 250)])
+    dots, through = pictures.draw_bearing(bearing, axes()).lines
+    assert dots.get_label() == "400 rpm"
+    assert drawn(through) == pytest.approx(np.array([[500.0, 5.0], [3000.0, 15.0]]))
+
+
+def test_residuals_of_channels_stand_side_by_side_about_the_prt_in_a_band_of_95_percent() -> None:
+    oven = fit_static_lines(oven_frame())
+    ax = pictures.draw_residuals(oven, axes())
+    prt = oven.residuals["prt_degC"].to_numpy(dtype=float)
+    places = np.array([drawn(line)[:, 0] for line in ax.lines[:6]])
+    assert places.mean(axis=0) == pytest.approx(prt)
+    assert np.diff(places, axis=0) == pytest.approx(0.006 * np.ptp(prt))
+    for line in ax.lines[:6]:
+        assert drawn(line)[:, 1] == pytest.approx(oven.residuals[f"{line.get_label()}_degC"].to_numpy())
+    tones = [float(str(line.get_color())) for line in ax.lines[:6]]
+    assert tones == pytest.approx(np.linspace(0.0, 0.6, 6))  # black to grey
+    first = next(iter(oven.lines.values()))
+    (band,) = ax.collections
+    widest = 1.96 * static_u(first, first.range_degC).max()  # at the ends
+    assert band.get_datalim(ax.transData).intervaly == pytest.approx([-widest, widest])
+    assert ax.lines[6].get_ydata() == pytest.approx([0.0, 0.0])
+
+
+def test_the_lag_s_sources_stand_in_pairs_the_largest_on_top() -> None:
+    shares: Any = [
+        SimpleNamespace(source=name, u_common_s=common, u_differential_s=rest)
+        for name, common, rest in (("depth", 0.04, 0.01), ("noise", 0.01, 0.02), ("h", 0.1, 0.0))
+    ]
+    ax = pictures.draw_lag_budget(shares, axes())
+    common, rest = ax.containers
+    for drawn_, side, lengths in ((common, 0.19, [0.01, 0.04, 0.1]), (rest, -0.19, [0.02, 0.01, 0.0])):
+        assert [b.get_width() for b in drawn_] == pytest.approx(lengths)
+        assert [b.get_y() + b.get_height() / 2 for b in drawn_] == pytest.approx(np.arange(3) + side)
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["noise", "depth", "h"]
+    assert ax.get_xlim() == pytest.approx((0.0, 0.11))
+    for text in ax.texts:
+        x, y = text.get_position()
+        bar = [b for b in (*common, *rest) if abs(b.get_y() + b.get_height() / 2 - y) < 1e-9]
+        assert len(bar) == 1
+        assert float(text.get_text()) == pytest.approx(bar[0].get_width())
+        assert x == pytest.approx(bar[0].get_width() + 0.001)  # a hundredth of the longest bar beyond its end
+
+
+def test_the_histogram_of_errors_counts_them_all_between_lines_that_hold_95_percent() -> None:
+    errors = np.linspace(-1.0, 1.0, 201)
+    ax = pictures.draw_error_histogram(errors, axes(), width_K=0.25)
+    assert sum(b.get_height() for b in ax.containers[0]) == 201  # type: ignore[attr-defined]
+    assert [line.get_xdata()[0] for line in ax.lines] == pytest.approx([0.0, -0.95, 0.95])  # type: ignore[index]
+    assert pictures.bin_width(np.array([0.0, 2.4])) == 0.2  # twelve of them
+    assert pictures.bin_width(np.array([0.0, 2.3])) == 0.1
+    assert pictures.bin_width(np.array([3.0, 3.0])) == 0.1
+
+
+def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_most() -> None:
+    prt = np.linspace(20.0, 160.0, 8)
+    oven: Any = SimpleNamespace(
+        frame=pd.DataFrame({"prt_degC": prt, "a_degC": prt + 0.5}), kind="oven", channels=["a_degC"], metadata={}
+    )
+    (dots,) = pictures.draw_log(oven, axes()).lines
+    assert drawn(dots) == pytest.approx(np.column_stack([prt, np.full(8, 0.5)]))
+    names = [f"{c}_degC" for c in "abcdefgh"]
+    t = np.arange(12_000) / 75
+    log: Any = SimpleNamespace(
+        frame=pd.DataFrame({"time_s": t, **dict.fromkeys(names, t)}), kind="ehl", channels=names, metadata={}
+    )
+    lines = pictures.draw_log(log, axes()).lines
+    assert drawn(lines[0])[:, 0] == pytest.approx(t[::3])
+    assert [line.get_linestyle() for line in lines] == ["-"] * 6 + ["--"] * 2
+    assert lines[0].get_color() == lines[6].get_color() != lines[1].get_color()
+
+
+@pytest.mark.parametrize("taus_s", [(2.0,), (1.5, 0.5)])
+def test_a_chain_is_drawn_by_its_step_response_from_before_the_step_to_six_lags(taus_s: tuple[float, ...]) -> None:
+    step, answer, lag = pictures.draw_chain(Chain(taus_s), axes()).lines
+    t, y = drawn(answer).T
+    assert (t[0], t[-1]) == (pytest.approx(-0.6, abs=0.03), pytest.approx(12.0, abs=0.03))  # rows are 0.02 s
+    assert drawn(step)[:, 1] == pytest.approx((t > -1e-9).astype(float))
+    since = np.maximum(t, 0.0)
+    if len(taus_s) == 1:
+        expected = 1 - np.exp(-since / 2.0)
+    else:
+        expected = 1 - (1.5 * np.exp(-since / 1.5) - 0.5 * np.exp(-since / 0.5)) / (1.5 - 0.5)
+    assert y == pytest.approx(expected, abs=0.012)  # a row of 0.02 s at 0.5/s
+    assert lag.get_xdata()[0] == pytest.approx(2.0)  # type: ignore[index]
+    assert lag.get_label() == "lag 2 s"
+
+
+def test_names_over_a_picture_take_as_many_rows_as_keep_them_apart() -> None:
+    ax = axes()
+    name_points(ax, [10.0, 10.2, 20.0], ["A1", "A2", "B1"])
+    assert ax.get_xlim() == pytest.approx((9.4, 20.6))  # six hundredths of the span on either side
+    texts = {t.get_text(): t for t in ax.texts if isinstance(t, Annotation)}
+    assert [texts[n].xyann for n in ("A1", "A2", "B1")] == [(0, 3), (0, 13), (0, 3)]
+    assert sorted(line.get_xdata()[0] for line in ax.lines) == [10.0, 10.2, 20.0]  # type: ignore[index]
+    alone = axes()
+    name_points(alone, [50.0], ["A1"])
+    assert alone.get_xlim() == pytest.approx((45.0, 55.0))
+    apart = axes()  # of the axes' width 0.013 a letter and 0.006: 0.032; the span is 0.893 of it
+    for gap, second in ((0.035, 13), (0.037, 3)):
+        apart.clear()
+        name_points(apart, [0.0, gap, 1.0], ["A1", "A2", "B1"])
+        assert {t.get_text(): t.xyann[1] for t in apart.texts if isinstance(t, Annotation)}["A2"] == second
+
+
+def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> None:
+    table = pd.DataFrame({"disk": ["fast", "slow"], "quantity": ["beta", "h_W_m2K"], "z": [-5.0, 0.5]})
+    ax = draw_referee(table, axes())
+    assert [drawn(line)[0].tolist() for line in ax.lines[:2]] == [[-5.0, 1.0], [0.5, 0.0]]
+    assert [t.get_text() for t in ax.get_yticklabels()] == ["fast β", "slow h"]
+    assert ax.get_xlim() == pytest.approx((-6.0, 6.0))
+    assert ax.get_ylim() == pytest.approx((-0.6, 1.6))
+    assert draw_referee(table.assign(z=0.1), axes()).get_xlim() == (-3.0, 3.0)
+    (band,) = ax.patches
+    assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx([-2.0, 2.0])
+
+
+def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_events_inside() -> None:
+    t = np.arange(12_000) / 10
+    flags = np.zeros((12_000, 2), dtype=int)
+    flags[[3000, 9000, 9003], 1] = 1
+    y = np.column_stack([t, 2 * t])
+    y[9003] = np.nan
+    result: Any = SimpleNamespace(
+        time_s=t, temperature=np.column_stack([t, 2 * t + 5]), sd=np.full((12_000, 2), 0.5), flags=flags,
+        events_s=((500.0, "load"), (900.0, "parting"), (1100.0, "stop")),
+    )  # fmt: skip
+    ax = draw_compensated(result, y, axes(), channel=1, window_s=(300.0, 1000.0))
+    logged, done, bad, event, last = ax.lines
+    x = drawn(done)[:, 0]
+    assert x == pytest.approx(300 + 0.1 * np.arange(7001))
+    assert drawn(done)[:, 1] == pytest.approx(2 * x + 5)
+    assert np.nanmax(np.abs(drawn(logged)[:, 1] - 2 * x)) < 1e-9
+    assert drawn(bad) == pytest.approx(np.array([[300.0, 600.0], [900.0, 1800.0]]))
+    assert [event.get_xdata()[0], last.get_xdata()[0]] == [500.0, 900.0]  # type: ignore[index]
+    (band,) = ax.collections
+    assert band.get_datalim(ax.transData).intervaly == pytest.approx([605 - Z95 / 2, 2005 + Z95 / 2])
+    whole = draw_compensated(result, None, axes()).lines[0]
+    assert drawn(whole)[:, 0] == pytest.approx(t[::3])
+
+
+def test_the_chosen_weight_stands_on_the_l_curve_between_its_neighbours() -> None:
+    weights = np.array([[1.0], [100.0]])
+    tradeoff: Any = SimpleNamespace(
+        misfit=np.array([[4.0], [1.0]]), roughness=np.array([[1.0], [9.0]]), intensity=weights,
+        chosen=np.array([10.0]), criterion="the corner",
+    )  # fmt: skip
+    _, chosen = draw_tradeoff(tradeoff, axes()).lines
+    assert drawn(chosen) == pytest.approx(np.array([[2.0, 3.0]]))  # geometric means
+
+
+def test_a_step_before_use_is_drawn_for_eight_rise_times_at_most() -> None:
+    t = np.linspace(0.0, 100.0, 11)
+    report: Any = SimpleNamespace(
+        step_time_s=t, raw_step=t / 100, step=t / 50, raw_rise_s=2.0, rise_s=0.5, remaining_shift_s=0.125,
+        noise_gain=3.0,
+    )  # fmt: skip
+    assert draw_before_use(report, axes()).get_xlim() == (0.0, 16.0)
+    report.raw_rise_s = 20.0
+    assert draw_before_use(report, axes()).get_xlim() == (0.0, 100.0)
