@@ -56,6 +56,8 @@ def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
     assert parts["nu"] == pytest.approx(f.u_nu / 4, rel=0.05)  # h ~ nu^-1/4; one-sided step of 5 %
     assert parts["k"] == pytest.approx(0.75 * f.u_k, rel=0.05)
     assert parts["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
+    for name in ("rho", "c"):
+        assert parts[name] == pytest.approx(getattr(f, f"u_{name}") / 4, rel=0.05)
     assert parts["total"] == pytest.approx(np.sqrt(sum(v**2 for k, v in parts.items() if k != "total")))
 
 
@@ -68,6 +70,20 @@ def test_ranges_are_checked_and_said() -> None:
     slender = check_validity(Bath(fluid("water"), correlation("5.4"), 0.3, 0.005), 20.0, 80.0)
     (thin,) = [f for f in slender if f.code == "correlation.no_plate"]
     assert thin.numbers["ratio"] < thin.numbers["least"]
+
+
+def test_what_is_near_the_bath_is_not_asked_for_its_range() -> None:
+    """Below a tenth of the largest difference Gr falls to nothing; what counts lies between the ends that are told."""
+
+    def ran(surface: np.ndarray) -> tuple[float, ...]:
+        thin = Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762)
+        (told,) = [f for f in check_validity(thin, surface, 110.0) if f.code == "correlation.range"]
+        return tuple(told.numbers["ran"])
+
+    whole = ran(np.array([30.0, 101.9]))  # a difference of 80 K, and of 8.1
+    assert ran(np.array([30.0, 101.9, 102.1, 109.9])) == whole
+    assert set(ran(np.array([30.0]))) < set(whole)
+    assert whole[0] < whole[1]
 
 
 def test_the_disk_of_the_thesis_may_be_treated_as_a_plate() -> None:

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from immersion.events import LATE_U_S, find_entry, probe_time, reconcile_entry, rise_time, switch_time, useful_end
+from immersion.events import (
+    LATE_U_S,
+    EntryEvent,
+    find_entry,
+    probe_time,
+    reconcile_entry,
+    rise_time,
+    switch_time,
+    useful_end,
+)
 
 T = np.arange(0, 60, 1 / 75)
 ENTRY = 20.004
@@ -111,3 +120,69 @@ def test_noise_moves_the_rise_of_the_junctions_by_little_since_it_is_averaged_ov
     assert clear is not None
     found = [rise_time(t, quiet + rng.normal(0, 0.5, quiet.shape), bath) for _ in range(5)]
     assert np.abs(np.array(found, dtype=float) - clear).mean() < 0.3
+
+
+def test_two_witnesses_are_weighed_by_their_variances_to_the_last_digit() -> None:
+    """0.3 and 0.4 s: weights 0.64 and 0.36, 0.24 s together, 0.5 s of the difference."""
+
+    def of(difference_s: float, **more: float) -> EntryEvent:
+        return reconcile_entry(
+            20.0, 20.0 + difference_s, **{"switch_u_s": 0.3, "probe_u_s": 0.4, "sample_s": 0.0, **more}
+        )
+
+    for d, u, grades in ((0.5, 0.24, []), (1.5, 0.36, ["note"]), (-1.5, 0.36, ["note"]), (2.1, 0.504, ["look"])):
+        event = of(d)
+        assert (event.time_s, event.u_s) == pytest.approx((20.0 + 0.36 * d, u))
+        assert [f.grade.value for f in event.findings] == grades
+    assert of(2.99).u_s == pytest.approx(0.24 * 2.99)
+    with pytest.raises(InputError, match="agreement within 3 s"):
+        of(3.01)
+    assert of(5.9, switch_u_s=0.6, probe_u_s=0.8).source == "switch and probe"  # within six of 1 s
+    with pytest.raises(InputError, match="agreement"):
+        of(6.1, switch_u_s=0.6, probe_u_s=0.8)
+
+
+def test_one_witness_is_less_sure_than_it_says_and_as_coarse_as_the_rows() -> None:
+    """0.3 s and rows of 0.4 s times the root of twelve: 0.5 s."""
+    rows = {"switch_u_s": 0.3, "probe_u_s": 0.3, "sample_s": 0.4 * 12**0.5}
+    assert reconcile_entry(20.0, None, **rows).u_s == pytest.approx(1.5 * 0.5)
+    assert reconcile_entry(None, 20.0, **rows).u_s == pytest.approx(2 * 0.5)
+    assert reconcile_entry(20.0, 20.0, **rows).u_s == pytest.approx(0.5 / 2**0.5)
+
+
+def test_a_second_press_a_second_later_is_no_bounce() -> None:
+    first, again = (pressed(ENTRY + after, held=False) for after in (0.0, 1.1))
+    assert switch_time(T, np.maximum(first, again))[1] is False
+    assert switch_time(T, np.maximum(first, pressed(ENTRY + 0.9, held=False)))[1] is True
+
+
+def test_a_probe_s_uncertainty_grows_with_the_time_it_takes_and_a_sudden_one_has_none_of_that() -> None:
+    """From 5 to 50 % a lag takes ln(0.95/0.5) of itself; a step tells the middle of its sample."""
+    for lag in (0.5, 4.0):
+        found = probe_time(T, probe(lag, noise=0.0))
+        assert found is not None
+        assert found[1] == pytest.approx(np.hypot(0.05, 0.05 * lag * np.log(0.95 / 0.5)), rel=0.02)  # whole rows
+    sudden = probe_time(T, np.where(T < ENTRY, 27.0, 110.0))
+    assert sudden == (pytest.approx(ENTRY, abs=1 / 150 + 1e-9), 0.05)
+
+
+def test_a_probe_that_moves_by_less_than_three_kelvin_tells_nothing() -> None:
+    since = np.clip(T - ENTRY, 0, None)
+    for step, told in ((2.9, False), (3.1, True), (-2.9, False), (-3.1, True)):
+        assert (probe_time(T, 27 + step * (1 - np.exp(-since / 0.3))) is not None) == told
+    assert probe_time(T[:19], np.linspace(20, 90, 19)) is None  # too few rows
+    falling = probe_time(T, 110 - 60 * (1 - np.exp(-since / 0.3)))
+    assert falling is not None
+    assert falling[0] == pytest.approx(ENTRY, abs=0.02)
+
+
+def test_the_record_ends_at_two_percent_or_where_the_disk_began_to_go_back() -> None:
+    t = np.arange(0, 400, 0.1)
+    bath = np.full(len(t), 110.0)
+    share = np.exp(-np.clip(t - 10, 0, None) / 60)
+    # means over a second lie half a second later than they begin, the first one, too
+    assert useful_end(t, (110 - 80 * share)[:, None], bath, 10.0) == pytest.approx(10.5 + 60 * np.log(50), abs=0.11)
+    for back, end in ((0.015, 399.9), (0.025, 70.5)):  # 0.37 at 70 s; less than two hundredths back is noise
+        gone = np.where(t < 70, share, np.exp(-1.0) + back * (1 - np.exp(-(t - 70) / 10)))
+        assert useful_end(t, (110 - 80 * gone)[:, None], bath, 10.0) == pytest.approx(end, abs=1.1)
+    assert useful_end(t, (110 - 80 * share)[:, None], bath, 399.95) == t[-1]
