@@ -186,3 +186,11 @@ def test_the_record_ends_at_two_percent_or_where_the_disk_began_to_go_back() -> 
         gone = np.where(t < 70, share, np.exp(-1.0) + back * (1 - np.exp(-(t - 70) / 10)))
         assert useful_end(t, (110 - 80 * gone)[:, None], bath, 10.0) == pytest.approx(end, abs=1.1)
     assert useful_end(t, (110 - 80 * share)[:, None], bath, 399.95) == t[-1]
+
+
+def test_the_level_before_a_probe_s_jump_is_that_of_the_last_ten_seconds() -> None:
+    """Air that became 3 K warmer eight seconds before the entry; by the level at the start it seems 0.2 s ago."""
+    warmer = np.where(T < 12, 27.0, 30.0) + 80 * (1 - np.exp(-np.clip(T - ENTRY, 0, None) / 4.0))
+    found = probe_time(1000 + T, warmer)
+    assert found is not None
+    assert abs(found[0] - 1000 - ENTRY) < found[1] < 0.15
