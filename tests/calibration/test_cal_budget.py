@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import date
+from datetime import date, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from calibration.compare import diff_records
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
+from calibration.estimate import with_u
 from calibration.lines.budget import Contribution, RestBudget, rest_budget
 from calibration.lines.static import apply_static, fit_static_lines, static_u, whole_u
 from calibration.record import DiskRecord
 from calibration.rig import load_rig, parse_rig, rig_toml
 from calibration.traceability import TraceabilityTable
 from tcdyn.report.page import render_page
-from tcdyn.report.signed import budget_of, next_calibration, results, signed_sections, temperatures
+from tcdyn.report.signed import budget_of, budget_table, next_calibration, results, signed_sections, temperatures
 from tests.calibration.cal_cases import oven_frame, oven_truth
 
 OVENS = 200
@@ -92,6 +94,42 @@ def test_the_next_calibration_is_sooner_where_a_channel_drifts() -> None:
     due, why = next_calibration(now.model_copy(update={"static": drifted}), [before])
     assert date(2026, 6, 1) < due < date(2026, 7, 10)  # 1 K in a year: 0.5 K in half of one
     assert "d at" in why
+
+
+def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_uncertainty_reaches_the_limit() -> None:
+    """(1 K + u) in two years: ``limit_K`` after limit/(1 K + u) of their days; a record of last week tells no drift."""
+    now, before = made(), made(created="2024-01-01T09:00:00+00:00")
+    assert "allows longer" in next_calibration(now, [before])[1]
+    drifted = {c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")}) for c, x in now.static.items()}
+    stated = now.setup.traceability.model_copy(update={"valid_days": 3000, "limit_K": 2.0})
+    setup = now.setup.model_copy(update={"traceability": stated})
+    now = now.model_copy(update={"static": drifted, "setup": setup})
+    rows = diff_records(before, now).table
+    drift = rows[rows["quantity"].str.match("d at .*degC")].sort_values("u").iloc[-1]
+    assert (abs(drift["change"]), drift["u"]) == pytest.approx((1.0, 0.05), abs=0.03)
+    days = (date(2026, 1, 1) - date(2024, 1, 1)).days
+    due, why = next_calibration(now, [before])
+    assert (due - date(2026, 1, 1)).days == int(2.0 * days / (abs(drift["change"]) + drift["u"]))
+    years = days / 365.25
+    assert f"drifted by {with_u(drift['change'] / years, drift['u'] / years, 'K a year')}" in why
+    recent = made(created="2025-12-25T09:00:00+00:00")
+    assert next_calibration(now, [recent])[0] == date(2026, 1, 1) + timedelta(days=3000)
+
+
+def test_results_correct_a_reading_at_the_ends_and_the_middle_of_the_range() -> None:
+    record = made()
+    line = record.static["a"].model_copy(update={"gain": 1.01, "offset": -0.5, "range_degC": (20.0, 160.0)})
+    static = {c: x.model_copy(update={"range_degC": (20.0, 160.0)}) for c, x in record.static.items()}
+    record = record.model_copy(update={"static": {**static, "a": line}})
+    assert temperatures(record) == [20.0, 90.0, 160.0]
+    row = results(record).iloc[0]
+    for t in temperatures(record):  # read (t + 0.5)/1.01 at t; printed to a hundredth of a kelvin or finer
+        assert float(row[f"correction at {t:.0f} degC [K]"]) == pytest.approx(t - (t + 0.5) / 1.01, abs=0.006)
+
+
+def test_more_degrees_of_freedom_than_a_million_are_told_as_infinite() -> None:
+    part = [Contribution(str(v), 0.0, 0.01, "normal", 1.0, v) for v in (12.4, 2e6, float("inf"))]
+    assert list(budget_table(RestBudget(tuple(part)))["degrees of freedom"])[:3] == ["12", "infinite", "infinite"]
 
 
 def test_the_certificate_tells_who_what_and_how_well() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,25 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from calibration.estimate import Estimate
 from calibration.finding import look, note
 from tcdyn.campaign import JoinedCampaign, joined
+from tcdyn.campaign.trends import Curve, CurveTest
 from tcdyn.pipeline.campaign.answers import said_once
+from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.pipeline.campaign.table import table_columns
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.joined import draw_joined_beta
 from tcdyn.plots.style import figure
-from tcdyn.report.campaign import campaign_pictures, partition_table, trend_words
-from tcdyn.report.joined import beta_table, joined_sections, trend_sentence
+from tcdyn.report.campaign import (
+    campaign_pictures,
+    campaign_verdict,
+    partition_table,
+    trend_words,
+    write_campaign_report,
+)
+from tcdyn.report.joined import beta_table, exponent_words, joined_sections, trend_sentence
+from tcdyn.report.joined import trend_words as joined_trend_words
 from tcdyn.report.page import table_html
 from tests.campaign.toy import answer_of, toy
 
@@ -89,6 +100,59 @@ def test_a_slope_is_claimed_only_where_its_interval_leaves_zero_out(whole: Joine
     flat = replace(whole.trends[0], p_value=(0.2,))
     assert "do not show" in trend_sentence(replace(whole, trends=(flat,)))
     assert "asks for three set points" in trend_sentence(replace(whole, trends=()))
+
+
+def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_where_it_is_real(
+    whole: JoinedCampaign,
+) -> None:
+    """2.00(10)e-5 for one K m/s is 0.0200(10) for a thousand; u to two digits, the ends to match."""
+    slope = Estimate(value=2e-5, u=1e-6, low95=1.8e-5, high95=2.2e-5)
+    line = replace(whole.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, enough=1e-4)
+    one = replace(whole, trends=(line,))
+    row = joined_trend_words(one).iloc[0]
+    assert row["slope"] == "0.0200 ± 0.0010 per 1000 K m/s"
+    assert row["95 % interval"] == "0.0180 to 0.0220"
+    assert row["chance if zero"] == "below 1e-12"
+    said = trend_sentence(one)
+    assert "the slope 0.0200 +- 0.0010 per 1000 K m/s (95 % interval 0.0180 to 0.0220)" in said
+    assert "the tests scatter by 0.0030 more" in said
+    likely = replace(one, trends=(replace(line, p_value=(0.03,), enough=0.3),))
+    assert joined_trend_words(likely).iloc[0]["chance if zero"] == "0.03"
+    assert "scatter" not in trend_sentence(likely)
+
+
+def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_change(whole: JoinedCampaign) -> None:
+    for chance, said in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
+        assert said in exponent_words(replace(whole, law=replace(whole.law, p_value=chance)))
+
+
+def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(whole: JoinedCampaign) -> None:
+    curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
+    test = CurveTest(curve, ("A1", "A2", "A3"), 12.0, 0.007, 5.0, 0.08, Estimate.normal(0.01, 0.002))
+    said = joined_sections(replace(whole, curves=(test,)))[1].text
+    assert "chi-squared 12.0 on 3 tests (chance 0.007); with its level free 5.0 on 2 (chance 0.08)" in said
+
+
+def test_the_verdict_of_a_campaign_counts_the_tests_whose_ways_agree(tmp_path: Path) -> None:
+    table = sixteen().head(3)
+    said = campaign_verdict(CampaignRun(tmp_path, (), table))
+    assert "The ways to β agree in 3 of 3 tests." in said
+    assert said.index(str(table["test"].iloc[-1])) < said.index("largest in") < said.index(str(table["test"].iloc[0]))
+    table = table.assign(agree=["yes", "no", "yes"])
+    assert "agree in 2 of 3 tests, not in A2." in campaign_verdict(CampaignRun(tmp_path, (), table))
+
+
+def test_a_campaign_of_one_test_is_not_told_in_the_plural_nor_as_one_measurement(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda table: [])
+    for count, title in ((1, "Campaign of 1 test<"), (2, "Campaign of 2 tests<")):
+        run = CampaignRun(tmp_path, (), sixteen().head(count), joined({"EHL_A1": answer_of(toy(1).kept[0])}))
+        page = write_campaign_report(tmp_path / "p.html", run).read_text(encoding="utf-8")
+        assert title in page
+        assert ("running surfaces" in page.split("<h2>Conditions")[1].split("<h2>")[0]) == (count == 1)
+        assert ("no sliding speed has tests" in page) == (count == 2)
+        assert "All tests of a rig share its errors" not in page
 
 
 def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedCampaign) -> None:
