@@ -202,7 +202,7 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
     theta = np.concatenate(
         [[share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])] for d in DISKS],
     )
-    window_s = min(JOINT_WINDOW_S, logging.cooling_s)
+    window_s = min(JOINT_WINDOW_S, float(t[-1] - events.unload_s))
     sides = []
     for k, d in enumerate(DISKS):
         side = disk_side(test, test.disks[d], theta[4 * k : 4 * k + 4], window_s, "modal", LAGS_S[1])

@@ -10,9 +10,10 @@ import pytest
 from calibration.errors import InputError
 from calibration.rig import Rig, load_rig, parse_rig
 from tcdyn.campaign import solve
-from tcdyn.campaign.planned import PlannedTest, predict_campaign, read_plan
+from tcdyn.campaign.planned import Logging, PlannedTest, planned_test, predict_campaign, read_plan
 from tcdyn.cli.app import app, run
-from tcdyn.simulate.programme import ehl_test
+from tcdyn.simulate.programme import PROGRAMME, ehl_test
+from tcdyn.verify.published import TABLE_7_3
 from tests.campaign.rigs import drawn, true_beta
 
 NAMES = ("A2", "B4", "D3")
@@ -63,6 +64,26 @@ def test_more_tests_tell_the_exponent_no_worse() -> None:
     whole = predict_campaign(plan, load_rig())
     assert whole.u_exponent <= predict_campaign(plan[:1], load_rig()).u_exponent
     assert "u of the exponent n" in whole.summary()
+
+
+@pytest.mark.parametrize("name", ["A1", "D4"])
+def test_a_planned_test_keeps_the_conditions_that_trends_are_sought_over(name: str) -> None:
+    """Its ΔT u_s by 0.35 K/W is rough: within a half of the thesis's (table 7.3), which tells its slopes' u as well."""
+    at, (one,) = ehl_test(name), plan_of((name,))
+    kept = planned_test(one, load_rig(), Logging(rate_Hz=25.0, loaded_s=100.0, cooling_s=3.0))
+    told = kept.conditions
+    assert told["sliding_speed_m_s"] == pytest.approx(at.sliding_speed_m_s, rel=1e-9)
+    assert told["entraining_speed_m_s"] == pytest.approx(at.entraining_speed_m_s, rel=1e-9)
+    assert told["power_W"] == pytest.approx(at.power_W, rel=1e-9)
+    assert told["speed_ratio"] == pytest.approx(4.24, abs=0.001)
+    published = TABLE_7_3[list(PROGRAMME).index(name)][0]
+    assert told["delta_T_us_K_m_s"] == pytest.approx(published, rel=0.5)
+    found = solve([kept]).estimates[0]  # its fit stands on the truth, and so does what its records would say
+    assert found["beta"].value == pytest.approx(one.beta, abs=1e-6)
+    assert found["h_fast"].value == pytest.approx(one.h_fast_W_m2K, rel=1e-6)
+    assert found["h_slow"].value == pytest.approx(one.h_fast_W_m2K / told["speed_ratio"] ** (2 / 3), rel=1e-3)
+    lag_s = 0.54 + 0.12 + load_rig().disk_setup("fast").conditioning.lag_s
+    assert found["lag_fast_s"].value == pytest.approx(lag_s, abs=1e-6)
 
 
 def test_a_plan_is_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

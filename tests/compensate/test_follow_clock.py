@@ -49,6 +49,18 @@ def test_a_gap_is_told_and_the_last_rows_are_written(tmp_path: Path, later_s: fl
     assert told == ({"follow.gaps": {"count": 1, "longest_s": pytest.approx(later_s + 0.05)}} if later_s else {})
 
 
+def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(tmp_path: Path) -> None:
+    """What is learnt first is laid on an even grid from the first row on, not from the clock's zero."""
+    temperatures = []
+    for k, since in enumerate((0.0, 1.7e9)):
+        (tmp_path / str(k)).mkdir()
+        run, logged_s, written_s = followed(tmp_path / str(k), lambda t, since=since: t + since)
+        assert written_s.tolist() == logged_s.tolist()
+        assert not run.findings
+        temperatures.append(written(tmp_path / str(k) / "out.csv").drop(columns="time_s").to_numpy())
+    assert np.allclose(*temperatures, rtol=0, atol=1e-3)  # the clock's double tells 0.2 us
+
+
 @pytest.mark.parametrize("behind_s", [0.0, 0.5])
 @pytest.mark.parametrize(
     ("change", "lost"),
