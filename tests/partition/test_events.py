@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.contact import Events, contact_force
+from tcdyn.contact import Events, contact_force, speed_course
 from tcdyn.partition.events import find_events
 
 DT = 1 / 75
@@ -147,6 +147,45 @@ def test_the_force_just_before_the_parting_does_not_follow_the_transducers_noise
     assert np.sqrt(np.mean(np.square(off))) < 0.073 * 1.5
     assert abs(np.mean(off)) < 3 * 0.073 / np.sqrt(20)
     assert np.mean(wrong) < 0.073
+
+
+def test_the_force_of_a_slow_parting_falls_straight_from_its_first_kink_to_its_second() -> None:
+    frame = log(parting_s=1.5)
+    t = frame["time_s"].to_numpy()
+    force = contact_force(t, frame["friction_N"].to_numpy(), find_events(frame))
+    for after_s, share in ((-0.9, 1.0), (-0.6, 0.9), (0.0, 0.5), (0.6, 0.1), (0.9, 0.0)):
+        # the 90-10 % time of 1.2 s is good to 0.05 s, the middle to 0.02 s, the level to 0.05 N
+        assert np.interp(80.0073 + after_s, t, force) == pytest.approx(20 * share, abs=20 * (0.03 + 0.02) / 1.5 + 0.05)
+
+
+def test_a_speed_that_comes_back_had_not_stopped_and_one_that_stays_at_zero_had() -> None:
+    t = np.arange(0.0, 60.0, DT)
+    slowing = 3000.0 * np.clip(1 - (t - 30.0) / 10.0, 0.0, 1.0)  # to rest in 10 s
+    lost = slowing.copy()
+    lost[(t > 33.0) & (t < 33.4)] = 0.0
+    whole, seen = (speed_course(t, x, 30.0, 3000.0) for x in (slowing, lost))
+    assert whole is not None
+    assert seen is not None
+    np.testing.assert_allclose(seen, whole, atol=1e-3)  # a straight line in place of the gap in one
+    assert np.interp([29.0, 33.2, 35.0, 45.0], t, seen) == pytest.approx([1.0, 0.68, 0.5, 0.0], abs=1e-3)
+    assert speed_course(t, slowing, 59.95, 3000.0) is None  # too few rows to tell
+    most = np.where((t > 32.0) & (t < 49.0), np.nan, slowing)
+    assert speed_course(t, most, 30.0, 3000.0) is None
+
+
+def test_a_speed_is_smoothed_over_a_second_so_that_its_noise_alone_is_no_change() -> None:
+    """Noise of 2 %: medians of 5 leave 1.1 %, a parabola over 75 samples a sixth to a third of that; also in the few
+    samples of a log that ends at once."""
+    t = np.arange(0.0, 60.0, DT)
+    noise = 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    kept = speed_course(t, 3000.0 * (1 + noise), 30.0, 3000.0)
+    assert kept is not None
+    assert (kept == 1).all()
+    for end_s in (60.0, 30.25, 30.265):  # an even number of samples left, and an odd one
+        x = 3000.0 * np.where(t < 30.0, 1.0, 0.9 + noise)
+        slower = speed_course(t[t < end_s], x[t < end_s], 30.0, 3000.0)
+        assert slower is not None
+        assert slower[t[t < end_s] >= 30.0] == pytest.approx(0.9, abs=0.03)
 
 
 def touched(at_s: float = 81.0, length_s: float = 0.2, switch: bool = True) -> pd.DataFrame:

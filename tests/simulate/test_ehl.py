@@ -171,9 +171,10 @@ def test_braked_speeds_fall_to_1_e_and_the_disks_cool_more_slowly() -> None:
     assert (np.diff(warmer[t > off + 1.0]) > 0).all()
 
 
-def test_another_film_in_the_same_system_is_the_system_of_that_film() -> None:
+@pytest.mark.parametrize("film_air_K", [0.0, 7.0])
+def test_another_film_in_the_same_system_is_the_system_of_that_film(film_air_K: float) -> None:
     """The iterated stages against a factorisation of the very matrix: equal to the iteration's tolerance."""
-    rig = draw_truth(1)
+    rig = draw_truth(1).with_film_air(film_air_K)
     one, half = (build_system(rig.fast, h, 1.6e-3, STUDY_MESH) for h in (700.0, 350.0))
     start = steady_state(one, 500.0, 60.0)
     level = lambda value: lambda t: np.full_like(t, value)  # noqa: E731
@@ -182,6 +183,13 @@ def test_another_film_in_the_same_system_is_the_system_of_that_film() -> None:
         for system, share in ((one, 0.5), (half, 1.0))
     ]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+
+
+def test_a_disk_that_loses_heat_by_its_film_alone_comes_to_the_film_s_own_air() -> None:
+    disk = draw_truth(1).with_film_air(7.0).slow
+    alone = replace(disk, setup=replace(disk.setup, washer_conductivity_W_mK=0.0), bore_conductance_W_m2K=1e-9)
+    system = build_system(alone, 700.0, 1.6e-3, STUDY_MESH)
+    assert system.sample @ steady_state(system, 0.0, 60.0) == pytest.approx(67.0, abs=1e-6)  # 1e-9 of the film's
 
 
 def test_disks_that_touch_again_are_heated_and_the_log_shows_it() -> None:

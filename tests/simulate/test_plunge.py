@@ -7,7 +7,7 @@ from scipy.special import erfc, erfcx
 from calibration.rig import load_rig
 from tcdyn.simulate.bath import fluid_state, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.measure import simulate_oven
-from tcdyn.simulate.plunge import HOLE_COLUMNS, PlungeOptions, simulate_hole, simulate_plunge
+from tcdyn.simulate.plunge import HOLE_COLUMNS, PlungeOptions, PlungeTruth, bath_columns, simulate_hole, simulate_plunge
 from tcdyn.simulate.truth import CLEAN, draw_truth
 
 SETUP = load_rig().disk_setup("fast")
@@ -63,6 +63,17 @@ def test_hand_pressed_switch_scatters_by_a_seventh_of_a_second_and_sometimes_bou
     assert off.std() == pytest.approx(0.15, rel=0.3)  # 60 draws know it to 9 %; three of those
     assert 5 < sum(r["bounces"] > 0 for r in runs) < 35
     assert 15 < sum(r["switch_held"] for r in runs) < 45
+
+
+def test_a_bouncing_switch_opens_for_a_fiftieth_of_a_second_each_time_and_one_let_go_after_0_6_s() -> None:
+    """Two bounces, 0.04 and 0.08 s after it closes at 1 s; opened again at 1.6 s unless it is held."""
+    _, truth = simulate_plunge("fast", 0, options=PlungeOptions(entry_s=3, after_s=2))
+    told = {k: truth[k] for k in PlungeTruth.__dataclass_fields__} | {"switch_s": 1.0, "bounces": 2, "duration_s": 5.0}
+    for held in (True, False):
+        columns = bath_columns(PlungeTruth(**{**told, "switch_held": held}), CLEAN, np.random.default_rng(0))
+        t = np.array([0.9, 1.02, 1.05, 1.07, 1.09, 1.11, 1.5, 1.7, 4.9])
+        seen = columns["switch"][np.searchsorted(columns["time_s"], t) - 1]
+        assert seen.tolist() == [0, 1, 0, 1, 0, 1, 1, held, held]
 
 
 def test_probe_shows_the_entry_sooner_than_the_disk() -> None:
