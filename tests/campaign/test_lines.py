@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from calibration import Array
+from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.campaign import JoinedCampaign, joined, solve
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.posterior import A, Posterior
-from tcdyn.campaign.trends import Curve, curve_test, trend
+from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tests.campaign.toy import RATIO, answer_of, toy
 
 SD = 0.004
@@ -61,6 +63,26 @@ def test_a_trend_is_surest_at_the_mean_of_its_tests_and_loses_by_its_slope_besid
     value, within = found.at(load.mean() + np.array([0.0, 500.0]))
     assert value == pytest.approx([0.7, 0.685])
     assert within == pytest.approx([0.0, 500.0 * u], abs=1e-9)
+
+
+def test_a_line_over_two_conditions_asks_for_a_test_more_than_one_over_one() -> None:
+    """The k-th of these tests has the k-th load and the k-th speed: no two alike."""
+    kept = toy(3).kept
+    three, four = (solve([kept[k] for k in (0, 5, 10, 15)[:count]]) for count in (3, 4))
+    assert trend(three, "load_N") is not None
+    assert trend(three, "load_N", "sliding_speed_m_s") is None
+    assert trend(four, "load_N", "sliding_speed_m_s") is not None
+
+
+def test_a_curve_has_two_rows_or_more(tmp_path: Path) -> None:
+    rows = ["800,0.72,0.01", "1600,0.70,0.01", "2400,0.68,0.02"]
+    for count in (1, 2, 3):
+        (tmp_path / "m.csv").write_text("\n".join(["load_N,beta,u_beta", *rows[:count]]) + "\n", encoding="utf-8")
+        if count == 1:
+            with pytest.raises(InputError, match="two rows or more"):
+                read_curve(tmp_path / "m.csv")
+        else:
+            assert read_curve(tmp_path / "m.csv").u.tolist() == [0.01, 0.01, 0.02][:count]
 
 
 def test_an_exponent_that_rises_by_a_tenth_while_the_speed_doubles_is_told_so() -> None:

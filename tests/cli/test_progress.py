@@ -6,7 +6,8 @@ from time import sleep
 
 import pytest
 
-from tcdyn.cli.common import TYPICAL, TimeLeft, stages
+from calibration.finding import look
+from tcdyn.cli.common import TYPICAL, TimeLeft, in_one_line, stages
 
 TYPICALLY = {"reading": 2.0, "fit": 6.0, "report": 2.0}
 
@@ -47,6 +48,28 @@ def test_a_machine_three_times_slower_takes_three_times_longer(clock: Clock) -> 
     assert left.left_s() == pytest.approx(3 * 2)
     left.begin("report")
     assert left.left_s() == pytest.approx((6 + 100) / (2 + 6) * 2)  # and the rate has learnt of it
+
+
+@pytest.mark.parametrize(
+    ("reading_s", "said"), [(60.0, "about 4 min left"), (25.5, "about 2 min left"), (24.0, "about 95 s left"),
+                            (0.25, "about 5 s left")],
+)  # fmt: skip
+def test_more_than_100_seconds_are_told_in_minutes_and_never_less_than_five(
+    clock: Clock, reading_s: float, said: str
+) -> None:
+    """Fit and report take four times the reading."""
+    left = TimeLeft(TYPICALLY, clock)
+    left.begin("reading")
+    clock.now = reading_s
+    left.begin("fit")
+    assert str(left) == said
+
+
+def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+    found = [look("said", text="odd"), look("said", text="odder"), look("said", text="oddest")]
+    for count, said in ((1, "odd\n"), (3, "odd (and 2 more)\n")):
+        in_one_line("B3", found[:count])
+        assert capsys.readouterr().err == f"tcdyn: B3: look: {said}"
 
 
 def test_tests_still_to_come_count_without_their_report(clock: Clock) -> None:

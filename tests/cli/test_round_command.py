@@ -69,7 +69,10 @@ def test_a_stated_press_fit_is_told_and_drawn(tmp_path: Path, capsys: pytest.Cap
     assert slow["mean_W_m2K"] / slow["bearing_W_m2K"] == pytest.approx(1 - (0.9 * key + 0.8 * 70) / 360)
     assert 150 < slow["first"]["angle_deg"] < 200  # away from both
     assert tcdyn("round", "fit", "--rig", rig) == 0
-    assert "slow disk: pressure 35.9 MPa" in capsys.readouterr().out
+    words = capsys.readouterr().out
+    assert "slow disk: pressure 35.9 MPa" in words
+    bears, mean = (slow[k] / 1000 for k in ("bearing_W_m2K", "mean_W_m2K"))
+    assert f"conductance {bears:.2f} kW/m2K where the fit bears, {mean:.2f} in the mean" in words
     shown = tmp_path / "shown.toml"
     assert tcdyn("rig", "--rig", rig, "--show") == 0
     shown.write_text(capsys.readouterr().out)

@@ -13,6 +13,7 @@ from calibration.log import Log
 from calibration.record import read_record
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
+from tcdyn.report.one_disk import _u
 from tcdyn.report.page import Section, pm, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
 
@@ -58,6 +59,15 @@ def test_cells_are_set_by_what_they_hold() -> None:
     assert '<th class="prose">why</th>' in html
     assert '<th class="number">β <span class="unit">[1]</span></th>' in html
     assert '<td class="long" data-name="sha">0123456789abcdef0123456789abcdef</td>' in html
+
+
+def test_a_table_of_twenty_rows_is_kept_on_one_printed_page() -> None:
+    for rows, short in ((20, True), (21, False)):
+        assert table_html(pd.DataFrame({"row": range(rows)})).startswith('<table class="short">') == short
+
+
+def test_an_uncertainty_too_small_for_its_digits_is_told_as_below_them() -> None:
+    assert (_u(0.0123), _u(0.00005), _u(0.000049)) == ("0.0123", "0.0001", "below 0.0001")
 
 
 def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:
