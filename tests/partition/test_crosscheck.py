@@ -91,7 +91,8 @@ def test_the_largest_of_several_pulls_is_judged_with_their_correlation() -> None
 
 
 def ways_of(scale: float, u: float = 0.03) -> tuple[dict[str, Estimate], dict[str, Estimate], dict[str, np.ndarray]]:
-    """Answers of a test of beta 0.7 whose true power is ``scale`` of the logged one; draws of both joint fits."""
+    """Answers of a test of beta 0.7 whose true power is ``scale`` of the logged one; draws of both joint fits, with an
+    error that both share."""
     shares = {"joint fast": 0.7 * scale, "joint slow": 1 - 0.3 * scale}
     answers = {way: Estimate.normal(0.7, 0.01) for way in WAYS}
     answers |= {h: Estimate.normal(700.0, 9.0) for hs in H_OF.values() for h in hs}
@@ -99,7 +100,8 @@ def ways_of(scale: float, u: float = 0.03) -> tuple[dict[str, Estimate], dict[st
     both = {n: Estimate.normal(x, s) for n, x, s in (
         ("beta", 0.7, 0.01), ("h_fast", 700.0, 9.0), ("h_slow", 270.0, 9.0), ("exponent", 0.67, 0.02))}  # fmt: skip
     rng = np.random.default_rng(0)
-    return answers, both, {way: rng.normal(value, u, 4000) for way, value in shares.items()}
+    shared = rng.normal(0, 3 * u, 4000)
+    return answers, both, {way: shared + rng.normal(value, u, 4000) for way, value in shares.items()}
 
 
 @pytest.mark.parametrize(
