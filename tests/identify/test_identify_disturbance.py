@@ -152,6 +152,7 @@ def test_compare_models_the_disturbance_and_says_so():
     assert "modelled" not in plain.advice
 
 
+@pytest.mark.slow
 def test_a_plateau_of_coloured_noise_is_no_reproach():
     """Held out lies a plateau, where any model is as bad as the mean; only its noise can judge it."""
     rng = np.random.default_rng(0)

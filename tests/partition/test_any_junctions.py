@@ -107,6 +107,7 @@ def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
     assert found[8] < 0.7 * found[4]
 
 
+@pytest.mark.slow
 def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
     swapped = eight.log.frame.rename(columns={"slow_t2_degC": "slow_t7_degC", "slow_t7_degC": "slow_t2_degC"})
     made = study_rig(SEED, rig=eight.rig, disturbed=lambda frame: swapped[frame.columns])

@@ -47,6 +47,7 @@ def usual() -> Partition:
     return study_rig(SEED).analyse()
 
 
+@pytest.mark.slow
 def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     """Heat with the oil's viscosity, 0.4 mm beside the centre, by sums over the ellipse."""
     rig = stating(contact=FLUX)

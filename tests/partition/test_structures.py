@@ -67,7 +67,7 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(sound: tu
 
 @pytest.mark.parametrize(
     ("world", "structure"),
-    [("flux 1 mm", "flux_shift"), ("15 % elsewhere", "elsewhere")],
+    [("flux 1 mm", "flux_shift"), pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.slow)],
 )
 def test_the_structure_that_is_there_is_named(world: str, structure: str) -> None:
     _, p = of_world(world)
