@@ -61,7 +61,7 @@ def test_slopes_by_past_and_drift_equal_differences():
         assert np.allclose(slopes[:, i], difference, atol=1e-5 * np.abs(difference).max()), i  # rounding 1e-16/1e-6
 
 
-@pytest.mark.parametrize("name", ["ar0.9", "walk", "drift"])
+@pytest.mark.parametrize("name", ["ar0.9", "walk", pytest.param("drift", marks=pytest.mark.slow)])
 def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
     found = study("PRBS", range(16), name, **AUTO)

@@ -40,7 +40,7 @@ def whole(made: StudyRig) -> Partition:
     return forms.analysed(made, "full", SEED, sensor_check=False)
 
 
-@pytest.mark.parametrize("form", ["ambient_channels", "least"])
+@pytest.mark.parametrize("form", [pytest.param("ambient_channels", marks=pytest.mark.slow), "least"])
 def test_beta_is_within_1_5_u_of_the_full_log_s_and_asks_for_nothing(
     form: str, made: StudyRig, whole: Partition
 ) -> None:

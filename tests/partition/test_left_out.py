@@ -61,7 +61,7 @@ def test_beta_of_both_disks_holds_without_any_one_channel(channel: str, made: St
     assert AS_GOOD * u < found.u < MOST_WIDER * u
 
 
-@pytest.fixture(scope="module", params=["slow_a", "slow_d", "slow_b"])
+@pytest.fixture(scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.slow)])
 def whole(request: pytest.FixtureRequest, made: StudyRig) -> tuple[str, Partition]:
     """All ways to beta without a channel of the outer row, and without one of the inner row by either stand-in."""
     return request.param[-1], analyse(made.without(request.param))
