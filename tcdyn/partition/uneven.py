@@ -134,11 +134,17 @@ class Unevenness:
         if self.significance < SIGNIFICANT:
             return Unevenness(span_s=self.span_s)
         size = self.amplitude_K.value
-        prior = np.maximum(list(SHAPES.values()), size * np.array(list(PER_K.values())))
-        return Unevenness(prior_K=prior, second_K=SECOND_REL * size, about_K=self._level[0], span_s=self.span_s)
+        return Unevenness(
+            prior_K=prior_of(size), second_K=SECOND_REL * size, about_K=self._level[0], span_s=self.span_s
+        )
 
 
 UNKNOWN = Unevenness()
+
+
+def prior_of(size_K: float) -> Array:
+    """Standard uncertainties (4,) of ``SHAPES`` [K] in a disk whose level is known to be of ``size_K``."""
+    return np.maximum(list(SHAPES.values()), size_K * np.array(list(PER_K.values())))
 
 
 def known_kappa(setup: DiskSetup) -> float:

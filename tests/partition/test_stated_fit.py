@@ -12,8 +12,16 @@ from calibration.estimate import Estimate
 from calibration.finding import Grade
 from calibration.rig import Rig, load_rig, parse_rig
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.statement.fit import bore_flux_W_m2, flux_and_u, predicted, shaft_admittance, stated_round
-from tcdyn.partition.uneven import UNKNOWN, Unevenness, at_junctions, harmonic_K
+from tcdyn.partition.statement.fit import (
+    MODEL_REL,
+    Predicted,
+    bore_flux_W_m2,
+    flux_and_u,
+    predicted,
+    shaft_admittance,
+    stated_round,
+)
+from tcdyn.partition.uneven import PER_K, SECOND_REL, SHAPES, UNKNOWN, Unevenness, at_junctions, harmonic_K
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
 from tcdyn.simulate.round import seen_round, uneven_system
@@ -116,6 +124,25 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     flux, u = flux_and_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
     assert flux < 0.4 * u
     assert prior.stated_K == pytest.approx(predicted(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [0.5, 50.0])
+def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_and_a_blind_one_leaves(
+    size: float,
+) -> None:
+    """A fit that sees 0.6 of the first harmonic, to nothing or not at all, the heat known to 40 % and the model's."""
+    told, flux_rel, uneven_rel = Predicted(size * np.array([0.6, 0.8]), np.array([0.0, 3.0]), 20.0), 0.4, 0.05
+    rel = float(np.hypot(flux_rel, MODEL_REL))
+    for sd, others, scale, second_rel in (
+        (1e-9, 0.0, 0.6, MODEL_REL),
+        (1e9, uneven_rel, 1.0, np.hypot(rel, MODEL_REL)),
+    ):
+        found = Unevenness(found=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)], covariance=sd**2 * np.eye(8))
+        prior = told.prior(others, flux_rel, found)
+        np.testing.assert_allclose(prior.stated_second_K, [0.0, scale * 3.0], rtol=1e-9)
+        assert prior.second_K == pytest.approx(np.hypot(second_rel * scale * 3.0, SECOND_REL * scale * size), rel=1e-6)
+        least = [max(SHAPES[name], PER_K[name] * size) for name in SHAPES]
+        np.testing.assert_allclose(prior.prior_K, [np.hypot(others * 20.0, rel * size), *least[1:]], rtol=1e-9)
 
 
 def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:

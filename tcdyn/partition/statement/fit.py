@@ -23,12 +23,11 @@ from calibration.stated.fit import harmonics
 from tcdyn.contact import press_fit
 from tcdyn.partition.events import DiskTraces, EhlTest
 from tcdyn.partition.uneven import (
-    PER_K,
     SECOND_REL,
-    SHAPES,
     SIGNIFICANT,
     Unevenness,
     known_kappa,
+    prior_of,
     radial_shape,
 )
 
@@ -81,7 +80,7 @@ class Predicted:
         scale = max(1 + trust * (seen / size - 1), 0.0) if size > 0 else 1.0
         second_rel = float(np.hypot(rel * np.sqrt(1 - trust), MODEL_REL))
         second_K = scale * self.second_K
-        prior = np.maximum(list(SHAPES.values()), size * np.array(list(PER_K.values())))
+        prior = prior_of(size)
         prior[0] = np.hypot(other_K, rel * size)
         return Unevenness(
             prior, h_W_m2K=found.h_W_m2K, span_s=found.span_s, about_K=found.level_K, stated_K=self.first_K,
