@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck
 from calibration.columns import LAYOUTS, SWITCHES, Kind, couples_in
 from calibration.errors import InputError
 from calibration.files import Table, read_whole, sha256
-from calibration.files.table import PIECE_ROWS
+from calibration.files.table import PIECE_ROWS, Columns, in_pieces, joined
 from calibration.files.write import write_log
 from calibration.finding import Finding, Place, graded, sentences
 from calibration.lines.oven import oven_frame
@@ -30,7 +31,7 @@ from calibration.rig import Rig, load_rig
 
 __all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
 
-RUN, MOST = 64, 1 << 17  # rows in a run, so that neighbours stay neighbours; rows kept at most (29 min at 75 Hz)
+RUN, MOST = 64, 1 << 17  # rows in a run: neighbours stay neighbours; rows kept in memory at most (29 min at 75 Hz)
 
 
 @dataclass(frozen=True)
@@ -207,9 +208,10 @@ def iter_log(
 ) -> LogPieces:  # fmt: skip
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
-    Put together they are ``read_log``'s frame. The file is read twice. The first time, here, keeps its time and
-    switches, and of the other columns a sample of at most 131072 rows, every k-th run of 64: sampling, two-level
-    columns, entry or unloading, units, loads, swapped and dead channels are judged there, before any piece is given.
+    Put together they are ``read_log``'s frame. A file of more than 131072 rows is read again with each walk. The first
+    time, here, keeps its time and switches, and of the other columns a sample of at most 131072 rows, every k-th run of
+    64: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged there,
+    before any piece is given.
 
     CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 45 bytes for each row of
     the file, 280 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
@@ -220,6 +222,7 @@ def iter_log(
         raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
     file = Path(path)
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated, without=without)
+    raws: list[Columns] = []  # of a short file all, which is then read once
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
     others = [name for name in names if name != "time_s" and name not in levels]
@@ -234,6 +237,9 @@ def iter_log(
         index = np.arange(seen, seen + len(time))
         sample.append(pd.DataFrame({n: raw.data[names[n]] for n in others}, index)[index // RUN % every == 0])
         seen += len(time)
+        raws.append(raw)
+        if seen > MOST:
+            raws.clear()
         while sum(map(len, sample)) > MOST:
             every *= 2
             sample = [part[part.index // RUN % every == 0] for part in sample]
@@ -254,6 +260,8 @@ def iter_log(
     found += said
     found += missing_and_unused(kind, table, names, without)
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
+    if raws:
+        table = replace(table, pieces=partial(in_pieces, joined(raws, [*raws[0].data], place)))
     return LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
 
 

@@ -51,8 +51,12 @@ def in_pieces(whole: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> 
 def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
     """The wanted columns of the whole file: its pieces joined."""
     parts = list(table.pieces(wanted, PIECE_ROWS))
+    return joined(parts, wanted, parts[0].place if parts else Place(table.where))
+
+
+def joined(parts: Sequence[Columns], wanted: Sequence[str], place: Place) -> Columns:
+    """The wanted columns of all ``parts``, one below the other, with their findings."""
     data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
-    place = parts[0].place if parts else Place(table.where)
     return Columns(data, place, tuple(f for part in parts for f in part.findings))
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
+from calibration.noise import bridged
 from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.partition.parting import NEAR_S, parting_of
 from tcdyn.partition.uneven import Unevenness
@@ -167,19 +169,18 @@ def _levels(force: Array) -> Array | None:
     """A force (N,) on a scale where zero is apart and one is loaded; None where it hardly rises above its noise."""
     if np.isfinite(force).sum() < LEAST_ZERO:
         return None
-    filled = pd.Series(force).interpolate(limit_direction="both")
-    calm = filled.rolling(5, center=True, min_periods=1).median()
-    slow = filled.rolling(51, center=True, min_periods=1).median()
+    filled = bridged(force, np.isfinite(force))
+    calm, slow = (median_filter(filled, width) for width in (5, 51))
     low, high = float(slow.min()), float(slow.max())
     for _ in range(5):
         upper = slow > 0.5 * (low + high)
         if upper.all() or not upper.any():
             return None
-        low, high = float(slow[~upper].median()), float(slow[upper].median())
-    noise = 1.4826 * float((filled - calm).abs().median())
+        low, high = float(np.median(slow[~upper])), float(np.median(slow[upper]))
+    noise = 1.4826 * float(np.median(np.abs(filled - calm)))
     if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
         return None
-    return np.asarray((calm - low) / (high - low))
+    return (calm - low) / (high - low)
 
 
 def _above(level: Array, at: float, by: float) -> NDArray[np.bool_]:
