@@ -8,7 +8,6 @@ from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
-from scipy.signal.windows import hann
 
 from calibration import Array
 from tcdyn.chain import Chain
@@ -26,7 +25,8 @@ NEARBY = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.
 AFTER_S = 30.0  # length of the window in which a burst is sought
 NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
 PAST = 20.0  # nats: a likelihood that has fallen by so much does not rise again
-BANDS = 300  # of a spectrum, evenly in the logarithm of the frequency
+ALIKE = 1e-4  # nats within which the first of several bursts is as likely as any
+BANDS = 4000  # of a spectrum, evenly in the logarithm of the frequency: of nearly one shape each
 JUMPS_EACH = 3  # of so many bursts tried, one is tried with a jump, too
 MOST_BENT = 3.0  # ranges of a trace within one decay of a burst: no intensity bends it more
 FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
@@ -39,9 +39,9 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     """
     n = len(y)
     t = np.linspace(-1, 1, n)
-    taper = hann(n, sym=False)
+    taper = np.hanning(n + 1)[:-1]
     taper /= np.sqrt(np.sum(taper**2))
-    power = np.abs(np.fft.rfft((y - np.polyval(np.polyfit(t, y, 1), t)) * taper)) ** 2
+    power = np.abs(np.fft.rfft((y - y.mean() - t @ y / (t @ t) * t) * taper)) ** 2
     f = np.fft.rfftfreq(n, dt_s)
     keep = slice(LEFT_OUT, int(0.45 * n))
     power, w = power[keep], 2 * np.pi * f[keep]
@@ -60,14 +60,14 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
 
 
 def _whittle(power: Array, shape: Array, noise_var: float) -> float:
-    """The q that maximises -sum(log e + power / e), e = noise_var + q shape; first over bands of nearly one shape."""
+    """The q that maximises -sum(log e + power / e), e = noise_var + q shape, over bands of nearly one shape."""
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
     edges = np.unique(np.geomspace(1, len(shape) + 1, BANDS).astype(int) - 1)[:-1]
     count = np.diff(np.r_[edges, len(shape)])
     mean, middle = np.add.reduceat(power, edges) / count, np.exp(np.add.reduceat(np.log(shape), edges) / count)
-    for some, of, n in ((mean, middle, count), (power, shape, 1), (power, shape, 1)):
-        cost = [np.sum(n * (np.log(e) + some / e)) for e in (noise_var + np.exp(v) * of for v in logs)]
-        best = int(np.argmin(cost))
+    for _ in range(3):
+        expected = noise_var + np.exp(logs)[:, None] * middle
+        best = int(np.argmin((np.log(expected) + mean / expected) @ count))
         logs = np.linspace(logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)], 9)
     return float(np.exp(logs[4]))
 
@@ -81,9 +81,9 @@ def exact_levels(
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
-    def tried(logs: Array) -> tuple[Array, Array]:
+    def tried(logs: Array, fine: float) -> tuple[Array, Array]:
         proposed = [[Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
-        value, ratio = likelihood(stretch, noise_var, proposed)
+        value, ratio = likelihood(stretch, noise_var, proposed, fine)
         if not noise_known:
             used = (stretch.weight > 0).sum(axis=0)[:, None]
             free = used - 2 - len(stretch.events_s)
@@ -93,7 +93,7 @@ def exact_levels(
     for turn in range(3):
         parts: list[tuple[Array, Array]] = []  # the highest levels need the shortest cells: not where all is past
         for some in np.array_split(logs, 3 if turn == 0 else 1, axis=1):
-            parts.append(tried(some))
+            parts.append(tried(some, FINE if turn else 4 * FINE))
             value, ratio = (np.concatenate(of, axis=1) for of in zip(*parts))
             if np.all(value[:, -1] < value.max(axis=1) - PAST):
                 break
@@ -183,14 +183,15 @@ def likeliest_burst(
         bursts = [none, *(replace(none, height=h, decay_s=d) for h, d in sizes)]
         tried.append([*bursts, *(replace(b, level_sd=span) for b in bursts[::JUMPS_EACH] if jumps)])
     best = list(nothing)
-    for nearby in (True,) if near else (False, True):
+    for nearby in (True,) if near else (False, True):  # where about it is, longer cells tell as well
         if nearby:
             tried = [
                 [replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p) for p, d, h in NEARBY] for b in best
             ]
         proposed = [[replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)]
-        value, _ = likelihood(window, noise_var, proposed, fine=2 * FINE)
-        best = [bursts[k] for bursts, k in zip(tried, np.argmax(value, axis=1))]
+        value, _ = likelihood(window, noise_var, proposed, fine=(4 if nearby else 8) * FINE)
+        first = np.argmax(value > value.max(axis=1, keepdims=True) - ALIKE, axis=1)
+        best = [bursts[k] for bursts, k in zip(tried, first)]
     return best
 
 

@@ -166,30 +166,56 @@ class Intensity:
     def at(self, t_s: ArrayLike) -> Array:
         """q(t) [K2/s3], same shape as ``t_s``."""
         t = np.asarray(t_s, dtype=float)
-        q: Array = np.asarray(self.levels)[np.clip(np.searchsorted(self.starts_s, t, side="right") - 1, 0, None)]
-        for b in self.bursts:
-            age = np.maximum(t - b.start_s, 0.0) / b.decay_s
-            q = q + np.where(t >= b.start_s, b.height * (1.0 + age / b.power) ** -b.power, 0.0)
-        return q
+        return levels_at([self], t.ravel())[0].reshape(t.shape)
 
     def between(self, knots_s: ArrayLike) -> Array:
         """Integral of q over each cell of ``knots_s`` (J+1,), shape (J,) [K2/s2]."""
-        t = np.asarray(knots_s, dtype=float)
-        q = replace(self, bursts=()).at(t[:-1]) * np.diff(t)
-        for b in self.bursts:
-            age, p = np.maximum(t - b.start_s, 0.0) / b.decay_s, b.power
-            q = q + np.diff(b.height * b.decay_s * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)))
-        return q
+        return levels_between([self], np.asarray(knots_s, dtype=float))[0]
 
     def jumps(self, knots_s: Array) -> Array:
         """Variance (J, 2) added to level [K2] and slope [K2/s2] at each knot (J,)."""
-        here = [(knots_s == b.start_s)[:, None] * np.square([b.level_sd, b.slope_sd]) for b in self.bursts]
-        return np.asarray(np.sum([np.zeros((len(knots_s), 2)), *here], axis=0))
+        return jumps_at([self], knots_s)[:, 0]
 
     def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
         """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""
         bursts = tuple(replace(b, start_s=(to_s if b.start_s == was_s else b.start_s) - shift_s) for b in self.bursts)
         return Intensity(tuple((to_s if s == was_s else s) - shift_s for s in self.starts_s), self.levels, bursts)
+
+
+def _bursts(some: Sequence[Intensity]) -> tuple[NDArray[np.intp], Array]:
+    """Of all bursts (B,) the place in ``some`` and, (6, B, 1), their fields in order."""
+    told = [(k, *vars(b).values()) for k, q in enumerate(some) for b in q.bursts]
+    table = np.array(told, dtype=float).reshape(-1, 7)
+    return table[:, 0].astype(int), table[:, 1:].T[:, :, None]
+
+
+def _steady(some: Sequence[Intensity], t_s: Array) -> Array:
+    """Levels (Q, T) [K2/s3] without bursts."""
+    return np.stack([np.array(q.levels)[np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)] for q in some])
+
+
+def levels_at(some: Sequence[Intensity], t_s: Array) -> Array:
+    """q(t) (Q, T) [K2/s3] of each of ``some`` at ``t_s`` (T,)."""
+    owner, (start, height, decay, power, *_) = _bursts(some)
+    q, age = _steady(some, t_s), (t_s - start) / decay
+    np.add.at(q, owner, np.where(age >= 0, height * (1.0 + np.maximum(age, 0.0) / power) ** -power, 0.0))
+    return q
+
+
+def levels_between(some: Sequence[Intensity], knots_s: Array) -> Array:
+    """Integrals (Q, J) [K2/s2] over the cells of ``knots_s`` (J+1,) of each of ``some``."""
+    owner, (start, height, decay, p, *_) = _bursts(some)
+    q, age = _steady(some, knots_s[:-1]) * np.diff(knots_s), np.maximum(knots_s - start, 0.0) / decay
+    np.add.at(q, owner, np.diff(height * decay * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)), axis=1))
+    return q
+
+
+def jumps_at(some: Sequence[Intensity], knots_s: Array) -> Array:
+    """Variance (J, Q, 2) added to level [K2] and slope [K2/s2] at each knot (J,) by each of ``some``."""
+    owner, (start, *_, level_sd, slope_sd) = _bursts(some)
+    added = np.zeros((len(some), len(knots_s), 2))
+    np.add.at(added, owner, (knots_s == start)[..., None] * np.square(np.stack([level_sd, slope_sd], axis=-1)))
+    return added.swapaxes(0, 1)
 
 
 @dataclass(frozen=True)

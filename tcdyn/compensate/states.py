@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from calibration import Array, Flags
 from tcdyn.chain import Chain, Sensor
 from tcdyn.compensate.pieces import pieces
-from tcdyn.compensate.record import Intensity, Stretch
+from tcdyn.compensate.record import Intensity, Stretch, jumps_at, levels_at, levels_between
 from tcdyn.compensate.sweep import Cells, swept
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
@@ -46,9 +47,11 @@ def knots_for(
     t = np.unique(np.concatenate(times))
     longest = np.full(len(t), np.inf)
     for chain, proposed, var in zip(stretch.chains, proposals, noise_var):
-        most = np.max([q.at(t) for q in proposed], axis=0)
+        most = levels_at(proposed, t).max(axis=0)
         longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
-    return _knots(start, end, dt, inside, lambda at: float(np.interp(at, t, longest)))
+    begin = round(start / dt)
+    cells = np.maximum(np.interp(np.arange(begin, total) * dt, t, longest) / dt, 1.0)
+    return _knots(begin, dt, [*inside, end + 0.5 * dt], np.searchsorted(STEPS, cells + 1e-9, side="right") - 1)
 
 
 def ranges(stretch: Stretch) -> Array:
@@ -82,25 +85,23 @@ def cells_for(
             if first[j + 1] <= first[j]:
                 continue
             ahead = first[j] * dt - s.delay_s - knots[j]
-            o = [s.output @ flow(s.drift, ahead)]
-            for _ in range(first[j] + 1, first[j + 1]):
-                o.append(o[-1] @ flow(s.drift, dt))
-            read, where = np.array(o), np.flatnonzero(kind == k)
+            read = s.output @ flow(s.drift, ahead) @ flows(s.drift, dt)[: first[j + 1] - first[j]]
+            where = np.flatnonzero(kind == k)
             sample = first[where][:, None] + np.arange(len(read))
             inside = (sample >= low) & (sample < high)
             at = np.where(inside, sample - low, high - low)
-            info_c[where] = (w[at] @ (read[:, :, None] * read[:, None, :]).reshape(len(read), -1)).reshape(-1, n, n)
+            info_c[where] = (w[at] @ _squares(read)).reshape(-1, n, n)
             score_c[where] = (w[at] * y[at]) @ read
             rows_c.append((where, read, np.where(inside, sample, total)))
         seen = trace[weight > 0]
         level = float(seen[0]) if len(seen) else 0.0
-        added = np.stack([q.between(knots) for q in proposals[c]], axis=1)
+        added = levels_between(proposals[c], knots).T
         least = 10 * float(np.sqrt(noise_var[c]))
-        begun = np.array([float(q.at(max(knots[0], 0.0))) for q in proposals[c]])
+        begun = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
         mean, cov, jump_var = prior(s, level, max(float(span[c]), least), dt, begun)
         at_knot = 0.5 * (added + np.concatenate([np.zeros_like(added[:1]), added[:-1]]))
         at_knot[event] += jump_var
-        jumps = np.stack([q.jumps(knots[:-1]) for q in proposals[c]], axis=1)
+        jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
         channels.append((np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], jumps))
         rows.append(tuple(rows_c))
@@ -113,6 +114,11 @@ def cells_for(
     )  # fmt: skip
 
 
+def _squares(rows: Array) -> Array:
+    """o o' of each row o of ``rows`` (R, n), flat (R, n n)."""
+    return (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
+
+
 def all_cells(
     stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> Cells:
@@ -120,28 +126,23 @@ def all_cells(
     return cells_for(stretch, noise_var, proposals, knots_for(stretch, noise_var, proposals, fine), ranges(stretch))
 
 
-def _knots(
-    start_s: float, end_s: float, dt_s: float, events_s: Sequence[float], cell_s: Callable[[float], float]
-) -> Array:
-    """Knots from ``start_s`` (a multiple of dt) past ``end_s``: every event a knot, other knots on the sample times.
+def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.intp]) -> Array:
+    """Knots from sample ``begin`` (none, before the first) past the last of ``stops_s``: every other stop, an event, is
+    a knot, further knots are on the sample times.
 
-    ``cell_s(t)`` is the longest cell wanted at time t [s]; cells grow by at most a half from one to the next.
+    ``most`` (from ``begin`` on): place in ``STEPS`` of the longest cell wanted from a sample on; cells grow by at most
+    a half from one to the next.
     """
-    knots = [start_s]
-    size = len(STEPS) - 1
-    for number, stop in enumerate([*events_s, end_s + 0.5 * dt_s], start=1):
-        index = int(np.floor(knots[-1] / dt_s + 1 + 1e-6))
+    knots, index, size, longest = [begin * dt_s], begin, len(STEPS) - 1, most.tolist()
+    for number, stop in enumerate(stops_s, start=1):
         if number > 1:
+            index, size = int(np.floor(knots[-1] / dt_s + 1 + 1e-6)), 0
             knots.append(index * dt_s)
-            size = 0
-        else:
-            index -= 1
         while index * dt_s < stop - 1e-6 * dt_s:
-            most = int(np.searchsorted(STEPS, max(cell_s(index * dt_s) / dt_s, 1.0) + 1e-9, side="right")) - 1
-            size = min(size + 1, most)
+            size = min(size + 1, longest[index - begin])
             index += int(STEPS[size])
             knots.append(index * dt_s)
-        if number <= len(events_s):
+        if number < len(stops_s):
             while knots[-1] > stop - 1e-6 * dt_s:
                 knots.pop()
             knots.append(stop)
@@ -162,6 +163,20 @@ def prior(s: Sensor, level: float, span: float, dt_s: float, intensity: Array) -
 def flow(drift: Array, time_s: float) -> Array:
     """expm(drift time_s), remembered: channels and windows share their chains and their cells."""
     return _flow(drift.tobytes(), len(drift), round(time_s, 12))
+
+
+def flows(drift: Array, dt_s: float) -> Array:
+    """expm(drift k dt_s) for every k (K, n, n) that a cell has samples, remembered."""
+    return _flows(drift.tobytes(), len(drift), dt_s)
+
+
+@lru_cache(maxsize=200)
+def _flows(drift: bytes, n: int, dt_s: float) -> Array:
+    one = flow(np.frombuffer(drift).reshape(n, n), dt_s)
+    powers = [np.eye(n)]
+    while len(powers) <= STEPS[-1] + 1:
+        powers.append(powers[-1] @ one)
+    return np.array(powers)
 
 
 @lru_cache(maxsize=20_000)
@@ -261,7 +276,7 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
                 kept = (where >= keep.start) & (where < keep.stop)
                 where, sample = where[kept], sample[kept]
                 read[sample, c] = mean[where, c] @ rows.T
-                read_var[sample, c] = np.einsum("ri,jik,rk->jr", rows, cov[where, c], rows, optimize=True)
+                read_var[sample, c] = cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T
         begin = 0 if first == 0 else int(np.ceil(knots[first] / stretch.dt_s - 1e-6))
         end = total if last == count else int(np.ceil(knots[last] / stretch.dt_s - 1e-6))
         t = np.arange(begin, end) * stretch.dt_s

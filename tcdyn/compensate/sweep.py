@@ -7,6 +7,7 @@ back are linear recursions of one matrix, for all channels and cells at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,63 +60,74 @@ class Swept:
 def swept(cells: Cells) -> Swept:
     """Filter forward, then back by Bryson and Frazier; the first proposal of each channel.
 
-    S = (I + P L)^-1, P+ = S P, e = s - L m, m+ = m + P+ e; back, r = A' q of the next cell, q = S' (e + r),
-    m+ + P+ r and P+ - P+ A' W A P+ are those given all samples, W = S' A' W A S + L S the variance of q.
+    S = (I + P L)^-1, P+ = S P, e = s - L m, m+ = m + P+ e, next m = A m+ = F m + A P+ s with F = A S; back,
+    q = S' e + F' q of the next cell and W = L S + F' W F of the next, its variance: m+ + P+ A' q and
+    P+ - P+ A' W A P+, of the next, are those given all samples.
     """
-    mean, past, shrink, surprise, base = _forward(cells)
-    count, batch, n = mean.shape
-    pull, weight = np.zeros((batch, n)), np.zeros((batch, n, n))
-    cov, pulls, weights = np.empty_like(past), np.zeros((count, batch, 2)), np.zeros((count, batch, 2, 2))
-    before = np.full((batch, n, n), np.inf)
-    j = count - 1
-    while j >= 0:
-        across, p, gone = cells.transition[cells.kind[j], :, 0], past[j], shrink[j].swapaxes(-1, -2)
-        back, a = across.swapaxes(-1, -2), int(base[j])
-        if j < count - 1:
-            pull, weight = _times(back, pull), back @ weight @ across
-        if j - a >= LEAST and _close(weight, before):  # cells a to j have one gain, and so has the way back
-            phi = back @ gone
-            driven = np.concatenate([pull[None], _times(phi, surprise[a + 1 : j + 1])[::-1]])
-            r = recursion(phi, driven)[::-1]
-            rows = slice(a, j + 1)
-        else:
-            r, rows = pull[None], slice(j, j + 1)
-        mean[rows] += _times(p, r)
-        cov[rows] = p - p @ weight @ p
-        q = _times(gone, surprise[rows] + r)
-        before, weight = weight, gone @ weight @ shrink[j] + cells.information[j, :, 0] @ shrink[j]
-        pulls[rows], weights[rows] = q[..., :2], weight[:, :2, :2]
-        pull, j = q[0], rows.start - 1
-    return Swept(mean, cov, past, pulls, weights)
+    past, shrink, base = _filtered(cells)
+    info, score, across = cells.information[:, :, 0], cells.score[:, :, 0], cells.transition[cells.kind, :, 0]
+    step = across @ shrink
+    mean = _means(cells.mean0[:, 0], step, _times(across @ past, score), base)
+    surprise = score - _times(info, mean)
+    pull, weight = _back(step, _times(shrink.swapaxes(-1, -2), surprise), info @ shrink, base)
+    gone = past @ across.swapaxes(-1, -2)
+    mean += _times(past, surprise) + _times(gone, pull[1:])
+    cov = past - gone @ weight[1:] @ gone.swapaxes(-1, -2)
+    return Swept(mean, cov, past, pull[:-1, :, :2], weight[:-1, :, :2, :2])
 
 
-def _forward(cells: Cells) -> tuple[Array, Array, Array, Array, NDArray[np.intp]]:
-    """Mean (J, M, n) and covariance after each cell's samples, S, e, and the first cell (J,) that has its gain."""
+def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
+    """P+ and S (J, M, n, n) after each cell's samples, and the first cell (J,) that has its gain."""
     count, (batch, _, n) = len(cells.kind), cells.mean0.shape
-    mean, surprise = np.empty((2, count, batch, n))
     past, shrink = np.empty((2, count, batch, n, n))
     base, ends = np.arange(count), _ends(cells)
-    m, cov, eye = cells.mean0[:, 0].copy(), cells.cov0[:, 0].copy(), np.eye(n)
+    cov, eye = cells.cov0[:, 0].copy(), np.eye(n)
+    back = cells.transition[:, :, 0].swapaxes(-1, -2)
     j = 0
     while j < count:
-        info, across = cells.information[j, :, 0], cells.transition[cells.kind[j], :, 0]
-        cov[..., 0, 0] += cells.jump_var[j, :, 0, 0]
-        cov[..., 1, 1] += cells.jump_var[j, :, 0, 1]
-        shrink[j] = np.linalg.inv(cov @ info + eye)
+        kind = cells.kind[j]
+        cov[:, 0, 0] += cells.jump_var[j, :, 0, 0]
+        cov[:, 1, 1] += cells.jump_var[j, :, 0, 1]
+        shrink[j] = np.linalg.inv(cov @ cells.information[j, :, 0] + eye)
         past[j] = shrink[j] @ cov
         last = int(ends[j])
         if j and last - j >= LEAST and ends[j - 1] == last and _close(past[j], past[j - 1]):
             rows = slice(j, last + 1)
             past[rows], shrink[rows], base[rows] = past[j], shrink[j], j
-            driven = _times(across @ past[j], cells.score[j:last, :, 0])
-            v = recursion(across @ shrink[j], np.concatenate([m[None], driven]))
+            j = last
+        cov = cells.transition[kind, :, 0] @ past[j] @ back[kind]
+        j += 1
+    return past, shrink, base
+
+
+def _means(start: Array, step: Array, driven: Array, base: NDArray[np.intp]) -> Array:
+    """m (J, M, n) before each cell's samples; the next is step m + driven, step one from each ``base`` on."""
+    mean = np.empty_like(driven)
+    mean[0], j = start, 0
+    for last in [*np.flatnonzero(np.diff(base)).tolist(), len(base) - 1]:
+        if last > j:
+            mean[j : last + 1] = recursion(step[j], np.concatenate([mean[j][None], driven[j:last]]))
+        j = last + 1
+        if j < len(mean):
+            mean[j] = _times(step[last], mean[last]) + driven[last]
+    return mean
+
+
+def _back(step: Array, driven: Array, added: Array, base: NDArray[np.intp]) -> tuple[Array, Array]:
+    """q (J + 1, M, n) and W (J + 1, M, n, n), zero behind the last cell: step' q + driven, step' W step + added."""
+    count, (batch, n) = len(base), driven.shape[1:]
+    pull, weight = np.zeros((count + 1, batch, n)), np.zeros((count + 1, batch, n, n))
+    back, j = step.swapaxes(-1, -2), count - 1
+    while j >= 0:
+        weight[j], a = back[j] @ weight[j + 1] @ step[j] + added[j], int(base[j])
+        if j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1]):  # one gain down to cell a
+            weight[a:j] = weight[j]
+            pull[a : j + 1] = recursion(back[j], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]]))[:0:-1]
+            j = a
         else:
-            v, rows = m[None], slice(j, j + 1)
-        surprise[rows] = cells.score[rows, :, 0] - _times(info, v)
-        mean[rows] = v + _times(past[j], surprise[rows])
-        j = rows.stop
-        m, cov = _times(across, mean[j - 1]), across @ past[j - 1] @ across.swapaxes(-1, -2)
-    return mean, past, shrink, surprise, base
+            pull[j] = _times(back[j], pull[j + 1]) + driven[j]
+        j -= 1
+    return pull, weight
 
 
 def _ends(cells: Cells) -> NDArray[np.intp]:
@@ -127,13 +139,13 @@ def _ends(cells: Cells) -> NDArray[np.intp]:
     size = np.maximum(np.abs(told), 1e-300)
     changes = np.ones(count, dtype=bool)
     changes[1:] = (cells.kind[1:] != cells.kind[:-1]) | (np.abs(np.diff(told, axis=0)) > ALIKE * size[1:]).any(axis=1)
-    starts = [0]
-    while starts[-1] < count:  # what drifts slowly: no further than from the first of the run
-        a = starts[-1]
-        b = int(np.argmax(np.r_[changes[a + 1 :], True])) + a + 1
-        away = (np.abs(told[a:b] - told[a]) > ALIKE * size[a]).any(axis=1)
-        starts.append(a + int(np.argmax(away)) if away.any() else b)
-    return np.repeat(np.array(starts[1:]) - 1, np.diff(starts))
+    ends = np.arange(count)
+    for a, b in pairwise([*np.flatnonzero(changes).tolist(), count]):
+        while b - a > 1:  # what drifts slowly: no further than from the first of the run
+            away = (np.abs(told[a:b] - told[a]) > ALIKE * size[a]).any(axis=1)
+            stop = a + int(np.argmax(away)) if away.any() else b
+            ends[a:stop], a = stop - 1, stop
+    return ends
 
 
 def recursion(phi: Array, driven: Array) -> Array:
@@ -150,8 +162,8 @@ def recursion(phi: Array, driven: Array) -> Array:
 
 
 def _times(matrix: Array, vectors: Array) -> Array:
-    """matrix (M, n, n) times each of vectors (..., M, n)."""
-    return np.asarray(np.einsum("mij,...mj->...mi", matrix, vectors))
+    """Matrices (..., M, n, n) times vectors (..., M, n)."""
+    return np.asarray((matrix @ vectors[..., None])[..., 0])
 
 
 def _close(a: Array, b: Array) -> bool:
