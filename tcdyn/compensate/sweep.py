@@ -67,7 +67,7 @@ def swept(cells: Cells) -> Swept:
     past, shrink, base = _filtered(cells)
     info, score, across = cells.information[:, :, 0], cells.score[:, :, 0], cells.transition[cells.kind, :, 0]
     step = across @ shrink
-    mean = _means(cells.mean0[:, 0], step, _times(across @ past, score), base)
+    mean = _means(cells.mean0[:, 0], across, step, across @ past, info, score, base)
     surprise = score - _times(info, mean)
     pull, weight = _back(step, _times(shrink.swapaxes(-1, -2), surprise), info @ shrink, base)
     gone = past @ across.swapaxes(-1, -2)
@@ -100,16 +100,21 @@ def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
     return past, shrink, base
 
 
-def _means(start: Array, step: Array, driven: Array, base: NDArray[np.intp]) -> Array:
-    """m (J, M, n) before each cell's samples; the next is step m + driven, step one from each ``base`` on."""
-    mean = np.empty_like(driven)
-    mean[0], j = start, 0
-    for last in [*np.flatnonzero(np.diff(base)).tolist(), len(base) - 1]:
+def _means(
+    start: Array, across: Array, step: Array, gain: Array, info: Array, score: Array, base: NDArray[np.intp]
+) -> Array:
+    """m (J, M, n) before each cell's samples: the next is A m + gain (s - L m), or step m + gain s within one gain.
+
+    Not so elsewhere: where little is known yet, that is a difference of large numbers.
+    """
+    mean, j = np.empty_like(score), 0
+    mean[0] = start
+    for last in [*np.flatnonzero(np.diff(base)).tolist(), len(base) - 1]:  # of the cells from j on that have one gain
         if last > j:
-            mean[j : last + 1] = recursion(step[j], np.concatenate([mean[j][None], driven[j:last]]))
-        j = last + 1
-        if j < len(mean):
-            mean[j] = _times(step[last], mean[last]) + driven[last]
+            mean[j : last + 1] = recursion(step[j], np.concatenate([mean[j][None], _times(gain[j], score[j:last])]))
+        if (j := last + 1) < len(mean):
+            surprise = score[last] - _times(info[last], mean[last])
+            mean[j] = _times(across[last], mean[last]) + _times(gain[last], surprise)
     return mean
 
 
