@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 from scipy.signal import detrend
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
@@ -191,7 +191,7 @@ def _conditions(
             counts = independent * (b - a) / TAPER
             total += float(counts * (ratio[a:b].mean() - 1) ** 2)
             bands += 1
-    p = float(chi_square.sf(total, max(bands - len(theta), 1)))
+    p = float(chdtrc(max(bands - len(theta), 1), total))
     if p < ALARM:
         found.append(look("sensor.noise_misfit", subject=column, p_value=p))
     return found
