@@ -8,7 +8,6 @@ from itertools import pairwise, product
 from typing import Literal
 
 import numpy as np
-from scipy.signal.windows import hann
 
 from calibration import Array
 from tcdyn.chain import Chain
@@ -39,7 +38,7 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     """
     n = len(y)
     t = np.linspace(-1, 1, n)
-    taper = hann(n, sym=False)
+    taper = np.hanning(n + 1)[:-1]
     taper /= np.sqrt(np.sum(taper**2))
     power = np.abs(np.fft.rfft((y - np.polyval(np.polyfit(t, y, 1), t)) * taper)) ** 2
     f = np.fft.rfftfreq(n, dt_s)
