@@ -6,8 +6,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from scipy.optimize import minimize
-from scipy.signal import detrend
 from scipy.special import chdtrc
 
 from calibration import Array
@@ -50,7 +50,7 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
         raise InputError(
             f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing", expected="at least 512, and 1 % at most"
         )
-    y = detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
+    y = scipy.signal.detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
     length = len(y) // LEAST_SEGMENTS
     for _ in range(3):
         power, w, independent = segments(y, length)
