@@ -92,7 +92,7 @@ def __dir__() -> list[str]:
 
 def _card(result: Any) -> Any:
     """A result as a notebook shows it, with its picture."""
-    return import_module("tcdyn.report.notebook").card_html(result)
+    return import_module("tcdyn.report.page").card_html(result)
 
 
 if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:

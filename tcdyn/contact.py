@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
-from scipy.signal import savgol_filter
 from scipy.special import ellipe, ellipk
 
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
+from calibration.filters import local_polynomial
 from calibration.finding import Finding
 from calibration.noise import SPIKES, find_spikes, white_noise_sd
 
@@ -179,7 +179,7 @@ def _line_through(raw: Array, dt_s: float) -> Array:
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
     filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
     window = line_length(float(white_noise_sd(filled)), float(np.median(filled)), dt_s, len(filled))
-    return np.asarray(savgol_filter(filled, window, min(1, window - 1), mode="interp"))
+    return local_polynomial(filled, window, min(1, window - 1))
 
 
 def line_length(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
@@ -221,7 +221,7 @@ def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: floa
     calm = x.interpolate(limit_direction="both").rolling(5, center=True, min_periods=1).median().to_numpy()
     dt_s = float(np.median(np.diff(time_s)))
     window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(calm) - 1) // 2) + 1)
-    smooth = savgol_filter(calm, window, 2) if window > 3 else calm
+    smooth = local_polynomial(calm, window, 2) if window > 3 else calm
     if np.abs(smooth[near] - 1).max() >= LEAST_CHANGE:
         out[after] = np.clip(smooth, 0.0, None)
     return out

@@ -142,7 +142,7 @@ def test_every_result_has_its_picture_or_says_that_it_has_none(results: dict[str
 
 
 def test_a_notebook_shows_each_result_with_its_picture(results: dict[str, Any]) -> None:
-    from tcdyn.report.notebook import card_html
+    from tcdyn.report.page import card_html
 
     for name, one in results.items():
         assert card_html(one).count("<img") == (name not in WITHOUT_PICTURE), name

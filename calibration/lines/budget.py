@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from datetime import date
 
-from scipy import stats
+from scipy.special import stdtrit
 
 from calibration.estimate import Z95
 from calibration.lines.static import StaticLine, static_u
@@ -56,7 +56,7 @@ class RestBudget:
     @property
     def coverage(self) -> float:
         """Coverage factor k for 95 %: Student's at the effective degrees of freedom, rounded down."""
-        return float(stats.t.isf(0.025, math.floor(max(self.freedom, 1.0)))) if self.freedom < 1e6 else Z95
+        return float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975)) if self.freedom < 1e6 else Z95
 
     @property
     def expanded(self) -> float:
@@ -77,7 +77,7 @@ def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperatu
     (0.066, 122, 1.98, 0.131)
     """
     freedom = line.n - 2
-    narrow = Z95 / float(stats.t.isf(0.025, freedom)) if freedom > 0 else 1.0
+    narrow = Z95 / float(stdtrit(freedom, 0.975)) if freedom > 0 else 1.0
     drift = min(stated.drift_u_K(on), line.shared_u_K)
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
     own = narrow * float(static_u(line, temperature_degC))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import fdtrc
 
 from calibration import Array, Flags
 from calibration.errors import InputError
@@ -125,8 +125,8 @@ def _slopes_differ_p(line: LineFit, at: NDArray[np.intp]) -> float | None:
         if not df @ df > 0:
             return None
         own += float(dv @ dv - (df @ dv) ** 2 / (df @ df))
-    shared = line.sd**2 * line.dof
-    return float(stats.f.sf((shared - own) / (line.dof - dof) / (own / dof), k - 1, dof)) if own > 0 else None
+    gained = max(line.sd**2 * line.dof - own, 0.0)
+    return float(fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof))) if own > 0 else None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, ndtri
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -38,7 +38,7 @@ class Stranger:
     @property
     def explained(self) -> bool:
         """Whether the cause alone explains the departure."""
-        return float(stats.chi2.sf(self.left, max(self.freedom - 1, 1))) > 1e-3
+        return float(chdtrc(max(self.freedom - 1, 1), max(self.left, 0.0))) > 1e-3
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it."""
@@ -71,7 +71,7 @@ def _worst(posterior: Posterior, before: Sequence[Stranger]) -> Stranger | None:
     worst = max(tests, key=lambda s: abs(s.z))
     lines = {name for t in posterior.tests for name in t.names if name.startswith("static ")}
     trials = len(tests) * (len(CAUSES) + len(lines))
-    return worst if abs(worst.z) > float(stats.norm.isf(0.5 * FALSE_ALARM / trials)) else None
+    return worst if abs(worst.z) > float(-ndtri(0.5 * FALSE_ALARM / trials)) else None
 
 
 def against_the_rest(posterior: Posterior, i: int) -> Stranger:

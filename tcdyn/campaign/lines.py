@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
+from scipy.special import chdtrc, ndtr, ndtri, stdtr, stdtrit
 
 from calibration import Array
 from calibration.estimate import Estimate
@@ -31,18 +32,18 @@ class Line:
     @property
     def p_value(self) -> float:
         """Chance of a chi-squared as large as this if there were no scatter: is the line enough?"""
-        return float(stats.chi2.sf(self.chi2, self.freedom)) if self.freedom > 0 else 1.0
+        return float(chdtrc(self.freedom, self.chi2)) if self.freedom > 0 else 1.0
 
     def estimate(self, k: int) -> Estimate:
         """A coefficient; Student's interval where the scatter was found from the points."""
         value, u = float(self.coefficients[k]), float(np.sqrt(self.covariance[k, k]))
-        reach = u * float(stats.norm.isf(0.025) if self.scatter == 0 else stats.t.isf(0.025, max(self.freedom, 1)))
+        reach = u * float(ndtri(0.975) if self.scatter == 0 else stdtrit(max(self.freedom, 1), 0.975))
         return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
 
     def no_slope(self, k: int) -> float:
         """Chance of a coefficient as far from zero if it were zero."""
         z = abs(float(self.coefficients[k])) / float(np.sqrt(self.covariance[k, k]))
-        return float(2 * (stats.norm.sf(z) if self.scatter == 0 else stats.t.sf(z, max(self.freedom, 1))))
+        return float(2 * (ndtr(-z) if self.scatter == 0 else stdtr(max(self.freedom, 1), -z)))
 
 
 def fit_line(columns: Array, y: Array, covariance: Array) -> Line:

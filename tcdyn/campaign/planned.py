@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import chdtr, chdtrc
 
 from calibration import Array
 from calibration.columns import couples
@@ -170,7 +170,7 @@ def as_expected(posterior: Posterior) -> Posterior:
     quantities, and Y on v + 2.
     """
     told = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
-    widened = float(stats.chi2.cdf(told, told) + stats.chi2.sf(told, told + 2))
+    widened = float(chdtr(told, told) + chdtrc(told + 2, told))
     by = by_shared(posterior.reduced, posterior.shared)
     more = (widened - posterior.widened) * by @ posterior.shared_covariance @ by.T
     return replace(posterior, covariance=posterior.covariance + more, widened=widened)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
@@ -177,6 +177,6 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     chi2, shape = float(off @ weight @ off), float((off - level) @ weight @ (off - level))
     names: Sequence[str] = posterior.order
     return CurveTest(
-        curve, tuple(names[i] for i in inside), chi2, float(stats.chi2.sf(chi2, len(off))), shape,
-        float(stats.chi2.sf(shape, len(off) - 1)), Estimate.normal(level, float(np.sqrt(u2))),
+        curve, tuple(names[i] for i in inside), chi2, float(chdtrc(len(off), chi2)), shape,
+        float(chdtrc(len(off) - 1, shape)), Estimate.normal(level, float(np.sqrt(u2))),
     )  # fmt: skip

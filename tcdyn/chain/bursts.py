@@ -15,10 +15,10 @@ from itertools import compress
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import find_peaks, oaconvolve
 
 from calibration import Array, Flags
 from calibration.disk import Conditioning
+from calibration.filters import largest_match, peaks
 from calibration.noise import SpikeRule, bridged, find_spikes
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.noise import LoggerNoise, noise_of
@@ -147,8 +147,7 @@ class _Search:
             rest = _rest(pulse, self.beside)
             first = odd // 2 - len(rest) // 2
             shape[first : first + len(rest)] = rest / np.linalg.norm(rest)
-        z = oaconvolve(padded[None], shapes[:, ::-1], mode="valid", axes=1)
-        return np.pad(np.abs(z).max(axis=0), odd // 2)
+        return np.pad(largest_match(padded, shapes), odd // 2)
 
     @cached_property
     def first(self) -> Array:
@@ -177,7 +176,7 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
     moved, other = np.zeros(len(padded), dtype=bool), np.pad(alone, widest)
     for _ in range(ROUNDS):
         before = np.count_nonzero(moved)
-        for centre in find_peaks(score, height=SURE, distance=widest)[0]:
+        for centre in peaks(score, SURE, widest):
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
                 first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
                 if (inside := parts.pulses_in(padded[first : first + widest], bool(other[centre]))).any():

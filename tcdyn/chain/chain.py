@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 from scipy.linalg import solve_continuous_lyapunov
 
 from calibration import Array
@@ -202,8 +202,8 @@ def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under ``hold``."""
-    system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
-    b, a = signal.ss2tf(*system)
+    system = scipy.signal.cont2discrete(scipy.signal.tf2ss(num, den), dt_s, method=hold)[:4]
+    b, a = scipy.signal.ss2tf(*system)
     return np.asarray(b[0]), np.asarray(a)
 
 

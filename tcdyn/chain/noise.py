@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import NDArray
-from scipy import signal
+from scipy.fft import rfft, rfftfreq
 from scipy.ndimage import label, median_filter
 from scipy.optimize import nnls
 
@@ -268,15 +267,15 @@ def _spectra(traces: Sequence[Array], dt_s: float, segment_s: float) -> tuple[Ar
     if not long:
         return None
     size = max(min(round(segment_s / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
-    pieces: list[NDArray[np.float64]] = []
-    f = np.fft.rfftfreq(size, dt_s)
+    f, taper, pieces = rfftfreq(size, dt_s), np.hanning(size + 1)[:-1], list[Array]()
+    taper, line = taper / np.linalg.norm(taper), np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0]
     for y in long:
         absent = ~np.isfinite(y.T)
         filled = np.stack([bridged(x, ~gone) for x, gone in zip(y.T, absent)])
-        _, _, each = signal.spectrogram(filled, 1 / dt_s, "hann", size, size // 2, detrend="linear")
-        gaps = sliding_window_view(absent, size, axis=1)[:, :: size - size // 2].mean(axis=2) > MOST_BRIDGED
-        pieces.append(np.where(gaps[:, None, : each.shape[-1]], np.nan, each))
-    power = np.concatenate(pieces, axis=-1) * (0.5 / dt_s)
+        segments, gone = (sliding_window_view(x, size, axis=1)[:, :: size - size // 2] for x in (filled, absent))
+        each = np.abs(rfft((segments - (segments @ line) @ line.T) * taper)) ** 2
+        pieces.append(np.where(gone.mean(axis=2, keepdims=True) > MOST_BRIDGED, np.nan, each).swapaxes(1, 2))
+    power = np.concatenate(pieces, axis=-1)
     keep = (f >= SLOW_HZ) & (f <= NYQUISTS * 0.5 / dt_s)
     bias = float(np.log(2))  # median over mean of a squared amplitude
     if np.count_nonzero(keep) < LEAST_WAVES:

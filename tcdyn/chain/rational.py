@@ -18,9 +18,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polymul, polyroots
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 from calibration import Array
+from calibration.filters import first_order
 
 if TYPE_CHECKING:
     import control
@@ -139,7 +139,9 @@ def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
     for k in range(m - 1, -1, -1):
         if rest.shape[1] == 0:
             break
-        horner = lfilter([1.0], [1.0, -poles[k]], rest[:, ::-1])  # division by s - p: quotient, then remainder
+        horner = rest[:, ::-1].copy()  # division by s - p: quotient, then remainder
+        for j in range(1, horner.shape[1]):
+            horner[:, j] += poles[k] * horner[:, j - 1]
         c[:, k] = horner[:, -1]
         rest = horner[:, -2::-1] * (1.0 if poles[k] == 0 else -poles[k])
     direct = np.zeros((rows, 2), dtype=c.dtype)
@@ -224,13 +226,12 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
     """x_{k+1} = phi x_k + forcing_k for lower triangular ``phi``: one first-order filter a state; (n, N)."""
     n, steps = forcing.shape
     x = np.empty((n, steps + 1), dtype=np.result_type(phi, forcing))
-    x[:, 0] = x0
+    x[:, 0], x[:, 1:] = x0, forcing
     for k in range(n):
-        g = forcing[k]
         lower = np.flatnonzero(phi[k, :k])
         if len(lower):
-            g = g + phi[k, lower] @ x[lower, :-1]
-        x[k, 1:] = lfilter([1.0], np.array([1.0, -phi[k, k]]), g, zi=np.array([phi[k, k] * x0[k]]))[0]
+            x[k, 1:] += phi[k, lower] @ x[lower, :-1]
+        x[k] = first_order(phi[k, k], x[k])
     return x
 
 

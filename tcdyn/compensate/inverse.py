@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from numpy.typing import ArrayLike, NDArray
-from scipy import signal
 from scipy.ndimage import uniform_filter1d
 
 from calibration import Array
@@ -41,14 +41,14 @@ class InverseFilter:
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
         length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64 + len(self.b)
-        return float(np.sqrt(np.sum(signal.lfilter(self.b, self.a, np.r_[1.0, np.zeros(length - 1)]) ** 2)))
+        return float(np.sqrt(np.sum(scipy.signal.lfilter(self.b, self.a, np.r_[1.0, np.zeros(length - 1)]) ** 2)))
 
     def __call__(self, y: ArrayLike) -> Array:
         """Apply to ``y`` (N,) or (N, M) [degC], from equilibrium with the first sample; same shape."""
         y = np.asarray(y, dtype=float)
-        zi = signal.lfilter_zi(self.b, self.a)
+        zi = scipy.signal.lfilter_zi(self.b, self.a)
         zi = zi.reshape(-1, *(1,) * (y.ndim - 1)) * y[:1]
-        return np.asarray(signal.lfilter(self.b, self.a, y, axis=0, zi=zi)[0])
+        return np.asarray(scipy.signal.lfilter(self.b, self.a, y, axis=0, zi=zi)[0])
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
         """The digital filter's own response, same shape as ``frequency_Hz``."""
@@ -119,7 +119,7 @@ def invert(
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     """Change of the answer per second of the largest lag [K/s], shape of ``y``: s/(1 + tau s) times the inverse."""
     x = f(y)
-    return np.asarray(signal.lfilter(*lag_rate(f.chain, f.dt_s), x - x[:1], axis=0))
+    return np.asarray(scipy.signal.lfilter(*lag_rate(f.chain, f.dt_s), x - x[:1], axis=0))
 
 
 def lag_rate(chain: Chain, dt_s: float) -> tuple[Array, Array]:
@@ -210,7 +210,7 @@ def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -
     u = np.zeros(rows * fine)
     u[fine:] = 1.0  # a step at the second sample
     raw = np.asarray(chain.response(u, dt / fine, hold="zoh")[::fine], dtype=np.float64)
-    step = np.asarray(signal.lfilter(f.b, f.a, raw), dtype=np.float64)
+    step = np.asarray(scipy.signal.lfilter(f.b, f.a, raw), dtype=np.float64)
     t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
     freq, wide = np.geomspace(1e-4, 0.499, 3000) / dt, np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
     b, a = np.arange(len(f.b)) @ f.b / np.sum(f.b), np.arange(len(f.a)) @ f.a / np.sum(f.a)

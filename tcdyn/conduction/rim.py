@@ -10,11 +10,11 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
+from calibration.filters import first_order
 from tcdyn.conduction.flux import TrackFlux
 
 Point = tuple[float, float]  # (depth below the running surface, z from one face), both in m
@@ -220,7 +220,6 @@ def lag_bank(
         raise InputError(f"lag_bank: u must be a row of finite numbers; got shape {u.shape}")
     start = np.full(len(rates), u[0]) if initial is None else np.asarray(initial, dtype=float)
     out = np.empty((len(rates), len(u)))
-    out[:, 0] = start
     whole = -np.expm1(-rates * dt_s)
     extra = []  # what a jump inside a sample adds to the plain hold
     for s in switches:
@@ -236,7 +235,7 @@ def lag_bank(
             drive = rise * u[:-1]
             for s, add in zip(switches, extra):
                 drive[s.index] += add[k]
-        out[k, 1:] = lfilter([1.0], [1.0, -decay], drive, zi=[decay * start[k]])[0]
+        out[k] = first_order(decay, np.append(start[k], drive))
     return out.T
 
 

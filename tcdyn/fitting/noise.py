@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from scipy.linalg import solve_toeplitz
-from scipy.signal import lfilter
 
 from calibration import Array
 from tcdyn.fitting.descend import minimise
@@ -60,7 +60,7 @@ class Noise:
         """How many of ``n`` samples are independent: their variance over that of n times their mean; 2 at least."""
         if self.white:
             return float(n)
-        pulse = lfilter([1.0, *self.ma], [1.0, *self.ar], np.eye(1, n)[0])
+        pulse = scipy.signal.lfilter([1.0, *self.ma], [1.0, *self.ar], np.eye(1, n)[0])
         return max(n * float(pulse @ pulse) * ((1 + sum(self.ar)) / (1 + sum(self.ma))) ** 2, 2.0)
 
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
@@ -74,9 +74,9 @@ class Noise:
             return table
         out = np.zeros_like(table)
         for k, s in enumerate(parts):
-            filtered = lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
+            filtered = scipy.signal.lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
             if self.rest and k:
-                level = lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
+                level = scipy.signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
                 shape, shrink = level[:, None] / (np.linalg.norm(level) or 1.0), np.ones(1)
             else:
                 shape, spread = self._begun(len(filtered))
@@ -109,7 +109,7 @@ def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, 
     p = np.outer(c - d, c - d)
     for _ in range(30):
         p, a = p + a @ p @ a.T, a @ a
-    shape = lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
+    shape = scipy.signal.lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
     value, vector = np.linalg.eigh(p)
     left, size, _ = np.linalg.svd(shape @ (vector * np.sqrt(np.maximum(value, 0.0))), full_matrices=False)
     return left, size**2
@@ -134,7 +134,7 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
 def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
     """The autoregression of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
 
-    >>> e = lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
+    >>> e = scipy.signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
     >>> fit_ar(e, [slice(0, 2000)], max_order=1).ar[0].__round__(1)
     -0.8
     """
@@ -156,7 +156,7 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
 def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     """ARMA(p, q) of ``e`` by conditional least squares, started by Hannan and Rissanen's two regressions.
 
-    >>> e = lfilter([1.0, 0.5], [1.0, -0.8], np.random.default_rng(0).standard_normal(4000))
+    >>> e = scipy.signal.lfilter([1.0, 0.5], [1.0, -0.8], np.random.default_rng(0).standard_normal(4000))
     >>> found = fit_arma(e, [slice(0, 4000)], 1, 1)
     >>> round(found.ar[0], 1), round(found.ma[0], 1)
     (-0.8, 0.5)
@@ -179,8 +179,8 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
             return None
         r, j = np.zeros(len(e)), np.zeros((len(e), p + q))
         for s in parts:
-            w = lfilter(d, c, e[s])
-            past_e, past_w = lfilter([1.0], c, e[s]), lfilter([1.0], c, w)
+            w = scipy.signal.lfilter(d, c, e[s])
+            past_e, past_w = scipy.signal.lfilter([1.0], c, e[s]), scipy.signal.lfilter([1.0], c, w)
             r[s] = w
             for i in range(p):
                 j[s, i] = np.concatenate([np.zeros(i + 1), past_e[: -i - 1]])
@@ -243,7 +243,7 @@ def equation_error(
         late = np.array([r[s.start + p - k : s.stop - k] for k in range(1, p + 1) if s.stop - s.start > p])
         if len(late):
             w[s.start + p : s.stop] = r[s.start + p : s.stop] + own @ late
-            table[s.start + p : s.stop] = lfilter([1.0, *own], [1.0], j[s], axis=0)[p:]
+            table[s.start + p : s.stop] = scipy.signal.lfilter([1.0, *own], [1.0], j[s], axis=0)[p:]
             table[s.start + p : s.stop, moved] += (np.array(slopes) @ late).T
     return w, table
 
@@ -255,7 +255,7 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision
     the product of J filtered backwards in time by the noise filter. ``precision`` (P,) of normal priors, in units of
     the residuals' variance, is added to J'J, and times that variance to J'VJ.
 
-    >>> e = lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
+    >>> e = scipy.signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
     >>> u = float(sandwich(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean of coloured noise
     >>> round(u / (np.std(e) / 2000**0.5))  # times as large as if it were white
     3
@@ -266,7 +266,7 @@ def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision
     variance = float(innovation @ innovation) / (n - p)
     shaped = np.zeros_like(jacobian)
     for s in parts:
-        shaped[s] = lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
+        shaped[s] = scipy.signal.lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
     known = np.zeros(p) if precision is None else precision
     bread = inverse(jacobian.T @ jacobian + np.diag(known))
     half = shaped @ bread  # squared as a whole: a product of three loses all digits

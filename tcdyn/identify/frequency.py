@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from scipy import stats
+from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
@@ -246,7 +246,7 @@ def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit:
     if data.unstated:
         found.append(note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale)))
     else:
-        p = float(stats.chi2.sf(chi2, freedom))
+        p = float(chdtrc(freedom, chi2))
         if p < ALARM:
             found.append(look("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
         scale = max(scale, 1.0) if p < ALARM else 1.0

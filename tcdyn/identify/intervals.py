@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from calibration import Array
 from calibration.estimate import Z95, Estimate
@@ -44,7 +44,7 @@ def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
     u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
     white = variance * found.optimum.covariance[index, index]
     wider = found.covariance_x[index, index] / white if found.identified.statistics["robust_covariance"] else 1.0
-    t = float(stats.t.ppf(0.975, freedom))
+    t = float(stdtrit(freedom, 0.975))
     run = walk(
         found.optimum, name, u=min(u, 1.5) if positive else u, scale=variance * wider, level=t**2, drop=t**2,
         step=t, reach=1e3, refine=0.01, limit=25, tolerance=0.0, relative=1e-9,

@@ -14,7 +14,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
-from scipy.signal import correlate
+import scipy  # scipy.signal with its first use: it is slow to import
 
 from calibration import Array
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
@@ -111,7 +111,7 @@ def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Arr
             x = np.concatenate([np.zeros(behind + 1), x - x[0], np.zeros(ahead)])
             sums = np.cumsum([x, x**2], axis=1)
             first, second = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
-            along = correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
+            along = scipy.signal.correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
             row += np.sign(along) * along**2 / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
     return np.asarray(total / whole)
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc, fdtrc, ndtri
 
 from calibration import Array
 from calibration.errors import InputError
@@ -92,7 +92,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
     raw = r if fit.noise.white else e
     scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
-    spikes = int(np.sum(np.abs(raw) > scale * float(stats.norm.isf(0.005 / len(raw)))))
+    spikes = int(np.sum(np.abs(raw) > scale * float(-ndtri(0.005 / len(raw)))))
     percent = fit_percent(problem, r)
     unsettled = off_equilibrium(fit)
     found = [_verdict(fit, white, cross, coloured, rounding, percent)]
@@ -148,7 +148,7 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     white = tested.whiteness.p >= ALARM
     own = float(e @ e) / (len(e) - problem.size) * unit if white else sandwich(j, e, problem.parts)
     step, covariance = (unit @ (j.T @ e))[:k], own[:k, :k] + fit.covariance_x[:k, :k]
-    p = float(stats.chi2.sf(step @ inverse(covariance) @ step, k))
+    p = float(chdtrc(k, step @ inverse(covariance) @ step))
     moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
     return replace(tested, findings=tested.findings + moved)
 
@@ -189,9 +189,7 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
     z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
     value = total[1:] / max(total[0], 1e-300)
     bound = 1.96 * np.sqrt(pairs[1:]) / n
-    return ResidualTest(
-        np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(stats.chi2.sf(np.sum(z**2), lags))
-    )
+    return ResidualTest(np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(chdtrc(lags, np.sum(z**2))))
 
 
 def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
@@ -241,7 +239,7 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     explained, left_over, tail = float(np.sum((basis.T @ e) ** 2)), n - p - rank, 1.0
     if rank and left_over > 0:
         ratio = (explained / rank) / max((total - explained) / left_over, 1e-300)
-        tail = float(stats.f.sf(ratio, rank, left_over))
+        tail = float(fdtrc(rank, left_over, ratio))
     value = (left.T @ e) / np.sqrt(total)
     bound = 1.96 * np.linalg.norm(left, axis=0) * np.sqrt(variance / total)
     return ResidualTest(lags_s, value, bound, tail)

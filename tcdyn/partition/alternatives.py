@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -147,7 +147,7 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
         z = (n.value - test.speed_exponent) / float(np.hypot(n.u, law_u))
         tried.append(Alternative(name, beta, n, found.sizes, found.log_odds, found.delta_chi2, z))
     prior = [np.log(SOUND), *[np.log((1 - SOUND) / (len(tried) - 1))] * (len(tried) - 1)]
-    referee = [stats.norm.logpdf(a.referee_z) - np.log(np.hypot(a.exponent.u, law_u)) for a in tried]
+    referee = [-0.5 * a.referee_z**2 - np.log(np.hypot(a.exponent.u, law_u)) for a in tried]
     weights = special.softmax([a.log_odds + p + r for a, p, r in zip(tried, prior, referee)])
     order = np.argsort(-weights)
     low, high = mixture_range([a.beta for a in tried], [float(w) for w in weights])

@@ -12,8 +12,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import block_diag
+from scipy.special import ndtr
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -212,7 +212,7 @@ def cross_check(
     largest = np.max(np.stack(zs), axis=0)
     p = float(np.mean(largest >= worst[3]))
     if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
-        p = min(1.0, 2 * len(pairs) * float(stats.norm.sf(worst[3])))
+        p = min(1.0, 2 * len(pairs) * float(ndtr(-worst[3])))
     suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
     most = min(tensions, key=lambda t: t.chance, default=None)
     strained = most if most is not None and most.chance < NOTED_CHANCE else None
@@ -271,7 +271,7 @@ def tensions(
     largest = largest_pulls([*depths.values()])
     out = [Tension(f, z, chance_of(z, largest, len(pulled)), DEPTH_ALARM) for f, z in pulled]
     for finding, z in others:  # how often the largest of so many independent normal deviates is at least |z|
-        one = min(2 * float(stats.norm.sf(abs(z))), 1 - 1e-9)
+        one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
         out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_ALARM))
     for s in () if sensors is None else sensors.suspects:
         fault = note("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
@@ -295,4 +295,4 @@ def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
 def chance_of(pull: float, largest: Array, count: int) -> float:
     """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
     seen = float(np.mean(largest >= abs(pull)))
-    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(stats.norm.sf(abs(pull))))
+    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(ndtr(-abs(pull))))

@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import ndimage
 
 from calibration import Array
 from calibration.disk import DiskSetup
-from tcdyn.chain import discretised
+from tcdyn.chain.rational import Factor, Rational, simulate
 from tcdyn.conduction.rim import bank_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement import statement_effects
@@ -141,9 +141,8 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     late = -share * np.gradient(power, window.at_s, axis=0)
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
-    b, a = discretised([tau1 - tau2, 0.0, 0.0], np.polymul([tau1, 1.0], [tau2, 1.0]), dt)
-    whole = sampled(window, base)
-    lost = signal.lfilter(b, a, whole, axis=0, zi=signal.lfilter_zi(b, a)[:, None] * whole[0])[0]
+    bent = Rational(np.array([0.0, 0.0, tau1 - tau2]), (Factor((1.0, tau1)), Factor((1.0, tau2))))
+    lost = np.column_stack([simulate(bent, column, dt) for column in sampled(window, base).T])
     split = -np.eye(len(outer))[:, None] * (blocks @ lost)
     static = disk.static_u_K.copy()
     static[outer] = np.hypot(static[outer], MODEL_K)

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from numpy.typing import NDArray
-from scipy import signal
 
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
@@ -175,7 +175,7 @@ class Causal:
     def start(self, first: Array) -> CausalState:
         """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines]."""
         m = len(self.junctions)
-        memory = [np.concatenate([signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
+        memory = [np.concatenate([scipy.signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
         return CausalState(
             self.engine.start(first), np.array(memory) * first[:, None],
             np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
@@ -235,8 +235,8 @@ class Causal:
         kernel, x, sd, flags = self.engine.run(state.kernel, self._corrected(rows))
         rate, split_K, memory = np.empty_like(x), np.empty_like(x), np.empty_like(state.memory)
         for i, (per_lag, divided) in enumerate(self._filters):
-            rate[:, i], memory[i, :1] = signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
-            split_K[:, i], memory[i, 1:] = signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
+            rate[:, i], memory[i, :1] = scipy.signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
+            split_K[:, i], memory[i, 1:] = scipy.signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
         line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
         state = replace(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
@@ -66,7 +66,7 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
             ax.plot([r.value.real], [r.value.imag], color=colour, linestyle="none", **mark)  # type: ignore[arg-type]
             size, axes = np.linalg.eigh(r.covariance)
             free = np.sum(size > 1e-9 * size[-1]) if size[-1] > 0 else 1  # a real root moves along its axis alone
-            reach = np.sqrt(np.maximum(size, 0) * chi2.ppf(0.95, free))
+            reach = np.sqrt(np.maximum(size, 0) * chdtri(free, 0.05))
             round_ = axes @ (reach[:, None] * [np.cos(turn), np.sin(turn)])
             ax.plot(r.value.real + round_[0], r.value.imag + round_[1], color=colour, linewidth=0.9)
         ax.plot([], [], "x", color=colour, label=name)

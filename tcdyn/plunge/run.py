@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
 
 from calibration.checks.clock import interval_s
 from calibration.disk import CHANNELS
@@ -162,7 +161,8 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
     if not np.any(after):
         raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
     bins = pd.DataFrame({"t": t[after], "bath": bath[after]}).groupby(np.floor(t[after] / window_s))
-    return bins["t"].mean().to_numpy(), bins["bath"].agg(stats.trim_mean, 0.2).to_numpy()
+    middle = bins["bath"].agg(lambda x: np.sort(x)[(cut := len(x) // 5) : len(x) - cut].mean())
+    return bins["t"].mean().to_numpy(), middle.to_numpy()
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from calibration.errors import InputError
 from calibration.estimate import Estimate, with_u
 from calibration.files.write import write_text
 from calibration.finding import Finding, doubts, notes, sentences
+from calibration.result import Result
+from tcdyn.compensate.record import Compensated
 from tcdyn.cores import side_by_side
 from tcdyn.version import __version__
 
@@ -100,6 +103,24 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+
+
+def card_html(result: Result) -> str:
+    """A result in a notebook: its own card with its picture, where it has one that needs nothing else.
+
+    >>> from tcdyn.chain import Chain
+    >>> card_html(Chain([0.6, 0.1])).count("<img")
+    1
+    """
+    from tcdyn.plots.pick import draw  # knows every picture, which no page needs
+    from tcdyn.plots.style import figure
+
+    picture, (ax,) = figure(height_in=3.6)
+    try:
+        draw(result, ax, **({"logged": None} if isinstance(result, Compensated) else {}))
+    except (InputError, TypeError):  # no picture of it, or one that needs more than the result
+        return result._repr_html_()
+    return f'{result._repr_html_()}<img src="{figure_data_uri(picture, 90)}" alt="{type(result).__name__}">'
 
 
 def render_page(

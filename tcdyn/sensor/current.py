@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
+import scipy  # scipy.signal with its first use: it is slow to import
 from scipy.special import gammaln, j0, j1, jn_zeros, logsumexp
 
 from calibration import Array
@@ -168,7 +168,7 @@ class _Heated:
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
             keep, first = float(np.exp(-self.dt_s / tau)), self.power[0]
-            total += share * lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
+            total += share * scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
         return total
 
     def table(self, shape: Array) -> Array:

@@ -6,9 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy  # scipy.signal with its first use: it is slow to import
 from scipy.optimize import minimize
-from scipy.signal import detrend
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
@@ -50,7 +50,7 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
         raise InputError(
             f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing", expected="at least 512, and 1 % at most"
         )
-    y = detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
+    y = scipy.signal.detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
     length = len(y) // LEAST_SEGMENTS
     for _ in range(3):
         power, w, independent = segments(y, length)
@@ -191,7 +191,7 @@ def _conditions(
             counts = independent * (b - a) / TAPER
             total += float(counts * (ratio[a:b].mean() - 1) ** 2)
             bands += 1
-    p = float(chi_square.sf(total, max(bands - len(theta), 1)))
+    p = float(chdtrc(max(bands - len(theta), 1), total))
     if p < ALARM:
         found.append(look("sensor.noise_misfit", subject=column, p_value=p))
     return found

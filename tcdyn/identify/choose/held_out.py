@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from calibration.errors import InputError
 from tcdyn.fitting import correlation_length
@@ -72,7 +72,7 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
     freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
-    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(stats.f.sf(ratio, *freedom))
+    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(fdtrc(*freedom, ratio))
 
 
 def blocks_out(found: Fit, count: int = 6) -> float:

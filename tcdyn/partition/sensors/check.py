@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy.special import chdtrc
 
 from calibration.disk import DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
@@ -167,12 +167,12 @@ def _judged(
         rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
-        if first.fault.kind == "swapped" and stats.chi2.sf(first.chi2, first.dof) < UNSOUND_P:
+        if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < UNSOUND_P:
             told = {**also, "chi2": sound.chi2, "dof": sound.dof}  # no swap stops a run that it does not explain
             return sound, sound.log_likelihood, (Suspect(disk.name, "unknown", (), None, odds, told),), ()
         named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
         return sound, first.log_likelihood, (named,), ()
-    if stats.chi2.sf(sound.chi2, sound.dof) < UNSOUND_P:
+    if chdtrc(sound.dof, sound.chi2) < UNSOUND_P:
         unknown = Suspect(disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof})
         return sound, sound.log_likelihood, (unknown,), ()
     near = sound.log_likelihood - BLIND_LOG_ODDS

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.disk import DISKS
@@ -99,7 +99,7 @@ def of_one(rest: Resting) -> list[tuple[Fault, Estimate | None, float]]:
         order[i], order[j] = j, i
         exchanged.append((rest.misfit(rest.through(rest, order)), i, j))
     best, second = sorted(exchanged)[:2]
-    explains = stats.chi2.sf(usual, freedom) < UNSOUND_P and stats.chi2.sf(best[0], freedom) > LIKELY_P
+    explains = chdtrc(freedom, usual) < UNSOUND_P and chdtrc(freedom, best[0]) > LIKELY_P
     if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
         channels = rest.disk.setup.channels
         pair = channels[best[1]], channels[best[2]]

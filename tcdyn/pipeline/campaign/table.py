@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.disk import DISKS
+from calibration.estimate import Z95
+from calibration.lines.linefit import fit_line
 
 AGREE = "ways.agree"  # a finding that stands in its own column
 SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
@@ -141,12 +143,9 @@ def trend(x: Array, y: Array) -> Trend | None:
     """
     if different(x) < 3:
         return None
-    from scipy import stats
-
-    line = stats.linregress(x, y)
-    rest = y - line.intercept - line.slope * x
-    reach = float(stats.t.ppf(0.975, len(x) - 2)) * line.stderr
-    numbers = (line.intercept, line.slope, np.sqrt(np.mean(rest**2)), line.stderr)
+    line = fit_line(x, y)
+    u, reach = np.sqrt(line.covariance[0, 0]), Z95 * np.sqrt(line.covariance_95[0, 0])
+    numbers = (line.intercept, line.slope, np.sqrt(np.mean(line.residuals**2)), u)
     return Trend(*map(float, (*numbers, line.slope - reach, line.slope + reach)))
 
 

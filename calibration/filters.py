@@ -1,0 +1,87 @@
+"""The filters that every command needs, by numpy and LAPACK: to import scipy.signal, which has them all, takes as long
+as some commands compute. Its other filters are imported where they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import toeplitz
+from scipy.linalg.lapack import dtbtrs, ztbtrs
+from scipy.ndimage import correlate1d
+
+from calibration import Array
+
+BLOCK, LONG = 16, 4096  # samples: of a block; from which on blocks are quicker
+KERNELS = 8  # lengths of a kernel that are transformed at once
+
+
+def first_order(decay: complex, drive: NDArray) -> NDArray:
+    """y_0 = drive_0, y_k = decay y_(k-1) + drive_k: ``scipy.signal.lfilter([1], [1, -decay], drive)``, (N,).
+
+    The solution of a bidiagonal system. In a long record that gives the last sample of each block, by decay^BLOCK;
+    what a block's own drive makes of it, and what the block before leaves, are products with powers of ``decay``.
+
+    >>> first_order(0.5, np.array([1.0, 0.0, 4.0]))
+    array([1.  , 0.5 , 4.25])
+    """
+    n = len(drive)
+    if n < LONG:
+        bands = np.ones((2, n), dtype=np.result_type(drive, decay), order="F")
+        bands[1] = -decay
+        solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs
+        return np.asarray(solve(bands, drive, uplo="L", diag="U")[0])
+    powers = np.asarray(decay) ** np.arange(BLOCK + 1)
+    y = np.pad(drive, (0, -n % BLOCK)).reshape(-1, BLOCK) @ toeplitz(powers[:-1], np.zeros(BLOCK)).T
+    y[1:] += np.outer(first_order(powers[-1], y[:-1, -1]), powers[1:])
+    return np.asarray(y.ravel()[:n])
+
+
+def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
+    """``scipy.signal.savgol_filter(y, window, order)``: at each sample of ``y`` (N,) the polynomial of ``order`` below
+    ``window``, an odd number up to N, through the ``window`` samples about it; near an end, through those at that end.
+
+    >>> local_polynomial(np.array([1.0, 2.0, 5.0, 10.0, 17.0]), 3, 2).round(9)
+    array([ 1.,  2.,  5., 10., 17.])
+    """
+    half = window // 2
+    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, window), order + 1))[0]
+    out = np.asarray(correlate1d(y, basis @ basis[half], mode="nearest"))
+    out[:half] = (basis @ (basis.T @ y[:window]))[:half]
+    out[len(y) - half :] = (basis @ (basis.T @ y[-window:]))[window - half :]
+    return out
+
+
+def largest_match(y: Array, shapes: Array) -> Array:
+    """max_k |sum_j y_(i+j) shapes_kj|, (N - L + 1,), of ``y`` (N,) and ``shapes`` (K, L): by Fourier transforms of
+    overlapping pieces, as in ``scipy.signal.oaconvolve``, but no more than one shape's products at a time.
+
+    >>> largest_match(np.array([0.0, 1.0, 2.0, 0.0]), np.array([[1.0, 0.0], [1.0, -1.0]])).round(9)
+    array([1., 1., 2.])
+    """
+    length, count = shapes.shape[1], len(y) - shapes.shape[1] + 1
+    size = next_fast_len(min(KERNELS * length, len(y)), real=True)
+    step = size - length + 1
+    pieces = rfft(sliding_window_view(np.pad(y, (0, size)), size)[:count:step])
+    best = np.zeros((len(pieces), step))
+    for shape in rfft(shapes, size).conj():
+        np.maximum(best, np.abs(irfft(pieces * shape, size)[:, :step]), out=best)
+    return best.ravel()[:count]
+
+
+def peaks(y: Array, height: float, distance: int) -> Iterator[int]:
+    """Samples of the maxima of ``y`` (N,) above ``height``, highest first, each ``distance`` or more samples from a
+    higher one: those of ``scipy.signal.find_peaks``.
+
+    >>> list(peaks(np.array([0.0, 3.0, 2.0, 5.0, 0.0, 4.0, 0.0]), 2.5, 3))
+    [3]
+    """
+    rise = np.diff(y)
+    left = 1 + np.flatnonzero((y[1:-1] >= height) & (rise[:-1] > 0) & (rise[1:] < 0))
+    while len(left):
+        top = int(left[np.argmax(y[left])])
+        yield top
+        left = left[np.abs(left - top) >= distance]
