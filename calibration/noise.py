@@ -8,6 +8,7 @@ from math import comb
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
 
@@ -138,12 +139,14 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     if not (np.abs(np.diff(x)) > limit / nearest).any():  # otherwise there is no such majority
         return out
     away = np.abs(x - median_filter(x, rule.width, mode="nearest"))
+    far = np.flatnonzero(away > limit)
     usual: Array = np.zeros(1)
     if rule.local:
-        usual = median_filter(away, rule.local, mode="nearest")
+        beside = rule.local // 2
+        usual = np.median(sliding_window_view(np.pad(away, beside, mode="edge"), rule.local)[far], axis=1)
     elif noise_sd is None:
         usual = np.median(away, keepdims=True)
-    out[index] = away > np.maximum(rule.sigmas * MAD_TO_SD * usual, limit)
+    out[index[far[away[far] > rule.sigmas * MAD_TO_SD * usual]]] = True
     return out
 
 

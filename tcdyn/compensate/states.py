@@ -248,6 +248,14 @@ class Smoothed:
     read_var: Array
 
 
+def _along(out: Array, powers: Sequence[Array], cell: NDArray[np.intp], along: Array) -> None:
+    """Put polynomials of the time ``along`` each cell, ``powers`` (J, M) from the highest on, at samples into ``out``."""
+    np.take(np.ascontiguousarray(powers[0]), cell, axis=0, out=out, mode="clip")
+    for coefficients in powers[1:]:
+        out *= along
+        out += np.ascontiguousarray(coefficients)[cell]
+
+
 def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> Smoothed:
     """States given the whole stretch, its noise variance (M,) and one intensity a channel.
 
@@ -283,15 +291,17 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
         cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * stretch.dt_s, side="right") - 1
         cell = np.clip(cell, 0, len(mean) - 1)
         along = (t - knots[low + cell])[:, None]
-        temperature, slope, sd, sensitivity = at_samples[:, begin:end]
-        slope[:] = mean[cell, :, 1]
-        temperature[:] = mean[cell, :, 0] + along * slope
-        var = cov[cell, :, 0, 0] + 2 * along * cov[cell, :, 0, 1] + along**2 * cov[cell, :, 1, 1]
-        sd[:] = np.sqrt(np.maximum(var, 0.0))
         at_knot = np.einsum("jmn,mn->jm", mean, lag_rows)
-        following = np.concatenate([at_knot[1:], at_knot[-1:]])
-        part = np.clip(along / np.diff(knots)[low + cell][:, None], 0, 1)
-        sensitivity[:] = (1 - part) * at_knot[cell] + part * following[cell]
+        rises = np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots[low : high + 1])[:, None]
+        temperature, slope, sd, sensitivity = at_samples[:, begin:end]
+        for out, powers in (
+            (slope, [mean[..., 1]]),
+            (temperature, [mean[..., 1], mean[..., 0]]),
+            (sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]]),
+            (sensitivity, [rises, at_knot]),
+        ):
+            _along(out, powers, cell, along)
+        np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
     temperature, slope, sd, sensitivity = at_samples
     return Smoothed(
         stretch, noise_var, tuple(chosen), knots, knot_slope, chi2, temperature, slope, sd, sensitivity, read[:-1],
