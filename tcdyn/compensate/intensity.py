@@ -11,8 +11,9 @@ import numpy as np
 
 from calibration import Array
 from tcdyn.chain import Chain
+from tcdyn.compensate.pieces import FINE, corner_rad_s
 from tcdyn.compensate.record import Burst, Intensity, Stretch
-from tcdyn.compensate.states import FINE, corner_rad_s, likelihood, smoothed
+from tcdyn.compensate.states import likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 LEFT_OUT = 3  # slowest waves of a spectrum: what a straight line is taken from says little of them

@@ -15,8 +15,8 @@ from calibration.errors import InputError
 from calibration.finding import Finding, look, sentences
 from calibration.result import Result
 from tcdyn.chain import Chain, discretised
+from tcdyn.compensate.pieces import corner_rad_s
 from tcdyn.compensate.record import Compensated, stretch_of
-from tcdyn.compensate.states import corner_rad_s
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,76 @@
-"""Where a long stretch may be cut: pieces with so much on either side that both sweeps have settled."""
+"""Where cells of time begin, and where a long stretch may be cut: pieces with so much beside them that sweeps settle."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import Array
-from tcdyn.chain import Sensor
-from tcdyn.compensate.record import Intensity, Stretch
+from tcdyn.chain import Chain, Sensor
+from tcdyn.compensate.record import Intensity, Stretch, levels_at
 
+STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
+FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd
 PIECE = 4000  # cells that are swept at once
 SETTLING = 18.0  # memories of the smoother beside a piece: exp(-18) of what is known worse at its ends is left
+
+
+def corner_rad_s(chain: Chain, ratio: Array) -> Array:
+    """Where the signal sinks into the noise: |G(w)|^2 q / w^4 = R, for ``ratio`` = q / R [1/s4]; same shape."""
+    w = np.geomspace(1e-4, 1e4, 400)
+    needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30))
+    return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
+
+
+def knots_for(
+    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+) -> Array:
+    """Knots (J+1,) of cells fine enough for every intensity proposed for every channel, as many for each.
+
+    The first lies before the first sample by the longest dead time, a multiple of dt.
+    """
+    dt, total = stretch.dt_s, len(stretch.y)
+    end = (total - 1) * dt
+    start = -float(np.ceil(max(s.delay_s for s in stretch.sensors) / dt - 1e-9)) * dt
+    times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
+    starts = {b.start_s for proposed in proposals for q in proposed for b in q.bursts}
+    inside = sorted(e for e in {*stretch.events_s, *starts} if start < e < end)
+    for e in inside:
+        after = e + np.geomspace(0.1 * dt, max(end - e, dt), 60)
+        times += [np.array([e - 1e-6 * dt, e]), after[after < end]]
+    t = np.unique(np.concatenate(times))
+    longest = np.full(len(t), np.inf)
+    for chain, proposed, var in zip(stretch.chains, proposals, noise_var):
+        most = levels_at(proposed, t).max(axis=0)
+        longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
+    begin = round(start / dt)
+    cells = np.maximum(np.interp(np.arange(begin, total) * dt, t, longest) / dt, 1.0)
+    return _knots(begin, dt, [*inside, end + 0.5 * dt], np.searchsorted(STEPS, cells + 1e-9, side="right") - 1)
+
+
+def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.intp]) -> Array:
+    """Knots from sample ``begin`` (none, before the first) past the last of ``stops_s``: every other stop, an event, is
+    a knot, further knots are on the sample times.
+
+    ``most`` (from ``begin`` on): place in ``STEPS`` of the longest cell wanted from a sample on; cells grow by at most
+    a half from one to the next.
+    """
+    knots, index, size, longest = [begin * dt_s], begin, len(STEPS) - 1, most.tolist()
+    for number, stop in enumerate(stops_s, start=1):
+        if number > 1:
+            index, size = int(np.floor(knots[-1] / dt_s + 1 + 1e-6)), 0
+            knots.append(index * dt_s)
+        while index * dt_s < stop - 1e-6 * dt_s:
+            size = min(size + 1, longest[index - begin])
+            index += int(STEPS[size])
+            knots.append(index * dt_s)
+        if number < len(stops_s):
+            while knots[-1] > stop - 1e-6 * dt_s:
+                knots.pop()
+            knots.append(stop)
+    return np.array(knots)
 
 
 def pieces(

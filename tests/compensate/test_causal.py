@@ -15,7 +15,7 @@ from calibration.lines.static import unit_lines
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
 from tcdyn.compensate.live import LiveSmoother, LiveState
-from tcdyn.compensate.states import corner_rad_s
+from tcdyn.compensate.pieces import corner_rad_s
 from tcdyn.pipeline.causal import CORNER_LAGS, Causal, CausalState, Settings
 from tcdyn.traces import DiskChannels
 

@@ -11,8 +11,9 @@ from scipy.stats import multivariate_normal
 
 from tcdyn.chain import NO_CONDITIONING, Chain, sensors
 from tcdyn.compensate import Intensity, pieces
+from tcdyn.compensate.pieces import STEPS, corner_rad_s, knots_for
 from tcdyn.compensate.record import Stretch, stretch_of
-from tcdyn.compensate.states import STEPS, corner_rad_s, knots_for, likelihood, prior, ranges
+from tcdyn.compensate.states import likelihood, prior, ranges
 
 DT, N = 0.1, 60
 
