@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import median_filter
+from scipy.ndimage import correlate1d, median_filter
 
 from calibration import Array, Flags
 from calibration.errors import InputError
@@ -154,6 +154,23 @@ def bridged(y: Array, good: Flags) -> Array:
     """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
     rows = np.arange(len(y))
     return y if good.all() else np.interp(rows, rows[good], y[good])
+
+
+def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
+    """``scipy.signal.savgol_filter(y, window, order)``: at each sample of ``y`` (N,) the polynomial of ``order`` below
+    ``window``, an odd number up to N, through the ``window`` samples about it; near an end, through those at that end.
+
+    By itself, because scipy.signal takes as long to import as some commands compute.
+
+    >>> local_polynomial(np.array([1.0, 2.0, 5.0, 10.0, 17.0]), 3, 2).round(9)
+    array([ 1.,  2.,  5., 10., 17.])
+    """
+    half = window // 2
+    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, window), order + 1))[0]
+    out = np.asarray(correlate1d(y, basis @ basis[half], mode="nearest"))
+    out[:half] = (basis @ (basis.T @ y[:window]))[:half]
+    out[len(y) - half :] = (basis @ (basis.T @ y[-window:]))[window - half :]
+    return out
 
 
 def long_runs(trace: Array) -> Flags:

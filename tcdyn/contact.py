@@ -13,9 +13,8 @@ from scipy.special import ellipe, ellipk
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
-from calibration.filters import local_polynomial
 from calibration.finding import Finding
-from calibration.noise import SPIKES, find_spikes, white_noise_sd
+from calibration.noise import SPIKES, find_spikes, local_polynomial, white_noise_sd
 
 YOUNG_Pa = 207e9
 POISSON = 0.3

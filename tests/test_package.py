@@ -1,13 +1,21 @@
 """What ``import tcdyn`` offers, that it is quick to offer it, and that every public name says what it is."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+import pytest
+
 import tcdyn
+from tcdyn.chain import Chain
+from tcdyn.sensor import sensor_file, write_sensor
+from tests.conftest import Campaign
 
 ROOT = Path(__file__).parent.parent
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -103,3 +111,40 @@ def test_import_brings_no_heavy_library() -> None:
     code = f"import sys, tcdyn; print([m for m in {heavy.split()} if m in sys.modules])"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert said.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["compensate", "compensate --sensor", *(pytest.param(n, marks=pytest.mark.slow) for n in ("beta", "calibrate"))],
+)
+def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
+    name: str, campaign: Campaign, tmp_path: Path
+) -> None:
+    """Each of these takes longer to import than what a short log takes to compute."""
+    log, rig = str(campaign.files.ehl["B3"]), str(campaign.files.rig)
+    disks = [word for path in campaign.record_paths.values() for word in ("--record", str(path))]
+    plunge = str(campaign.files.plunges["fast"][0])
+    if name == "compensate --sensor":
+        log = str(tmp_path / "kiln.csv")
+        pd.DataFrame(
+            {"time_s": np.arange(400) * 0.1, "T1": 20.0 + np.random.default_rng(0).normal(0, 0.1, 400)}
+        ).to_csv(log, index=False)
+    said = {
+        "compensate": ["compensate", log, *disks, "--out", "o.csv"],
+        "compensate --sensor": ["compensate", log, "--sensor", "probe.sensor.json", "--out", "o.csv"],
+        "beta": ["beta", log, *disks, "--out", "o.json"],
+        "calibrate": ["calibrate", "--rig", rig, "--disk", "fast", "--oven", str(campaign.files.ovens["fast"]),
+                      "--immersion", plunge, "--out", "o.disk.json"],
+    }[name]  # fmt: skip
+    if name == "compensate --sensor":
+        write_sensor(sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0]), tmp_path / said[3])
+    heavy = "scipy.stats scipy.signal control sysidentpy matplotlib jinja2 nptdms joblib"
+    code = (
+        "import sys\nfrom tcdyn.cli.app import app\n"
+        f"try: app({[*said, '-q']})\n"
+        f"finally: print([m for m in {heavy.split()} if m in sys.modules])"
+    )
+    cores = {**os.environ, "TCDYN_CORES": "1"}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, env=cores)
+    assert done.stdout.strip() == "[]", done.stderr
+    assert (tmp_path / said[said.index("--out") + 1]).is_file(), done.stderr

@@ -18,9 +18,9 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from calibration import Array, Flags
 from calibration.disk import Conditioning
-from calibration.filters import largest_match, peaks
 from calibration.noise import SpikeRule, bridged, find_spikes
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
+from tcdyn.chain.filters import largest_match, peaks
 from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
 from calibration import Array
-from calibration.filters import first_order
+from tcdyn.chain.filters import first_order
 
 if TYPE_CHECKING:
     import control

@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy  # scipy.integrate with its first use
 from scipy.interpolate import BSpline, make_interp_spline
 
 from calibration import Array
@@ -94,5 +94,5 @@ def _barus(exponent: float) -> tuple[Array, Array]:
     phi = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ROUND)
     chord = np.cos(phi)[:, None]
     density = (np.exp(exponent * (chord * along - 1)) * chord * along) @ weight * np.cos(phi)
-    below = cumulative_trapezoid(density, phi, initial=0.0)
+    below = scipy.integrate.cumulative_trapezoid(density, phi, initial=0.0)
     return phi, below / below[-1]

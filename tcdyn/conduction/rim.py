@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
-from calibration.filters import first_order
+from tcdyn.chain.filters import first_order
 from tcdyn.conduction.flux import TrackFlux
 
 Point = tuple[float, float]  # (depth below the running surface, z from one face), both in m

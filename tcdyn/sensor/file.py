@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -31,7 +31,9 @@ from calibration.record import (
 )
 from calibration.result import Result
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.identify import Identified, Known
+
+if TYPE_CHECKING:
+    from tcdyn.identify import Identified
 
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
 OF_IDENTIFY = "tcdyn.identified/"
@@ -236,6 +238,8 @@ def read_sensor(path: str | Path) -> SensorFile:
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     if schema.startswith(OF_IDENTIFY):
+        from tcdyn.identify import Identified
+
         try:
             return from_identified(Identified.from_json(Path(path).read_text(encoding="utf-8-sig")), Path(path).name)
         except InputError as problem:
@@ -279,6 +283,8 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
 
 def _known_filter(model: Identified) -> Conditioning:
     """The conditioning filter whose polynomial was the model's known part."""
+    from tcdyn.identify import Known  # a room that no other sensor's file needs
+
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")
     n = len(den) - 1
     if n == 0:

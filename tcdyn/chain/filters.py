@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import toeplitz
 from scipy.linalg.lapack import dtbtrs, ztbtrs
-from scipy.ndimage import correlate1d
 
 from calibration import Array
 
@@ -38,21 +37,6 @@ def first_order(decay: complex, drive: NDArray) -> NDArray:
     y = np.pad(drive, (0, -n % BLOCK)).reshape(-1, BLOCK) @ toeplitz(powers[:-1], np.zeros(BLOCK)).T
     y[1:] += np.outer(first_order(powers[-1], y[:-1, -1]), powers[1:])
     return np.asarray(y.ravel()[:n])
-
-
-def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
-    """``scipy.signal.savgol_filter(y, window, order)``: at each sample of ``y`` (N,) the polynomial of ``order`` below
-    ``window``, an odd number up to N, through the ``window`` samples about it; near an end, through those at that end.
-
-    >>> local_polynomial(np.array([1.0, 2.0, 5.0, 10.0, 17.0]), 3, 2).round(9)
-    array([ 1.,  2.,  5., 10., 17.])
-    """
-    half = window // 2
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, window), order + 1))[0]
-    out = np.asarray(correlate1d(y, basis @ basis[half], mode="nearest"))
-    out[:half] = (basis @ (basis.T @ y[:window]))[:half]
-    out[len(y) - half :] = (basis @ (basis.T @ y[-window:]))[window - half :]
-    return out
 
 
 def largest_match(y: Array, shapes: Array) -> Array:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from calibration.filters import BLOCK, LONG, first_order, largest_match, local_polynomial, peaks
+from calibration.noise import local_polynomial
+from tcdyn.chain.filters import BLOCK, LONG, first_order, largest_match, peaks
 
 EXACT = 1e-12  # of unit numbers: rounding
 
