@@ -23,6 +23,7 @@ _DK = 0.02  # step of ln K in the central difference of the influence matrices
 ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
 SHORTEST_S = 1e-7  # of a lag
 ENTRY, INITIAL = RUN_KINDS.index("entry"), RUN_KINDS.index("initial")
+FLOWS = tuple(k for k in range(len(RUN_KINDS)) if k != ENTRY)  # of a run's parameters, those on which the flux depends
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class RunModel:
     own: Array  # (n, n) surface on surface
     own_k: Array  # its derivative with ln K
     junctions: Array  # (3, C, n, n) surface on junctions, its derivatives with ln K and with depth
-    readings: Array  # (3, C, n, n) the same behind the conditioning filter
+    readings: Array  # (C, 3, n, n) the same behind the conditioning filter
     ln_k: float
     depth_shift_m: Array
     bath: Bath
@@ -79,7 +80,7 @@ def build_run_model(
         centre[0],
         slope[0],
         junctions,
-        np.ascontiguousarray(behind.transpose(1, 2, 0, 3)),
+        np.ascontiguousarray(behind.transpose(2, 1, 0, 3)),
         ln_k,
         shift,
         Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m),
@@ -155,44 +156,37 @@ def rise_of(
 
 def predict_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> tuple[Array, Array, RunSurface]:
     """Block readings (B, C) and their derivatives (B, C, P) with every parameter of the fit, for run ``r``."""
-    own = theta[lay.run(r)]
     surface = solve_run(model, lay, theta, r)
-    dt = np.diff(model.grid_s)
-    c, kinds = len(lay.channels), len(RUN_KINDS)
-    columns = np.empty((c, len(model.grid_s), kinds + 3))  # value, run derivatives, ln K, depth
-    # the value follows K and depths exactly; its other derivatives take the matrices where they were built
-    columns[:, :, 1 : kinds + 2] = model.readings[0] @ surface.flux_by
-    columns[:, :, 0], by_k, columns[:, :, kinds + 2] = rise_of(model.readings, model, lay, theta, surface)
-    columns[:, :, kinds + 1] += by_k
-    times = model.blocks.time_s - own[ENTRY]
-    out = np.empty((len(times), c))
-    jac = np.zeros((len(times), c, lay.size))
-    lags, logits = theta[lay.at("lag")], theta[lay.at("common_split")] + theta[lay.at("split")]
-    for j in range(c):
-        value, by_lag, by_logit, delay = chain_on_grid(columns[j], dt, float(lags[j]), float(logits[j]), lay.structure)
-        reading = Reading.at(model.grid_s, times - delay[0])
-        y = reading.value(np.column_stack([value, by_lag, by_logit]))
-        rate = reading.slope(value[:, 0])
-        gain = 1 + theta[lay.at("gain")][j]
-        level = own[INITIAL] + y[:, 0]
-        out[:, j] = gain * level + theta[lay.at("offset")][j] - (gain - 1) * model.pivot_degC[j]
-        by_run = y[:, 1 : kinds + 1]
-        by_run[:, ENTRY] = -rate
-        by_run[:, INITIAL] += 1.0
-        jac[:, j, lay.run(r)] = gain * by_run
-        jac[:, j, lay.at("ln_conductivity")] = gain * y[:, [kinds + 1]]
-        by_split = gain * (y[:, -1] - rate * delay[2])
-        jac[:, j, lay.at("common_split")] = by_split[:, None]
-        own_kinds = {
-            "lag": gain * (y[:, -2] - rate * delay[1]),
-            "split": by_split,
-            "depth": gain * y[:, kinds + 2],
-            "offset": 1.0,
-            "gain": level - model.pivot_degC[j],
-        }
-        for kind, column in own_kinds.items():
-            jac[:, j, lay.at(kind).start + j] = column
-    return out, jac, surface
+    off_k, off_depth = theta[lay.at("ln_conductivity")][0] - model.ln_k, theta[lay.at("depth")] - model.depth_shift_m
+    (c, _, n, _), dt = model.readings.shape, np.diff(model.grid_s)
+    weights = np.column_stack([np.ones(c), np.full(c, off_k), off_depth])
+    seen = (weights[:, None] @ model.readings.reshape(c, 3, n * n)).reshape(c * n, n)
+    columns = np.empty((len(FLOWS) + 3, c, n))  # value, what the flux depends on, ln K, depth
+    columns[:-1] = (np.vstack([surface.flux_W_m2, surface.flux_by[:, [*FLOWS, -1]].T]) @ seen.T).reshape(-1, c, n)
+    by_k, columns[-1] = np.moveaxis(model.readings[:, 1:] @ surface.flux_W_m2, 1, 0)
+    columns[-2] += by_k
+    own, gain, lag = theta[lay.run(r)], 1 + theta[lay.at("gain")], theta[lay.at("lag")]
+    logit = theta[lay.at("common_split")] + theta[lay.at("split")]
+    y, delay = chain_on_grid(columns, dt, lag, logit, lay.structure)
+    reading = Reading.at(model.grid_s, model.blocks.time_s - own[ENTRY] - delay[0][:, None])
+    rate = reading.slope(y[0])
+    y = reading.value(y)
+    level = own[INITIAL] + y[0]
+    jac = np.zeros((lay.size, *level.shape))
+    by_run, by_channel = jac[lay.run(r)], jac[lay.at("lag").start : lay.at("gain").stop].reshape(-1, c, *level.shape)
+    by_run[list(FLOWS)] = y[1:-4]
+    by_run[ENTRY] = -rate
+    by_run[INITIAL] += 1.0
+    jac[lay.at("ln_conductivity")], by_depth, by_lag, by_split = y[-4:]
+    by_lag, by_split = by_lag - rate * delay[1][:, None], by_split - rate * delay[2][:, None]
+    jac[lay.at("common_split")] = by_split
+    each = range(c)
+    for k, column in enumerate((by_lag, by_split, by_depth)):
+        by_channel[k, each, each] = column
+    jac *= gain[:, None]
+    by_channel[3, each, each], by_channel[4, each, each] = 1.0, level - model.pivot_degC[:, None]
+    out = gain[:, None] * level + (theta[lay.at("offset")] - (gain - 1) * model.pivot_degC)[:, None]
+    return out.T, jac.transpose(2, 1, 0), surface
 
 
 def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
@@ -204,35 +198,40 @@ def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) 
     return pd.DataFrame((own[INITIAL] + rise).T, index=time_s, columns=list(lay.channels))
 
 
-def chain_on_grid(
-    u: Array, dt_s: Array, lag_s: float, logit: float, structure: str
-) -> tuple[Array, Array, Array, tuple[float, float, float]]:
-    """Lags of a chain applied to all columns of ``u`` (n, M); derivatives of column 0 with lag and logit (n,).
+def chain_on_grid(u: Array, dt_s: Array, lag_s: Array, logit: Array, structure: str) -> tuple[Array, Array]:
+    """The chain of each channel applied to all rows of ``u`` (Q, C, n), and two rows more: the derivatives of the first
+    with lag and logit (C,), (Q + 2, C, n).
 
-    Last comes the dead time with its two derivatives, which the caller applies by shifting time.
+    Then comes the dead time with its two derivatives (3, C), which the caller applies by shifting time. Where lags
+    act on straight lines between knots, so do their derivatives: they are those of the answer at the knots.
     """
 
-    def parts(lag: float, z: float) -> Array:
-        return np.hstack(stages(structure, lag, z))
+    def parts(lag: Array, z: Array) -> Array:
+        taus, delay, zero = stages(structure, lag, z)
+        return np.stack([*taus, delay + 0 * lag, zero + 0 * lag])
 
     step_lag, step_z = 1e-5, 1e-4
-    shorter = max(lag_s - step_lag, 1e-9)
+    shorter = np.maximum(lag_s - step_lag, 1e-9)
     by_lag = (parts(lag_s + step_lag, logit) - parts(shorter, logit)) / (lag_s + step_lag - shorter)
     by_z = (parts(lag_s, logit + step_z) - parts(lag_s, logit - step_z)) / (2 * step_z)
     *taus, delay, zero = parts(lag_s, logit)
-    taus = [max(float(tau), SHORTEST_S) for tau in taus]
-    steps = [lag_step(dt_s, 1 / tau) for tau in taus]
-    for step in steps[1:]:
-        u = stepped(u, step)
-    lagged = stepped(u, steps[0])
-    rate = (u[:, 0] - lagged[:, 0]) / taus[0]  # of the lagged column: what a zero adds per second
-    y = lagged + zero / taus[0] * (u - lagged)
-    d_lag, d_z = rate * by_lag[-1], rate * by_z[-1]
-    for i, (tau, step) in enumerate(zip(taus, steps)):
-        by_tau = (stepped(y[:, :1], step)[:, 0] - y[:, 0]) / tau
-        d_lag += by_tau * by_lag[i]
-        d_z += by_tau * by_z[i]
-    return y, d_lag, d_z, (float(delay), float(by_lag[-2]), float(by_z[-2]))
+    count, before = len(u), u
+    for tau in [*taus[1:], taus[0]]:  # each adds a row, its own derivative of the first
+        tau = np.maximum(tau, SHORTEST_S)[:, None]
+        decay, old, _ = step = lag_step(dt_s, 1 / tau)
+        before, u = u, stepped(u, step)
+        drive = np.zeros((1, *u.shape[1:]))
+        drive[0, :, 1:] = decay * dt_s / tau * (u[0, :, :-1] - before[0, :, :-1])
+        drive[0, :, 1:] -= old * (before[0, :, 1:] - before[0, :, :-1])
+        u = np.concatenate([u, driven(drive / tau, decay)])
+    share = (zero / tau[:, 0])[:, None]
+    by_zero = (before[0] - u[0]) / tau
+    u[:-1] += share * (before - u[:-1])
+    u[-1] -= share * (u[-1] + by_zero)
+    by_tau = np.roll(u[count:], 1, axis=0)  # the largest lag comes first
+    along = np.stack([by_lag, by_z])
+    rows = np.einsum("akc,kcn->acn", along[:, :-2], by_tau) + along[:, -1, :, None] * by_zero
+    return np.concatenate([u[:count], rows]), np.stack([delay, by_lag[-2], by_z[-2]])
 
 
 def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
@@ -240,18 +239,24 @@ def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
 
     Exact for that input; y[0] = 0, as before the first knot nothing had changed.
     """
-    return stepped(u, lag_step(dt_s, rate))
+    return stepped(u.T, lag_step(dt_s, rate)).T
 
 
 def stepped(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
-    """``lag_on_grid`` by its steps between the knots."""
+    """Lags of ``u`` (Q, ..., n) by their steps (..., n - 1) between the knots."""
     decay, old, new = step
-    drive = np.zeros(u.shape, dtype=np.result_type(u, decay), order="F")
-    drive[1:] = old[:, None] * u[:-1] + new[:, None] * u[1:]
-    bands = np.zeros((2, len(u)), dtype=decay.dtype)
-    bands[1, :-1] = -decay
+    drive = np.zeros(u.shape, dtype=np.result_type(u, decay))
+    drive[..., 1:] = old * u[..., :-1] + new * u[..., 1:]
+    return driven(drive, decay)
+
+
+def driven(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
+    """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n), overwriting ``drive``."""
+    bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
+    bands[1, ..., :-1] = -decay
     solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs  # unit diagonal; thrice as quick as solve_banded's checks
-    return np.asarray(solve(bands, drive, uplo="L", diag="U", overwrite_b=True)[0])
+    rows = drive.reshape(len(drive), -1).T
+    return np.asarray(solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0].T).reshape(drive.shape)
 
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
@@ -281,7 +286,7 @@ class Reading:
 
     @classmethod
     def at(cls, grid_s: Array, times_s: Array) -> Reading:
-        """For times after entry ``times_s`` (B,); earlier ones read the initial state."""
+        """For times after entry ``times_s`` (..., B); earlier ones read the initial state."""
         interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
         width = np.diff(grid_s)[interval]
         after = times_s > 0
@@ -289,12 +294,19 @@ class Reading:
         return cls(interval, share, width, after)
 
     def value(self, y: Array) -> Array:
-        """Deviation ``y`` (n, ...) at the blocks: straight lines between knots, zero before entry."""
-        w = (self.share * self.after).reshape(-1, *(1,) * (y.ndim - 1))
-        keep = self.after.reshape(w.shape)
-        return np.asarray(keep * y[self.interval] + w * (y[self.interval + 1] - y[self.interval]))
+        """Deviations ``y`` (..., n) at the blocks (..., B): straight lines between knots, zero before entry."""
+        low, high = self._ends(y)
+        return np.asarray(self.after * low + self.share * (high - low))
 
     def slope(self, y: Array) -> Array:
         """Time derivative at the blocks [1/s]."""
-        keep = (self.after / self.width_s).reshape(-1, *(1,) * (y.ndim - 1))
-        return np.asarray(keep * (y[self.interval + 1] - y[self.interval]))
+        low, high = self._ends(y)
+        return np.asarray(self.after / self.width_s * (high - low))
+
+    def _ends(self, y: Array) -> tuple[Array, Array]:
+        """Of the intervals; times of several rows (C, B) are those of the rows (..., C, n) of y."""
+        if self.interval.ndim == 1:
+            return y[..., self.interval], y[..., self.interval + 1]
+        at = self.interval + y.shape[-1] * np.arange(len(self.interval))[:, None]
+        flat = y.reshape(*y.shape[:-2], -1)
+        return np.take(flat, at, axis=-1), np.take(flat, at + 1, axis=-1)

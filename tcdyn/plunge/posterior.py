@@ -22,7 +22,7 @@ from tcdyn.plunge.run import RunNoise, block_sd
 
 LEAST_LAG_S = 2e-3
 ENOUGH = 1e-3  # of chi-square: a search ends with the step that gains less; log evidence then holds to 0.05
-SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH}
+SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH, "damping": 1e-6, "secant": True}
 
 
 @dataclass(frozen=True)
@@ -61,21 +61,22 @@ class PlungeProblem:
 
         For each run the mean over channels, then the deviations from it, each with its variance factor.
         """
-        rows = []
+        tables = []
         for r, (model, noise) in enumerate(zip(self.models, self.noise)):
             y, jacobian, _ = predict_run(model, self.layout, theta, r)
             weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, model.blocks.count)
             off = np.where(model.blocks.count > 0, y - model.blocks.readings_degC, 0.0)
-            scaled = np.concatenate([off[:, :, None], jacobian], axis=2) * weight[:, :, None]
-            mean = scaled.mean(axis=1)
-            rest = (scaled - mean[:, None]) / np.sqrt(noise.differential)
-            rows += [mean * np.sqrt(y.shape[1] / noise.common), rest.reshape(-1, rest.shape[2])]
-        table = np.concatenate(rows)
-        return table[:, 0], table[:, 1:]
+            scaled = np.concatenate([off.T[None], jacobian.T]) * weight.T
+            mean = scaled.mean(axis=1, keepdims=True)
+            scaled -= mean
+            scaled /= np.sqrt(noise.differential)
+            tables += [(mean * np.sqrt(y.shape[1] / noise.common))[:, 0], scaled.reshape(len(scaled), -1)]
+        table = np.concatenate(tables, axis=1)
+        return table[0], table[1:].T
 
     def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
         """The most probable parameters, searched for from ``theta``; combinations ``fixed`` (F, P) stay."""
-        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, limit=limit, tolerance=ENOUGH))
+        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit}))
 
 
 @dataclass(frozen=True)
