@@ -17,13 +17,15 @@ from calibration.errors import InputError
 from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
+from immersion.cylinder import conditioned, lag_on_grid
+from immersion.radial import Reading
 from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.noise import Whitened
 from tcdyn.chain.rational import Factor, Rational
 from tcdyn.chain.rational import simulate as simulate_rational
 from tcdyn.plunge import PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
+from tcdyn.plunge.model import build_run_models, chain_on_grid, predict
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, make_blocks
 
@@ -104,15 +106,15 @@ def test_derivatives_are_those_of_the_model() -> None:
     mean, sd = layout.prior(PlungePriors(), [0.05], [26.0])
     theta = mean.copy()
     theta[layout.at("lag")] = 0.6
-    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"), theta)
+    models = build_run_models([run], [make_blocks(run)], SETUP, layout, correlation("5.4"), theta)
     theta[layout.at("ln_conductivity")], theta[layout.at("depth")] = 0.01, 5e-5  # away from where it was built
-    _, jac, _ = predict_run(model, layout, theta, 0)
+    _, (jac,), _ = predict(models, layout, theta)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)
         up, down = theta.copy(), theta.copy()
         up[i] += step
         down[i] -= step
-        numeric = (predict_run(model, layout, up, 0)[0] - predict_run(model, layout, down, 0)[0]) / (2 * step)
+        numeric = (predict(models, layout, up)[0][0] - predict(models, layout, down)[0][0]) / (2 * step)
         # the differences' error is of second order in a ten-thousandth of sd
         assert np.max(np.abs(numeric - jac[:, :, i])) < 1e-5 * np.max(np.abs(numeric)) + 1e-7, name
 
