@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtbtrs, ztbtrs
 from scipy.optimize import brentq
 from scipy.special import j0, j1, y0, y1
 
 from calibration import Array
-from calibration.disk import DiskSetup
+from calibration.disk import Conditioning, DiskSetup
+
+ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,47 @@ def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[
     safe = np.where(small, 1.0, x)
     mean = np.where(small, 1 - x / 2 + x**2 / 6, (1 - np.exp(-safe)) / safe)
     return decay, mean - decay, 1 - mean
+
+
+def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
+    """Unit-gain lag of ``rate`` [1/s] of deviations ``u`` (n, M) from equilibrium, linear between knots.
+
+    Exact for that input; y[0] = 0, as before the first knot nothing had changed.
+    """
+    return stepped(u.T, lag_step(dt_s, rate)).T
+
+
+def stepped(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
+    """Lags of ``u`` (Q, ..., n) by their steps (..., n - 1) between the knots."""
+    decay, old, new = step
+    drive = np.zeros(u.shape, dtype=np.result_type(u, decay))
+    drive[..., 1:] = old * u[..., :-1] + new * u[..., 1:]
+    return driven(drive, decay)
+
+
+def driven(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
+    """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n), overwriting ``drive``."""
+    bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
+    bands[1, ..., :-1] = -decay
+    solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs  # unit diagonal; thrice as quick as solve_banded's checks
+    rows = drive.reshape(len(drive), -1).T
+    return np.asarray(solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0].T).reshape(drive.shape)
+
+
+def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
+    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid: real poles one after the other, of a
+    complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2)). A zero it may have is
+    taken with the last pole, which then is real."""
+    for factor in filter_.factors:
+        before = u
+        for p in np.roots(factor[::-1]).astype(complex):
+            if abs(p.imag) < ONE * abs(p):
+                u = np.asarray(lag_on_grid(u, dt_s, -p.real))
+            elif p.imag > 0:
+                u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+    if len(filter_.numerator) > 1:
+        u = u + filter_.numerator[1] / filter_.factors[-1][1] * (before - u)
+    return u
 
 
 def lag_matrix(t_s: Array, rate: float) -> Array:

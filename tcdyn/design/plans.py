@@ -25,7 +25,7 @@ from tcdyn.conduction.rim import Mesh, Rim, Switch, lag_bank, node_rates, points
 from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
 from tcdyn.plunge import H_KINDS, PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.fit import full_prior
-from tcdyn.plunge.model import build_run_model
+from tcdyn.plunge.model import build_run_models
 from tcdyn.plunge.posterior import PlungeProblem
 from tcdyn.plunge.run import PlungeBlocks, PlungeRun, RunNoise, make_averages
 
@@ -73,9 +73,10 @@ def predict_plunges(
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
     mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
     nominal = np.where(layout.mask("lag"), lag_s, mean)
-    models = [build_run_model(*each, setup, layout, chosen, nominal, r) for r, each in enumerate(planned)]
-    noise = tuple(RunNoise.white(blocks) for _, blocks in planned)
-    problem = PlungeProblem(tuple(models), layout, mean, sd, noise)
+    runs, blocks = zip(*planned)
+    models = build_run_models(runs, blocks, setup, layout, chosen, nominal)
+    noise = tuple(map(RunNoise.white, blocks))
+    problem = PlungeProblem(models, layout, mean, sd, noise)
     rng = np.random.default_rng(seed)
     covariances = [] if draws > 1 else [covariance(problem.evaluate(nominal)[1], sd)]
     lag, known = layout.mask("lag"), ~np.isfinite(sd) | layout.mask("initial")  # the readings tell where it began

@@ -38,17 +38,21 @@ def minimise(
     limit: int = 60,
     tolerance: float = 1e-6,
     relative: float = 1e-12,
+    damping: float = 1e-3,
+    secant: bool = False,
 ) -> Optimum:
     """The least sum of squares from ``start`` (P,).
 
     Stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` + ``relative`` x cost (that
     step is still taken), once two steps in a row have, or after ``limit`` steps. Steps are damped in the scale of the
-    information's diagonal (Marquardt), no larger than the problem's ``largest``, and put into the box, held
-    combinations and all; a parameter on its bound that the gradient pushes outwards stays. ``fixed`` (C, P):
-    combinations that stay as they are at the start, besides the problem's own. ``loss`` "huber" or "bisquare" weighs
-    samples anew by their residuals, scaled by the median absolute deviation, until nothing moves (bisquare begins at
-    Huber's answer). A start where the model cannot be computed, or that the box does not allow, gives Status.NOWHERE
-    and an infinite cost.
+    information's diagonal (Marquardt), the first by ``damping``, no larger than the problem's ``largest``, and put into
+    the box, held combinations and all; a parameter on its bound that the gradient pushes outwards stays. ``fixed``
+    (C, P): combinations that stay as they are at the start, besides the problem's own. ``secant`` learns from step to
+    step what the residuals' own curvature adds to the information (Dennis, Gay and Welsch 1981): of use in curved
+    valleys along which the data tell little, where steps by the information alone fall short or go too far. ``loss``
+    "huber" or "bisquare" weighs samples anew by their residuals, scaled by the median absolute deviation, until nothing
+    moves (bisquare begins at Huber's answer). A start where the model cannot be computed, or that the box does not
+    allow, gives Status.NOWHERE and an infinite cost.
 
     >>> t = np.linspace(0, 1, 50)
     >>> def decay(theta):
@@ -58,13 +62,14 @@ def minimise(
     >>> found.theta.round(6), found.status.name
     (array([2. , 0.3]), 'CONVERGED')
     """
-    found = _descend(problem, start, fixed, None, limit, tolerance, relative)
+    search = limit, tolerance, relative, damping, secant
+    found = _descend(problem, start, fixed, None, *search)
     if loss == "linear" or not np.isfinite(found.cost):
         return found
     for kind in ("huber", "bisquare") if loss == "bisquare" else ("huber",):
         for _ in range(REWEIGHTINGS):
             weights, before = weights_of(found.residual, kind), found.theta
-            found = _descend(problem, before, fixed, weights, limit, tolerance, relative)
+            found = _descend(problem, before, fixed, weights, *search)
             if np.max(np.abs(found.theta - before) / (np.abs(before) + SETTLED)) < SETTLED:
                 break
     return found
@@ -116,6 +121,8 @@ def _descend(
     limit: int,
     tolerance: float,
     relative: float,
+    damping: float,
+    secant: bool,
 ) -> Optimum:
     rows = problem.fixed if fixed is None else np.vstack([problem.fixed, fixed])
     directions = free_directions(rows)
@@ -124,7 +131,7 @@ def _descend(
         nothing = np.zeros((0, problem.size))
         full = np.diag(problem.precision)
         return Optimum(problem, start, np.zeros(0), nothing, np.inf, full, directions, Status.NOWHERE, 0, weights)
-    damping, status, steps, idle, left = 1e-3, Status.STALLED, 0, 0, False
+    status, steps, idle, left, second = Status.STALLED, 0, 0, False, np.zeros((problem.size, problem.size))
     while steps < limit:
         low = now.theta <= problem.lower
         at_end = np.flatnonzero(low | (now.theta >= problem.upper))
@@ -136,6 +143,8 @@ def _descend(
         slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         slope, curvature = slope * scale, curvature * scale[:, None] * scale
+        if second.any():
+            curvature = _curved(curvature, free.T @ second @ free * scale[:, None] * scale)
         unit, enough = np.eye(len(slope)), tolerance + relative * now.cost
         steps += 1
         if idle == 2 and left:
@@ -159,10 +168,38 @@ def _descend(
             status = Status.EDGE if left else done
             break
         idle = idle + 1 if now.cost - trial.cost <= enough else 0
+        second = _learnt(second, now, trial, weights) if secant else second
         now, damping = trial, max(damping / 8.0, 1e-12)
     return Optimum(
         problem, now.theta, now.residual, now.jacobian, now.cost, now.information, directions, status, steps, weights
     )
+
+
+def _curved(information: Array, second: Array) -> Array:
+    """The curvature with its ``second`` part, unless that leaves less than a tenth of the information anywhere."""
+    whole = information + second
+    try:
+        np.linalg.cholesky(whole - 0.1 * information)
+    except np.linalg.LinAlgError:
+        return information
+    return whole
+
+
+def _learnt(second: Array, before: _State, after: _State, weights: Array | None) -> Array:
+    """What a step tells of sum_i residual_i (its second derivatives), (P, P): sized secant update of least change.
+
+    Dennis, Gay and Welsch (1981), An adaptive nonlinear least-squares algorithm, ACM Trans. Math. Softw. 7, 348-368.
+    """
+    step, turned = after.theta - before.theta, after.gradient - before.gradient
+    along = float(turned @ step)
+    if along <= 0:
+        return second
+    wanted = (after.jacobian - before.jacobian).T @ (after.residual * (1.0 if weights is None else weights))
+    known = abs(float(step @ second @ step))
+    second = second * (min(1.0, abs(float(step @ wanted)) / known) if known else 1.0)
+    gap = wanted - second @ step
+    both = np.outer(gap, turned)
+    return second + (both + both.T - float(gap @ step) / along * np.outer(turned, turned)) / along
 
 
 def free_directions(fixed: Array) -> Array:

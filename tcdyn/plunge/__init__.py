@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,8 +198,10 @@ class PlungeParameters:
         return mean, sd
 
 
-def stages(structure: str, lag_s: float, logit: float) -> tuple[tuple[float, ...], float, float]:
+def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any, Any]:
     """Lags (tau1, tau2 ..), dead time and zero [s] of a chain whose own lag is ``lag_s``, with s = sigmoid(``logit``).
+
+    Numbers, or arrays of one shape.
 
     P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead time = 0.4 lag s,
     the rest in lags of four to one. P2Z: zero = lag s, lags (1 + 0.8 s) and 0.2 s times the lag: a part of the reading
@@ -206,7 +209,7 @@ def stages(structure: str, lag_s: float, logit: float) -> tuple[tuple[float, ...
     """
     if structure == "P1":
         return (lag_s,), 0.0, 0.0
-    share = float(1 / (1 + np.exp(-logit)))
+    share = 1 / (1 + np.exp(-logit))
     if structure == "P1D":
         return (lag_s * (1 - share / 2),), lag_s * share / 2, 0.0
     if structure == "P2D":
@@ -216,7 +219,7 @@ def stages(structure: str, lag_s: float, logit: float) -> tuple[tuple[float, ...
         return (lag_s * (1 + 0.8 * share), 0.2 * share * lag_s), 0.0, share * lag_s
     if structure == "P3":
         return (lag_s * (1 - 2 * share / 3), lag_s * share / 3, lag_s * share / 3), 0.0, 0.0
-    root = float(np.sqrt(1 - share))
+    root = np.sqrt(1 - share)
     return (lag_s * (1 + root) / 2, lag_s * (1 - root) / 2), 0.0, 0.0
 
 

@@ -19,9 +19,11 @@ from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
+from tcdyn.cores import side_by_side
+from tcdyn.fitting import held
 from tcdyn.plunge import KNOWN, PlungeParameters, PlungePriors
-from tcdyn.plunge.model import RunModel, build_run_model, junction_degC
-from tcdyn.plunge.posterior import PlungeOptimum, PlungeProblem, model_form, settled_scan
+from tcdyn.plunge.model import RunModel, build_run_models, junction_degC
+from tcdyn.plunge.posterior import SEARCH, LagScan, ModelForm, PlungeOptimum, PlungeProblem, marginal, settled_scan
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, RunNoise, make_blocks, without_spikes
 from tcdyn.plunge.structures import compare_structures
@@ -66,12 +68,10 @@ def identify_plunges(
     mean, sd = full_prior(layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup)
 
     def built(about: Array) -> tuple[RunModel, ...]:
-        return tuple(
-            build_run_model(run, b, behind, layout, chosen, about, r) for r, (run, b) in enumerate(zip(runs, blocks))
-        )
+        return build_run_models(runs, blocks, behind, layout, chosen, about)
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
-    best, rival = _best_of_two(replace(problem, models=built(problem.start)), built)
+    best, rival = _best_of_two(replace(problem, models=built(problem.start)), built, behind.conditioning.lag_s)
     scan, best, _ = settled_scan(best)
     form = model_form(best, scan, chosen, [find_correlation(name) for name in alternatives], setup.conditioning.lag_s)
     return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan, noise)
@@ -159,12 +159,12 @@ def published_degC(
     theta[layout.at("initial")] = np.mean(blocks.readings_degC[blocks.time_s < 0])
     out = {}
     for chosen in map(find_correlation, correlations):
-        model = build_run_model(run, blocks, setup, layout, chosen, theta)
+        (model,) = build_run_models([run], [blocks], setup, layout, chosen, theta)
         out[f"{chosen.name} {chosen.title}"] = junction_degC(model, layout, theta, 0)
     return out
 
 
-def _best_of_two(problem: PlungeProblem, built: Models) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
+def _best_of_two(problem: PlungeProblem, built: Models, own_lag_s: float) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
     """The optimum, and a finding when a long lag under a fierce burst fits as well as a short one under a mild burst.
 
     A second search, with everything free from the first step, is made when the first did not settle or ended beyond
@@ -180,8 +180,7 @@ def _best_of_two(problem: PlungeProblem, built: Models) -> tuple[PlungeOptimum, 
         return best, ()
     if gap < -6.0 or abs(long - short) < 0.3:
         return other, ()
-    own = problem.models[0].setup.conditioning.lag_s
-    return other, (look("plunge.rival", lag_s=long + own, chi_square=abs(gap)),)
+    return other, (look("plunge.rival", lag_s=long + own_lag_s, chi_square=abs(gap)),)
 
 
 def fit_map(problem: PlungeProblem, built: Models, *, staged: bool = True, passes: int = 2) -> PlungeOptimum:
@@ -202,3 +201,51 @@ def fit_map(problem: PlungeProblem, built: Models, *, staged: bool = True, passe
             about, problem = best.theta, replace(problem, models=built(best.theta))
         best = replace(problem, noise=best.judged()).minimised(best.theta)
     return best
+
+
+def model_form(
+    final: PlungeOptimum, scan: LagScan, chosen: Correlation, others: Sequence[Correlation], own_lag_s: float
+) -> ModelForm:
+    """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
+
+    The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
+    (sample covariance) is what the choice of correlation adds.
+    """
+    width, others = scan.sd_s, [other for other in others if other.name != chosen.name]
+
+    def under(other: Correlation | None) -> tuple[Array, float, float]:
+        at = final if other is None else _under(final, other)
+        return at.lag_s, at.cost, _top(at, width)
+
+    (_, _, base_top), *found = side_by_side(under, [None, *others])
+    lags, cost = [final.lag_s], {chosen.name: final.cost}
+    for other, (lag_s, its_cost, top) in zip(others, found):
+        shift = float(np.clip(top - base_top, -2 * width, 2 * width))
+        lags.append(lag_s - lag_s.mean() + final.lag_s.mean() + shift)
+        cost[other.name] = its_cost
+    spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
+    common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
+    return ModelForm(common, cost, np.atleast_2d(spread))
+
+
+def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
+    """The optimum with the same common lag under another correlation; h scales are moved first."""
+    problem, theta = final.problem, final.theta.copy()
+    models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
+    for r, (old, new, surface) in enumerate(zip(problem.models, models, final.surfaces)):
+        T, bath = surface.temperature_degC, old.bath_degC
+        early = np.abs(bath - T) > 0.3 * old.step_K
+        ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
+        theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
+    return replace(problem, models=models).minimised(theta, problem.layout.common_lag[None], limit=12)
+
+
+def _top(at: PlungeOptimum, width: float) -> float:
+    """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
+    row, lag = at.problem.layout.common_lag, float(at.lag_s.mean())
+    low, middle, high = (
+        -0.5 * marginal(held(at.found, row, lag + shift, **SEARCH) if shift else at.found)
+        for shift in (-width, 0.0, width)
+    )
+    curvature = high - 2 * middle + low
+    return float(-width * (high - low) / (2 * curvature)) if curvature < 0 else 0.0

@@ -17,10 +17,10 @@ from calibration.finding import Finding, look, note, sentences
 from calibration.noise import white_noise_sd
 from calibration.result import Result, jsonable
 from calibration.rig import load_rig
+from immersion.cylinder import lag_on_grid
 from immersion.events import EntryEvent, find_entry
-from immersion.radial import plunge_grid
+from immersion.radial import Reading, plunge_grid
 from tcdyn.fitting import Problem, minimise
-from tcdyn.plunge.model import Reading, lag_on_grid
 from tcdyn.plunge.run import block_sd, inflation, make_averages, without_spikes
 
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
@@ -187,7 +187,8 @@ def _fit(
             tau = base_s + theta[extra][k]
             lagged = np.asarray(lag_on_grid(hats, dt, 1 / tau), dtype=float)
             again = np.asarray(lag_on_grid(lagged, dt, 1 / tau), dtype=float)
-            size, shape, by_tau = 1 + theta[gain][k], reading.value(lagged), reading.value((again - lagged) / tau)
+            size = 1 + theta[gain][k]
+            shape, by_tau = reading.value(lagged.T).T, reading.value((again - lagged).T / tau).T
             seen = shape @ theta[:m]
             y[:, k] = size * seen + theta[offset][k]
             jacobian[:, k, :m] = size * shape

@@ -1,11 +1,11 @@
-"""Posterior of the plunge parameters, the common lag walked along with all else refitted, and other correlations."""
+"""Posterior of the plunge parameters, and the common lag walked along with all else refitted."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -13,16 +13,16 @@ from scipy.interpolate import PchipInterpolator
 
 from calibration import Array
 from calibration.estimate import Z95, Estimate
-from immersion.correlations import Correlation
 from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
 from tcdyn.plunge import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
-from tcdyn.plunge.model import RunModel, RunSurface, predict_run
+from tcdyn.plunge.model import RunModel, RunSurface, predict
 from tcdyn.plunge.run import RunNoise, block_sd
 
+Job = TypeVar("Job")
 LEAST_LAG_S = 2e-3
 ENOUGH = 1e-3  # of chi-square: a search ends with the step that gains less; log evidence then holds to 0.05
-SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH}
+SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH, "damping": 1e-6, "secant": True}
 
 
 @dataclass(frozen=True)
@@ -61,21 +61,21 @@ class PlungeProblem:
 
         For each run the mean over channels, then the deviations from it, each with its variance factor.
         """
-        rows = []
-        for r, (model, noise) in enumerate(zip(self.models, self.noise)):
-            y, jacobian, _ = predict_run(model, self.layout, theta, r)
+        tables = []
+        for model, noise, y, jacobian in zip(self.models, self.noise, *predict(self.models, self.layout, theta)[:2]):
             weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, model.blocks.count)
             off = np.where(model.blocks.count > 0, y - model.blocks.readings_degC, 0.0)
-            scaled = np.concatenate([off[:, :, None], jacobian], axis=2) * weight[:, :, None]
-            mean = scaled.mean(axis=1)
-            rest = (scaled - mean[:, None]) / np.sqrt(noise.differential)
-            rows += [mean * np.sqrt(y.shape[1] / noise.common), rest.reshape(-1, rest.shape[2])]
-        table = np.concatenate(rows)
-        return table[:, 0], table[:, 1:]
+            scaled = np.concatenate([off.T[None], jacobian.T]) * weight.T
+            mean = scaled.mean(axis=1, keepdims=True)
+            scaled -= mean
+            scaled /= np.sqrt(noise.differential)
+            tables += [(mean * np.sqrt(y.shape[1] / noise.common))[:, 0], scaled.reshape(len(scaled), -1)]
+        table = np.concatenate(tables, axis=1)
+        return table[0], table[1:].T
 
     def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
         """The most probable parameters, searched for from ``theta``; combinations ``fixed`` (F, P) stay."""
-        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, limit=limit, tolerance=ENOUGH))
+        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit}))
 
 
 @dataclass(frozen=True)
@@ -110,24 +110,28 @@ class PlungeOptimum:
         """Log evidence by Laplace's approximation, but for a constant that all structures share."""
         return -0.5 * self.cost - 0.5 * float(np.linalg.slogdet(self.found.information)[1]) + self.problem.log_prior
 
+    def with_models(self, models: tuple[RunModel, ...]) -> PlungeOptimum:
+        """The same with other ``models``: none, to be sent to another process that has them, or these again there."""
+        problem = replace(self.problem, models=models)
+        return PlungeOptimum(problem, replace(self.found, problem=problem.core))
+
     def is_near(self, other: PlungeOptimum) -> bool:
         """Whether two optima are one solution: their common lags agree within 0.15 s."""
         return abs(float(self.lag_s.mean() - other.lag_s.mean())) < 0.15
 
     @cached_property
-    def _answers(self) -> tuple[tuple[Array, Array, RunSurface], ...]:
-        problem = self.problem
-        return tuple(predict_run(m, problem.layout, self.theta, r) for r, m in enumerate(problem.models))
+    def _answers(self) -> tuple[list[Array], list[Array], list[RunSurface]]:
+        return predict(self.problem.models, self.problem.layout, self.theta)
 
     @property
     def predictions_degC(self) -> tuple[Array, ...]:
         """Block readings (B, C) of each run by the model."""
-        return tuple(y for y, _, _ in self._answers)
+        return tuple(self._answers[0])
 
     @property
     def surfaces(self) -> tuple[RunSurface, ...]:
         """The running surface in each run."""
-        return tuple(surface for _, _, surface in self._answers)
+        return tuple(self._answers[2])
 
     def judged(self) -> tuple[RunNoise, ...]:
         """The noise of each run by what the model leaves of it."""
@@ -182,6 +186,20 @@ class LagScan:
         )
 
 
+def optima_side_by_side(
+    function: Callable[[Job], Sequence[Any]], jobs: Sequence[Job], models: tuple[RunModel, ...]
+) -> list[list[Any]]:
+    """``function`` of each job, on all cores; the optima among what it gives, all of ``models``, travel without them.
+
+    Models are large, and every process has them already.
+    """
+
+    def travelled(answer: Sequence[Any], kept: tuple[RunModel, ...]) -> list[Any]:
+        return [each.with_models(kept) if isinstance(each, PlungeOptimum) else each for each in answer]
+
+    return [travelled(a, models) for a in side_by_side(lambda job: travelled(function(job), ()), jobs)]
+
+
 def settled_scan(
     best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
 ) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
@@ -198,7 +216,7 @@ def settled_scan(
         u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
         start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
         ends = (2 * LEAST_LAG_S, np.inf)
-        walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=_marginal, **SEARCH)
+        walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=marginal, **SEARCH)
         lowest = min(walk.optima, key=lambda o: o.cost)
         if again or lowest.cost > best.cost - 2.0:
             break
@@ -224,7 +242,7 @@ def settled_scan(
     return scan, PlungeOptimum(best.problem, final), best
 
 
-def _marginal(at: Optimum) -> float:
+def marginal(at: Optimum) -> float:
     """-2 log of Laplace's marginal posterior of what ``at`` holds, but for a constant."""
     return at.cost + 2 * at.log_volume
 
@@ -241,51 +259,3 @@ class ModelForm:
     def u_common_s(self) -> float:
         """Standard uncertainty that the choice of correlation adds to the common lag."""
         return lag_u_s(self.covariance)[0]
-
-
-def model_form(
-    final: PlungeOptimum, scan: LagScan, chosen: Correlation, others: Sequence[Correlation], own_lag_s: float
-) -> ModelForm:
-    """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
-
-    The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
-    (sample covariance) is what the choice of correlation adds.
-    """
-    width, others = scan.sd_s, [other for other in others if other.name != chosen.name]
-
-    def under(other: Correlation | None) -> tuple[Array, float, float]:
-        at = final if other is None else _under(final, other)
-        return at.lag_s, at.cost, _top(at, width)
-
-    (_, _, base_top), *found = side_by_side(under, [None, *others])
-    lags, cost = [final.lag_s], {chosen.name: final.cost}
-    for other, (lag_s, its_cost, top) in zip(others, found):
-        shift = float(np.clip(top - base_top, -2 * width, 2 * width))
-        lags.append(lag_s - lag_s.mean() + final.lag_s.mean() + shift)
-        cost[other.name] = its_cost
-    spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
-    common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
-    return ModelForm(common, cost, np.atleast_2d(spread))
-
-
-def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
-    """The optimum with the same common lag under another correlation; h scales are moved first."""
-    problem, theta = final.problem, final.theta.copy()
-    models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
-    for r, (old, new, surface) in enumerate(zip(problem.models, models, final.surfaces)):
-        T, bath = surface.temperature_degC, old.bath_degC
-        early = np.abs(bath - T) > 0.3 * old.step_K
-        ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
-        theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
-    return replace(problem, models=models).minimised(theta, problem.layout.common_lag[None], limit=12)
-
-
-def _top(at: PlungeOptimum, width: float) -> float:
-    """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
-    row, lag = at.problem.layout.common_lag, float(at.lag_s.mean())
-    low, middle, high = (
-        -0.5 * _marginal(held(at.found, row, lag + shift, **SEARCH) if shift else at.found)
-        for shift in (-width, 0.0, width)
-    )
-    curvature = high - 2 * middle + low
-    return float(-width * (high - low) / (2 * curvature)) if curvature < 0 else 0.0

@@ -100,8 +100,9 @@ class PlungeFit:
         logits = theta[lay.at("common_split")] + theta[lay.at("split")]
         out = {}
         for c, lag, logit in zip(lay.channels, self.optimum.lag_s, logits):
-            taus, delay, zero = stages(lay.structure, float(lag), float(logit))
-            out[c] = Chain(tuple(map(float, taus)), zero_s=zero, delay_s=delay, conditioning=self.setup.conditioning)
+            taus, delay, zero = stages(lay.structure, lag, logit)
+            chain = Chain(tuple(taus), zero_s=float(zero), delay_s=float(delay), conditioning=self.setup.conditioning)
+            out[c] = chain
         return out
 
     @cached_property

@@ -17,7 +17,7 @@ from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES, Structure
 from tcdyn.cores import side_by_side
 from tcdyn.plunge import BURST_KINDS, PlungePriors, lag_u_s
-from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
+from tcdyn.plunge.posterior import LagScan, PlungeOptimum, optima_side_by_side, settled_scan
 from tcdyn.plunge.run import RunNoise
 
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
@@ -169,13 +169,13 @@ def compare_structures(
     ``scan``: that of the chosen structure; ``own_lag_s``: the conditioning filter's lag; ``extra_u_s``: what else is
     uncertain in the common lag (choice of correlation).
     """
-    chosen = final.problem.layout.structure
-    fits = dict(zip(structures, side_by_side(lambda s: _optima(final, s, priors), structures)))
+    chosen, models = final.problem.layout.structure, final.problem.models
+    fits = dict(zip(structures, optima_side_by_side(lambda s: _optima(final, s, priors), structures, models)))
     best = max(fits, key=lambda s: fits[s][0].laplace)
     kept = best == chosen and fits[best][0].is_near(final)
     if not kept:
         noise = fits[best][0].judged()
-        again = side_by_side(lambda s: [_refit(f, s, priors, noise) for f in fits[s]], structures)
+        again = optima_side_by_side(lambda s: [_refit(f, s, priors, noise) for f in fits[s]], structures, models)
         fits = dict(zip(structures, again))
     likeliest = max(f.laplace for s in structures for f in fits[s])
     reported = scan.estimate(own_lag_s, extra_u_s)
@@ -183,7 +183,7 @@ def compare_structures(
     solutions = [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]
     far = [s != chosen and fit.laplace < likeliest - UNLIKELY for s, _, fit in solutions]
     near = [i for i, (s, k, _) in enumerate(solutions) if not far[i] and not (kept and s == chosen and k == 0)]
-    walks = dict(zip(near, side_by_side(lambda i: settled_scan(solutions[i][2], step=1.8, drop=7.0), near)))
+    paths = optima_side_by_side(lambda i: settled_scan(solutions[i][2], step=1.8, drop=7.0), near, models)
     for i, (s, k, fit) in enumerate(solutions):
         if kept and s == chosen and k == 0:
             cost = min(float(scan.cost.min()), final.cost)
@@ -193,13 +193,13 @@ def compare_structures(
             roughly = Estimate.normal(fit.found.value(row) + own_lag_s, fit.found.u(row))
             modes.append(_Mode(s, fit, roughly, fit.cost, fit.laplace))
         else:
-            walked, at, start = walks[i]
+            path, at, start = paths[near.index(i)]
             if any(m.structure == s and m.at.is_near(at) for m in modes):
                 continue
             own = s == chosen and at.is_near(final)
-            lag_s = reported if own else walked.estimate(own_lag_s, extra_u_s)
-            cost = min(float(walked.cost.min()), start.cost)
-            modes.append(_Mode(s, at, lag_s, cost, log_evidence(walked, at), own))
+            lag_s = reported if own else path.estimate(own_lag_s, extra_u_s)
+            cost = min(float(path.cost.min()), start.cost)
+            modes.append(_Mode(s, at, lag_s, cost, log_evidence(path, at), own))
     shares = _shares(modes)
     away = np.array([0 * final.lag_s if m.reported else m.at.lag_s - final.lag_s for m in modes])
     covariance = np.asarray(np.einsum("s,si,sj->ij", shares, away, away))

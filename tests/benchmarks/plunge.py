@@ -22,7 +22,7 @@ from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.plunge import PlungeParameters, PlungePriors
 from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.model import build_run_model, predict_run
+from tcdyn.plunge.model import build_run_models, predict
 from tcdyn.plunge.run import make_blocks
 
 SETUP = load_rig().disk_setup("fast")
@@ -57,11 +57,11 @@ def fit_side(baseline_s: float) -> None:
     layout = PlungeParameters(1, CHANNELS, "P2")
     theta, _ = layout.prior(PlungePriors(), [0.05], [26.0])
     theta[layout.at("lag")] = 0.6
-    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"), theta)
-    predict_run(model, layout, theta, 0)
+    models = build_run_models([run], [make_blocks(run)], SETUP, layout, correlation("5.4"), theta)
+    predict(models, layout, theta)
     t0 = process_time()
     for _ in range(10):
-        predict_run(model, layout, theta, 0)
+        predict(models, layout, theta)
     one = (process_time() - t0) / 10
     print(f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
           f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}")  # fmt: skip

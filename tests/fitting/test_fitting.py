@@ -268,3 +268,23 @@ def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_
     assert np.allclose(grid.places.max(axis=0), grid.box[:, 1] - 0.5 * step)
     assert len(grid.places) == len(grid.nodes) == GRID[0] * GRID[1]
     assert (len(asked) == ZOOMS * len(grid.nodes)) == (width < 0.001)
+
+
+@pytest.mark.parametrize("curvature", [-0.9, 0.5, 0.9])
+def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature: float) -> None:
+    """r = (x + 1, c x^2 + x - 1), least at zero; steps by the information alone leave c of x (Fletcher 1987, 6.1)."""
+    asked = {}
+    for secant in (False, True):
+        places: list[float] = []
+
+        def large(x: np.ndarray, places: list[float] = places) -> tuple[np.ndarray, np.ndarray]:
+            places.append(float(x[0]))
+            return np.array([x[0] + 1, curvature * x[0] ** 2 + x[0] - 1]), np.array([[1.0], [2 * curvature * x[0] + 1]])
+
+        found = minimise(
+            Problem(("x",), large), np.array([0.1]), tolerance=1e-14, relative=0.0, damping=1e-6, secant=secant
+        )
+        asked[secant] = len(places)
+    assert found.converged
+    assert abs(found.theta[0]) < 1e-6  # a step that gains 1e-14 is 1e-7 long or less
+    assert 2 * asked[True] < asked[False]

@@ -17,13 +17,15 @@ from calibration.errors import InputError
 from calibration.noise import white_noise_sd
 from calibration.rig import load_rig
 from immersion.correlations import correlation
+from immersion.cylinder import conditioned, lag_on_grid
+from immersion.radial import Reading
 from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.noise import Whitened
 from tcdyn.chain.rational import Factor, Rational
 from tcdyn.chain.rational import simulate as simulate_rational
 from tcdyn.plunge import PlungeParameters, PlungePriors, stages
 from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.model import Reading, build_run_model, chain_on_grid, conditioned, lag_on_grid, predict_run
+from tcdyn.plunge.model import build_run_models, chain_on_grid, predict
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, make_blocks
 
@@ -104,16 +106,17 @@ def test_derivatives_are_those_of_the_model() -> None:
     mean, sd = layout.prior(PlungePriors(), [0.05], [26.0])
     theta = mean.copy()
     theta[layout.at("lag")] = 0.6
-    model = build_run_model(run, make_blocks(run), SETUP, layout, correlation("5.4"), theta)
-    _, jac, _ = predict_run(model, layout, theta, 0)
+    models = build_run_models([run], [make_blocks(run)], SETUP, layout, correlation("5.4"), theta)
+    theta[layout.at("ln_conductivity")], theta[layout.at("depth")] = 0.01, 5e-5  # away from where it was built
+    _, (jac,), _ = predict(models, layout, theta)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)
         up, down = theta.copy(), theta.copy()
         up[i] += step
         down[i] -= step
-        numeric = (predict_run(model, layout, up, 0)[0] - predict_run(model, layout, down, 0)[0]) / (2 * step)
-        # lags act on straight lines between knots, their derivative likewise: equal to a part in a thousand
-        assert np.max(np.abs(numeric - jac[:, :, i])) < 4e-3 * np.max(np.abs(numeric)) + 1e-6, name
+        numeric = (predict(models, layout, up)[0][0] - predict(models, layout, down)[0][0]) / (2 * step)
+        # the differences' error is of second order in a ten-thousandth of sd
+        assert np.max(np.abs(numeric - jac[:, :, i])) < 1e-5 * np.max(np.abs(numeric)) + 1e-7, name
 
 
 def test_lags_on_the_graded_grid_are_those_of_the_chain() -> None:
@@ -179,14 +182,16 @@ def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: str) ->
     for tau in taus:
         poles = np.polymul(poles, [tau, 1.0])
     exact = control.forced_response(control.TransferFunction([zero, 1.0], poles), t, u).outputs
-    y, by_lag, by_logit, late = chain_on_grid(u[:, None], np.diff(t), lag, logit, structure)
+    one = np.ones(1)  # channel
+    (y, by_lag, by_logit), late = chain_on_grid(u[None, None], np.diff(t), lag * one, logit * one, structure)
     assert late[0] == pytest.approx(delay)
-    np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)  # straight lines between samples in both: rounding only
+    np.testing.assert_allclose(y[0], exact, atol=2e-4)  # straight lines between samples in both: rounding only
     along_lag, along_logit = ((lag + 1e-4, logit), (lag - 1e-4, logit)), ((lag, logit + 1e-3), (lag, logit - 1e-3))
     for by, (a, b) in ((by_lag, along_lag), (by_logit, along_logit)):
-        up, down = (chain_on_grid(u[:, None], np.diff(t), *at, structure)[0][:, 0] for at in (a, b))
+        ends = [np.array(at)[:, None] for at in (a, b)]
+        up, down = (chain_on_grid(u[None, None], np.diff(t), *at, structure)[0][0, 0] for at in ends)
         step = a[0] - b[0] + a[1] - b[1]
-        np.testing.assert_allclose(by, (up - down) / step, atol=2e-4)
+        np.testing.assert_allclose(by[0], (up - down) / step, atol=1e-6)  # second order of the differences
 
 
 def test_spikes_are_left_out_and_noise_is_seen_through_a_ramp() -> None:
