@@ -1,4 +1,4 @@
-"""Where cells of time begin, and where a long stretch may be cut: pieces with so much beside them that sweeps settle."""
+"""Where cells of time begin, and where a long stretch may be cut: with so much beside it that sweeps settle."""
 
 from __future__ import annotations
 

@@ -191,7 +191,7 @@ class Smoothed:
 
 
 def _along(out: Array, powers: Sequence[Array], cell: NDArray[np.intp], along: Array) -> None:
-    """Put polynomials of the time ``along`` each cell, ``powers`` (J, M) from the highest on, at samples into ``out``."""
+    """Put polynomials of the time ``along`` cells, ``powers`` (J, M) from the highest on, at samples into ``out``."""
     np.take(np.ascontiguousarray(powers[0]), cell, axis=0, out=out, mode="clip")
     for coefficients in powers[1:]:
         out *= along

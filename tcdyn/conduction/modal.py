@@ -21,7 +21,7 @@ from scipy.linalg import eigh_tridiagonal
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.flux import TrackFlux
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal, told_by
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, told_by, unscaled_cardinal
 
 
 def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
@@ -272,14 +272,15 @@ def rim_gains(
             f"the rim's slowest mode {lam.min():.3g} 1/s is below the bank's lowest {rates[0]:.3g}",
             remedy="give node_rates a smaller slowest_per_s",
         )
-    m, n = np.nonzero(lam < rates[-1])
-    slow = collect @ (s.force_r[s.source_r][:, m] * s.force_z[:, n])
-    slow = slow[:, None, :] * (at_r[:, m] * at_z[:, n] / lam[m, n])
-    gains = slow @ cardinal(rates, np.log(lam[m, n]))
+    forces = s.force_r[s.source_r]
+    within = slice(None) if lam.max() < rates[-1] else (lam < rates[-1]).ravel()
+    slow = collect @ (forces[:, :, None] * s.force_z[:, None, :]).reshape(len(forces), -1)[:, within]
+    slow = slow[:, None] * (at_r[:, :, None] * at_z[:, None, :] / lam).reshape(len(at_r), -1)[:, within]
+    weights, total = unscaled_cardinal(rates, np.log(lam.ravel()[within]))
+    gains = np.asarray(np.tensordot(slow / total, weights, 1), dtype=float)
     # what the modes beyond the bank add to the steady answer belongs to its fastest lag
-    steady = (at_r * s.force_r[:, None, :]) @ (1 / lam) * at_z
-    whole = collect @ np.einsum("spn,sn->sp", steady[s.source_r], s.force_z)
-    gains[:, :, -1] += whole - slow.sum(axis=2)
+    whole = (at_r * s.force_r[:, None, :]) @ (1 / lam) * at_z
+    gains[:, :, -1] += collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(axis=2) - slow.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     inputs = inputs_of(len(rim.boundary_z_m), split_ambient)
     return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dtbtrs
 
 from calibration import Array
 from calibration.disk import DiskSetup
@@ -179,17 +180,22 @@ def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
 
     Barycentric interpolation in log(rate): exp(-e^x t) is entire in x, so 40 nodes over four decades leave 1e-6.
     """
+    weights, total = unscaled_cardinal(rates_per_s, log_lambda)
+    return np.asarray(weights / total[:, None])
+
+
+def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Array]:
+    """The weights (M, K) of ``cardinal`` before they are divided by (M,): for many M rather divide what they weigh."""
     x, w, _ = _barycentric(len(rates_per_s))
-    low, high = np.log(rates_per_s[0]), np.log(rates_per_s[-1])
+    low, high = np.log(rates_per_s[[0, -1]])
     scaled = (2 * log_lambda - low - high) / (high - low)
     weights = scaled[:, None] - x
     with np.errstate(divide="ignore", invalid="ignore"):
         np.divide(w, weights, out=weights)
-        total = weights.sum(axis=1)
-        weights /= total[:, None]
+        total = weights @ np.ones(len(x))
     for row in np.flatnonzero(~np.isfinite(total)):  # exactly on a node
-        weights[row] = np.arange(len(x)) == np.argmin(np.abs(scaled[row] - x))
-    return np.asarray(weights)
+        weights[row], total[row] = np.arange(len(x)) == np.argmin(np.abs(scaled[row] - x)), 1.0
+    return weights, total
 
 
 def cardinal_slope(rates_per_s: Array, weights: Array) -> Array:
@@ -256,15 +262,15 @@ def bank_means(u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | 
     at = np.cumsum(lengths) - lengths
     u = np.append(u, u[-1])
     rise, ramp = hold_weights(rates * dt_s)
-    driven = np.empty((len(lengths), len(rates)))
+    driven, decay = np.empty((2, len(lengths) + 1, len(rates)))
+    driven[0], decay[0] = u[0], 0.0
     for m in np.unique(lengths).tolist():
         same = np.flatnonzero(lengths == m)
-        driven[same] = u[at[same, None] + np.arange(m + 1)] @ _driving(m, dt_s, rates.tobytes())
-    decay = np.exp(-rates * dt_s * lengths[:, None])
-    states = np.empty((len(lengths) + 1, len(rates)))
-    states[0] = u[0]
-    for k, (left, added) in enumerate(zip(decay, driven)):
-        states[k + 1] = left * states[k] + added
+        driven[same + 1] = u[at[same, None] + np.arange(m + 1)] @ _driving(m, dt_s, rates.tobytes())
+        decay[same + 1] = np.exp(-rates * dt_s * m)
+    band = np.ones((driven.size, 2)).T  # states[k + 1] - decay[k] states[k] = driven[k], rate after rate
+    band[1, :-1] = -decay.T.ravel()[1:]
+    states = dtbtrs(band, driven.T.reshape(-1, 1), uplo="L", diag="U")[0].reshape(len(rates), -1).T
     whole = np.add.reduceat(u[:-1], at[1:])[:, None]
     ends = states[1:-1] - states[2:] + ramp * (u[np.append(at[2:], len(u) - 1)] - u[at[1:]])[:, None]
     return np.asarray((whole + ends / rise) / lengths[1:, None])

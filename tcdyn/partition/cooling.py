@@ -132,14 +132,19 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
 
 
-def smoothed(test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float) -> Compensated:
-    """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two."""
+def smoothed(
+    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float,
+    like: Compensated | None = None,
+) -> Compensated:  # fmt: skip
+    """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two, and as freely
+    as they were in ``like``, from the same row on: without it by their likelihood."""
     start, end = test.time_s[rows][[0, -1]]
     return smooth(
         disk.measured_degC[rows],
         test.dt_s,
         chains,
         noise_sd=disk.noise_K,
+        intensity=None if like is None else like.intensities,
         events_s=tuple(float(kink - start) for kink in test.events.kinks_s if kink < end),
         event_u_s=test.events.unload_u_s,
         lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),

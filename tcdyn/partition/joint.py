@@ -130,9 +130,7 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
 
     def heated(taus_s: tuple[float, ...]) -> RimMeans:
         power, _ = power_seen(test, rows, with_lags(like, taus_s))
-        bank = bank_means(power, test.dt_s, rim.rates_1_s, window.counts)
-        inputs = np.column_stack([blocks @ power, rim.inputs[:, rim.rest]])
-        return replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]]))
+        return rim.driven_by(blocks @ power, bank_means(power, test.dt_s, rim.rates_1_s, window.counts))
 
     def model(p: Array) -> tuple[Array, Array] | None:
         """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),

@@ -23,7 +23,7 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note
 from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
-from tcdyn.fitting import crossing, least, minimise, profile
+from tcdyn.fitting import crossing, eliminated, least, minimise, profile
 from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
 from tcdyn.partition.window import POWER
 
@@ -63,7 +63,8 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     many = np.vstack([rest, power.reshape(-1, weight.size)])
     mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
     basis = np.linalg.qr(np.vstack([side.y, side.effect.T, mixed]).T)[0]
-    rest, power = rest @ basis, power @ basis
+    rest, power = rest @ basis, (power @ basis).reshape(H_NODES, -1)
+    axes = [(nodes, np.log(nodes[[0, -1]])) for nodes in (nodes_h, nodes_sum, nodes_shape)]
 
     def model(p: Array) -> tuple[Array, Array] | None:
         """A second lag that would be longer than the sum is all of it."""
@@ -71,20 +72,20 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
         q = 4 * (1 - ratio) * ratio
         q_slope = 4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0  # by log tau2, and the opposite by log S
         weights = []
-        for nodes, x in ((nodes_h, p[LOG_H]), (nodes_sum, p[LOG_LAGS]), (nodes_shape, q)):
-            if not np.log(nodes[0]) <= x <= np.log(nodes[-1]):
+        for (nodes, (low, high)), x in zip(axes, (p[LOG_H], p[LOG_LAGS], q)):
+            if not low <= x <= high:
                 return None
             at = cardinal(nodes, np.array([x]))
-            weights.append((at[0], cardinal_slope(nodes, at)[0]))
-        (a, da), (b, db), (c, dc) = weights
-        by_lags = np.tensordot(a, power, 1)
-        by_shape = np.tensordot(b, by_lags, 1)
-        seen, by_q = c @ by_shape, dc @ by_shape
-        by_h = c @ np.tensordot(b, np.tensordot(da, power, 1), 1)
-        by_sum = c @ np.tensordot(db, by_lags, 1)
-        share = p[SHARE]
-        slopes = [seen, da @ rest + share * by_h, share * (by_sum - by_q * q_slope), share * by_q * q_slope]
-        return a @ rest + share * seen, np.stack(slopes, axis=1)
+            weights.append(np.concatenate([at, cardinal_slope(nodes, at)]))
+        by_h, by_sum, by_q = weights  # at the point, and the slope there
+        at_h = by_h @ power
+        at_sum = (by_sum @ at_h[0].reshape(len(nodes_sum), -1)).reshape(2, SHAPE_NODES, -1)
+        seen, seen_q = by_q @ at_sum[0]
+        share, seen_h = p[SHARE], by_q[0] @ (by_sum[0] @ at_h[1].reshape(len(nodes_sum), -1)).reshape(SHAPE_NODES, -1)
+        still, still_h = by_h @ rest
+        by_shape = share * seen_q * q_slope
+        slopes = [seen, still_h + share * seen_h, share * (by_q[0] @ at_sum[1]) - by_shape, by_shape]
+        return still + share * seen, np.stack(slopes, axis=1)
 
     return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=model)
 
@@ -148,19 +149,21 @@ def _profiles(
     covariance when all is normal; weighing anew would move the minimum. Chandler & Bate (2007).
     """
     problem, k = joint_problem(sides), len(start)
+    few = eliminated(problem, k, np.concatenate([start, np.zeros(problem.size - k)]))
     tried = []
     for shift in OTHER_SHAPES:
-        theta = np.concatenate([start, np.zeros(len(problem.names) - k)])
-        theta[LOG_TAU2:k:4] = np.minimum(theta[LOG_TAU2:k:4] + shift, theta[LOG_LAGS:k:4] - 0.1)
-        tried.append(minimise(problem, theta, tolerance=ENOUGH))
+        theta = start.copy()
+        theta[LOG_TAU2::4] = np.minimum(theta[LOG_TAU2::4] + shift, theta[LOG_LAGS::4] - 0.1)
+        tried.append(minimise(few, theta, tolerance=ENOUGH))
     best = least(tried)
-    noise, per_sd = told(best, sides)
+    whole = minimise(problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=ENOUGH)
+    noise, per_sd = told(whole, sides)
     frames = []
     for name, n in numbers.items():
-        e, toward = estimates[name], np.concatenate([n.toward, np.zeros(len(problem.names) - k)])
+        e = estimates[name]
         white, other = n.toward @ noise @ n.toward, np.sum((n.toward @ per_sd) ** 2)
         walk = profile(
-            best, toward, u=e.u, scale=float((inflation * white + other) / (white + other)),
+            best, n.toward, u=e.u, scale=float((inflation * white + other) / (white + other)),
             step=STEP_U, drop=TOP, reach=FARTHEST_U, value=n.value, at=n.at, within=n.within, tolerance=ENOUGH,
         )  # fmt: skip
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}

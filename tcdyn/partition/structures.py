@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -249,6 +250,12 @@ class Linear:
         free = free_directions(best.problem.fixed[:, k])
         return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends, points)
 
+    @cached_property
+    def _sums(self) -> tuple[Array, Array, Array, Array]:
+        """Information and half-gradient of the data, and of all that was known beforehand."""
+        (r, s), (j, k) = (np.split(x, self.ends[-1:]) for x in (self.residual, self.jacobian))
+        return j.T @ j, j.T @ r, k.T @ k + np.diag(self.precision), k.T @ s + self.precision * self.off_prior
+
     def waves(self, residual: Array) -> float:
         """Slow waves in the residuals of the worse disk, as the fits count them."""
         parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
@@ -256,18 +263,14 @@ class Linear:
 
     def __call__(self, columns: Array, waves: float) -> Refit:
         """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
-        rows = np.ones(len(self.residual))
-        rows[: self.ends[-1]] = 1 / np.sqrt(waves)
-        r, j = rows * self.residual, rows[:, None] * self.jacobian
-        x = np.zeros((len(r), columns.shape[1]))
-        x[: self.ends[-1]] = columns / np.sqrt(waves)
-        d = self.directions
-        cov = d @ inverse(d.T @ (j.T @ j + np.diag(self.precision)) @ d) @ d.T
-        start = -cov @ (j.T @ r + self.precision * self.off_prior)
-        left = r + j @ start
-        follow = cov @ (j.T @ x)
-        seen = np.eye(x.shape[1]) + x.T @ x - (x.T @ j) @ follow
-        b, known = x.T @ left, np.linalg.inv(seen)
+        r, j, d = self.residual[: self.ends[-1]], self.jacobian[: self.ends[-1]], self.directions
+        seen_by, toward, before, held = self._sums
+        cov = d @ inverse(d.T @ (seen_by / waves + before) @ d) @ d.T
+        start = -cov @ (toward / waves + held)
+        left, across = r + j @ start, j.T @ columns / waves
+        follow = cov @ across
+        seen = np.eye(columns.shape[1]) + columns.T @ columns / waves - across.T @ follow
+        b, known = columns.T @ left / waves, np.linalg.inv(seen)
         size, chi2, volume = -known @ b, float(b @ known @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
 
         def covariance(scaled: float) -> Array:
@@ -281,5 +284,5 @@ class Linear:
             volume=volume,
             log_odds=0.5 * chi2 - volume,
             delta_chi2=chi2,
-            waves=self.waves((left + x @ size - j @ (follow @ size)) / rows),
+            waves=self.waves(left + columns @ size - j @ (follow @ size)),
         )

@@ -137,12 +137,19 @@ class RimMeans:
         bore: bool = False,
     ) -> Array:
         """Answer to the inputs of ``which``, (..., R, P) for h of shape (...)."""
-        out = []
-        for h in np.ravel(h_W_m2K):
-            g = self.gains(float(h), p, extra, bore)
-            lagged = sum(bank @ part.T for bank, part in zip(self.banks[which], g.gains[which]))
-            out.append(self.inputs[:, which] @ g.direct[which] + lagged)
-        return np.reshape(out, (*np.shape(h_W_m2K), *out[0].shape))
+        every = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
+        direct, gains = (np.concatenate([getattr(g, x)[which] for g in every], axis=1) for x in ("direct", "gains"))
+        out = self.inputs[:, which] @ direct
+        for bank, part in zip(self.banks[which], gains):
+            out += bank @ part.T
+        return np.moveaxis(out.reshape(len(out), len(every), -1), 1, 0).reshape(*np.shape(h_W_m2K), len(out), -1)
+
+    def driven_by(self, power_W: Array, bank: Array) -> RimMeans:
+        """The same rim, its gains kept, by another power (R,) with its ``bank`` (R, K)."""
+        inputs = np.column_stack([power_W, self.inputs[:, self.rest]])
+        other = replace(self, inputs=inputs, banks=np.concatenate([bank[None], self.banks[self.rest]]))
+        other.__dict__["_kept"] = self._kept
+        return other
 
     def answer(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()

@@ -37,6 +37,7 @@ CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 SHORT = 20  # rows; a table of so many stays on one printed page
+COMPRESSION = 3  # of pictures: a third quicker than the usual 6, and larger by a fortieth
 LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 
 
@@ -101,7 +102,8 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
         if "\\math" not in words.get_text():  # no number of a logarithmic axis: a dollar is a dollar
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", metadata={"Software": None})
+    told: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
+    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **told)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

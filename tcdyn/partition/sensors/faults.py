@@ -22,6 +22,7 @@ from calibration.estimate import Estimate
 from tcdyn.partition.effects import stated, stated_u
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors.features import DiskFeatures, Order, disk_features
+from tcdyn.partition.window import NOMINAL
 from tcdyn.traces import DiskTraces
 
 SHARE_SD = 0.12  # about each of the shares that are looked at
@@ -101,14 +102,14 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     """
     s, logs = f.setup, np.log(H_GRID_W_M2K)
     order = faults[0].order(s.channels)
-    answers = zip(*(f.answer(order, float(h)) for h in H_GRID_W_M2K))
-    rests, powers = (np.asarray(CubicSpline(logs, np.array(x)[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers)
+    answers = f.answer(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
+    rests, powers = (np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers)
     found = []
     for share in SHARE_GRID:
         left = f.levels[:, order][:, s.places(s.rows)][f.seen] - rests - share * powers
         own = independent_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
-        known: dict[int, Array] = {}  # effects about the points of the coarse grid, which most faults share
+        known: dict[tuple[int, tuple[str, ...]], _Seen] = {}  # about points of the coarse grid, which most faults share
         found.append([_about(f, disk, fault, share, left, powers, start, known) for fault in faults])
     out = []
     for parts in zip(*found):
@@ -118,36 +119,58 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     return out
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """What is left about one point, of a disk without free faults: ``effects`` (D, Q) and ``left`` (D, H), both divided
+    by the ``root`` (D, D) of its covariance; ``chi2`` (H,), and the covariance's log determinant."""
+
+    root: Array
+    effects: Array
+    left: Array
+    chi2: Array
+    log_det: float
+
+    @classmethod
+    def of(cls, covariance: Array, effects: Array, left: Array) -> _Seen:
+        """Of what is ``left`` (H, D) by its ``covariance`` (D, D) and the ``effects`` (Q, D) about it."""
+        root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+        white = solve_triangular(root, np.vstack([effects, left]).T, lower=True)
+        by_effect, by_h = white[:, : len(effects)], white[:, len(effects) :]
+        return cls(root, by_effect, by_h, (by_h**2).sum(axis=0), 2 * float(np.log(np.diag(root)).sum()))
+
+
 def _about(
     f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, left: Array, powers: Array, best: int,
-    known: dict[int, Array],
+    known: dict[tuple[int, tuple[str, ...]], _Seen],
 ) -> Verdict:  # fmt: skip
-    """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``."""
+    """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``.
+
+    What a fault leaves free, e by one standard deviation of it, adds e e' to the covariance C. With e and all else
+    divided by the root of C, that lowers chi-squared by (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant.
+    """
     mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
     order, stands = fault.order(f.setup.channels), [what.name for what in stated(f.setup)]
+    quantity, sd = FREE.get(fault.kind, ("", 0.0))
+    rows = [stands.index(f"{quantity} {c}") for c in fault.channels] if sd else []
     at = -1
     for _ in range(ROUNDS):  # the covariance is worked out at the nearest point of the coarse grid
         nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
         if nearest == at:
             break
         at = nearest
-        if at not in known:
-            known[at] = f.effects(order, float(H_GRID_W_M2K[at]), share)
-        cov = covariance(f, disk, known[at], order, mixed)
-        free = np.zeros_like(left[0])  # by one standard deviation of what the fault leaves free
-        quantity, sd = FREE.get(fault.kind, ("", 0.0))
-        if sd:
-            names = [f"{quantity} {c}" for c in fault.channels]
-            free = sd * known[at][[stands.index(name) for name in names]].sum(axis=0)
-        root: Array = np.asarray(np.linalg.cholesky(cov + np.outer(free, free)), dtype=float)
-        white = solve_triangular(root, left.T, lower=True)
-        best = int(np.argmin((white**2).sum(axis=0)))
-    r = white[:, best]
-    toward, one_sd = solve_triangular(root, np.column_stack([powers[best], free]), lower=True).T
-    chi2, log_det = float(r @ r), 2 * float(np.log(np.diag(root)).sum())
-    size = Estimate.normal(sd * float(one_sd @ r), sd * max(1 - float(one_sd @ one_sd), 0.0) ** 0.5) if sd else None
-    likely = float(np.clip(share + SHARE_SD**2 * float(toward @ r), 0.0, 1.0))
-    return Verdict(fault, -0.5 * (chi2 + log_det), chi2, r.size - 1, likely, float(H_FINE_W_M2K[best]), size)
+        if (at, mixed) not in known:
+            effects = f.effects(order, float(H_GRID_W_M2K[at]), share)
+            known[at, mixed] = _Seen.of(covariance(f, disk, effects, order, mixed), effects, left)
+        seen = known[at, mixed]
+        free = sd * seen.effects[:, rows].sum(axis=1)
+        wider, toward = 1 + float(free @ free), free @ seen.left
+        best = int(np.argmin(seen.chi2 - toward**2 / wider))
+    one_sd = float(toward[best]) / wider
+    chi2, log_det = float(seen.chi2[best]) - one_sd * float(toward[best]), seen.log_det + float(np.log(wider))
+    size = Estimate.normal(sd * one_sd, sd / wider**0.5) if sd else None
+    power = solve_triangular(seen.root, powers[best], lower=True)
+    likely = float(np.clip(share + SHARE_SD**2 * float(power @ (seen.left[:, best] - one_sd * free)), 0.0, 1.0))
+    return Verdict(fault, -0.5 * (chi2 + log_det), chi2, left.shape[1] - 1, likely, float(H_FINE_W_M2K[best]), size)
 
 
 def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
@@ -245,7 +268,7 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
     at, more = (
         rest + sound.share * power
-        for rest, power in (f.answer(f.as_wired, x) for x in (h, h * float(np.exp(LOG_H_STEP))))
+        for rest, power in zip(*f.answer(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP))))))
     )
     off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
     known = f.effects(f.as_wired, h, sound.share)

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from tcdyn.partition.window import (
 from tcdyn.traces import STAND_IN_K, DiskTraces
 
 Order = tuple[int, ...]
+Case = tuple[float, Perturbation]  # h [W/m2K], and how the disk departs from its statement
 Place = Literal["outer row", "inside", "inner row"]  # just inside the inner row; this row, of a rim to the bore
 Window = tuple[str, float, float]  # event that it follows, start, stop [s]
 STEADY_S = 100.0
@@ -98,86 +99,114 @@ class DiskFeatures:
         return RimMeans(self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds])
 
     @cached_property
-    def _fed(self) -> dict[tuple[str, int, float, Perturbation, Place], Array]:
+    def _kept(self) -> dict[Any, Any]:
         return {}
 
-    def fed(
-        self, column: str, which: int, h_W_m2K: float, p: Perturbation = NOMINAL, place: Place = "outer row"
-    ) -> Array:
-        """What a column makes of the points of ``place`` as the rim's input ``which``, (W, points); a column that is
-        not there makes nothing. Kept, since all hypotheses share it."""
-        key = column, which, h_W_m2K, p, place
-        if key not in self._fed:
-            k, outer, inner = self.columns.index(column), self.setup.outer, self.setup.inner
-            if k >= self.inputs.shape[1]:
-                return np.zeros((len(self.inputs), len(outer if place == "outer row" else inner)))
+    @cached_property
+    def _rows(self) -> tuple[list[int], list[int]]:
+        return self.setup.places(self.setup.outer), self.setup.places(self.setup.inner)
+
+    @cached_property
+    def _departures(self) -> tuple[tuple[Perturbation, ...], Array]:
+        departing, sizes = zip(*departures(self.setup, FEATURE_DEPTH_M))
+        return departing, np.array(sizes)
+
+    def made(self, cases: tuple[Case, ...], place: Place = "outer row") -> Array:
+        """What every column makes of the points of ``place`` as every input of the rim, (cases, C + 3, I, W, points).
+
+        Kept, since all hypotheses share it."""
+        if (cases, place) not in self._kept:
             inside = place == "inside"
-            g = self.rim.gains(h_W_m2K, p, self.rim.inside if inside else (), bore=place == "inner row")
-            direct, gains = (x[which, len(outer) * inside :] for x in (g.direct, g.gains))
-            self._fed[key] = np.outer(self.inputs[:, k], direct) + self.banks[k] @ gains.T
-        return self._fed[key]
+            extra, bore = self.rim.inside if inside else (), place == "inner row"
+            every = [self.rim.gains(h, p, extra, bore) for h, p in cases]
+            own = slice(len(self.setup.outer) * inside, None)
+            direct, gains = (np.stack([x[:, own] for x in part]) for part in zip(*((g.direct, g.gains) for g in every)))
+            lagged = np.tensordot(gains, self.banks, (3, 2)) + direct[..., None, None] * self.inputs.T
+            self._kept[cases, place] = np.ascontiguousarray(lagged.transpose(0, 3, 1, 4, 2))
+        return np.asarray(self._kept[cases, place])
 
-    def _at(self, order: Order, h: float, p: Perturbation, place: Place = "outer row") -> tuple[Array, Array]:
-        s, air = self.setup, self.rim.ambient
-        inner = (self.fed(s.channels[order[i]], k, h, p, place) for k, i in enumerate(s.places(s.inner), start=1))
-        rest = sum(inner, self.fed("ambient", air, h, p, place) + self.fed("film", air + 1, h, p, place))
-        return rest, self.fed("power", 0, h, p, place)
+    def fed(self, column: str, which: int, cases: tuple[Case, ...], place: Place = "outer row") -> Array:
+        """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
+        that is not there makes nothing."""
+        k, made = self.columns.index(column), self.made(cases, place)
+        return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
 
-    def gradient(self, order: Order, h_W_m2K: float, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Rise of temperature with radius at the inner row without heat and per share of one, (W, k) each [K/m]."""
-        rest, power = self._at(order, h_W_m2K, p, "inside")
-        read = self.levels[:, [order[i] for i in self.setup.places(self.setup.inner)]]
+    def _at(self, order: Order, cases: tuple[Case, ...], place: Place = "outer row") -> tuple[Array, Array]:
+        air, made = self.rim.ambient, self.made(cases, place)
+        columns = [1 + order[i] for i in self._rows[1]]
+        rest = made[:, columns, range(1, air)].sum(axis=1)
+        rest += self.fed("ambient", air, cases, place) + self.fed("film", air + 1, cases, place)
+        return rest, made[:, 0, 0]
+
+    def gradient(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
+        """Rise of temperature with radius at the inner row without heat and per share of one, (cases, W, k) each
+        [K/m]."""
+        rest, power = self._at(order, cases, "inside")
+        read = self.levels[:, [order[i] for i in self._rows[1]]]
         return (rest - read) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
-    def answer(self, order: Order, h_W_m2K: float, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Model of both rows without heat and per share of one, (W, C) each, when position i of the channels is read
-        by column ``order[i]``."""
-        rest, power = self._at(order, h_W_m2K, p)
+    def answer(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
+        """Model of both rows without heat and per share of one, (cases, W, C) each, when position i of the channels is
+        read by column ``order[i]``; each case is an h [W/m2K] and a departure of the disk."""
+        rest, power = self._at(order, cases)
         if np.any(deeper := self.setup.deeper_than_edge_m):
-            static = deeper[:, None] * self.rim.gains(h_W_m2K, p).static[self.rim.inner]
-            by_rest, by_power = self.gradient(order, h_W_m2K, p)
+            static = deeper[:, None] * [self.rim.gains(h, p).static[self.rim.inner] for h, p in cases]
+            by_rest, by_power = self.gradient(order, cases)
             rest, power = rest + by_rest @ static, power + by_power @ static
         own = ("film", self.rim.ambient + 1), ("power", 0)
-        film, inner = (self.fed(column, k, h_W_m2K, p, "inner row") for column, k in own)
-        return np.hstack([rest, film]), np.hstack([power, inner])
+        film, inner = (self.fed(column, k, cases, "inner row") for column, k in own)
+        return np.concatenate([rest, film], axis=2), np.concatenate([power, inner], axis=2)
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.stated``, of the harmonic round
         the bore, then by a standard uncertainty of the flux's place and of the film's exponent, a second of common lag,
         a second of later load, and the share, (Q, D)."""
-        gradient, static = self.gradient(order, h_W_m2K), self.rim.gains(h_W_m2K).static
-        rest, power = self.answer(order, h_W_m2K)
-        base, moved = rest + share * power, []
-        for p, size in departures(self.setup, FEATURE_DEPTH_M):
-            there = self.answer(order, h_W_m2K, p)
-            moved.append((there[0] + share * there[1] - base) / size)
-        rates = self.slope[:, [order[i] for i in self.setup.places(self.setup.rows)]]
+        departing, sizes = self._departures
+        driven_to, harmonic, late, film = self._whatever_order(h_W_m2K)
+        rest, power = self.answer(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
+        gradient = self.gradient(order, ((h_W_m2K, NOMINAL),))
+        shown = rest + share * power
+        rates = self.slope[:, [order[i] for row in self._rows for i in row]]
         lasts = (self.event == "steady").astype(float)
         slow = [
             *[lasts] * len(self.setup.inner),
-            *(gradient[0] + share * gradient[1]).T,
+            *(gradient[0] + share * gradient[1])[0].T,
             *rates.T[len(self.setup.outer) :],
             lasts,
         ]  # the rim follows
-        driven = np.array(slow)[:, :, None] * by_inputs(self.setup, static)[:, None]
-        known = stated_effects(np.array(moved), driven, lasts, rates, self.drives)
-        rows: tuple[Place, ...] = "outer row", "inner row"
-        slower = np.hstack([self.fed("slower power", 0, h_W_m2K, place=row) for row in rows])
-        same = np.hstack([self.fed("power", 0, h_W_m2K, place=row) for row in rows])
-        later = share * (slower - same) / LAG_STEP_S
+        driven = np.array(slow)[:, :, None] * driven_to[:, None]
+        known = stated_effects((shown[1:] - shown[0]) / sizes[:, None, None], driven, lasts, rates, self.drives)
+        later = share * late
         loading = later * (self.event == "loading")[:, None]
-        film = np.hstack([self.fed("film by n", self.rim.ambient + 2, h_W_m2K, place=row) for row in rows])
-        harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
-        if (open_edge := by_edge(self.rim, h_W_m2K)) is not None:
-            edge = np.zeros_like(base)
-            edge[:, : len(open_edge)] = STAND_IN_K * lasts[:, None] * open_edge
-            harmonic = np.concatenate([harmonic, edge[None]])
-        beside = np.zeros_like(base)
+        beside = np.zeros_like(later)
         if self.shift_u_m:
-            one, other = (self.answer(order, h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-            beside = one[0] - other[0] + share * (one[1] - other[1])
-            beside *= self.shift_u_m / (2 * SHIFT_STEP_M)
-        return np.concatenate([known, harmonic, [beside, film, later, loading, power]])[:, self.seen]
+            rest, by_share = self.answer(
+                order, tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+            )
+            one, other = rest + share * by_share
+            beside = (one - other) * self.shift_u_m / (2 * SHIFT_STEP_M)
+        return np.concatenate([known, harmonic, [beside, film, later, loading, power[0]]])[:, self.seen]
+
+    def _whatever_order(self, h_W_m2K: float) -> tuple[Array, Array, Array, Array]:
+        """Of an h, whichever column reads which place: steady answers by what drives the rim, effects of the harmonic
+        round the bore, of a second of common lag for a share of one, and of the film's exponent."""
+        if h_W_m2K not in self._kept:
+            case: tuple[Case, ...] = ((h_W_m2K, NOMINAL),)
+            static = self.rim.gains(h_W_m2K).static
+            rows: tuple[Place, ...] = "outer row", "inner row"
+            slower, same, film = (
+                np.hstack([self.fed(column, which, case, row)[0] for row in rows])
+                for column, which in (("slower power", 0), ("power", 0), ("film by n", self.rim.ambient + 2))
+            )
+            harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
+            if (open_edge := by_edge(self.rim, h_W_m2K)) is not None:
+                edge = np.zeros_like(same)
+                edge[:, : len(open_edge)] = STAND_IN_K * (self.event == "steady")[:, None] * open_edge
+                harmonic = np.concatenate([harmonic, edge[None]])
+            late = (slower - same) / LAG_STEP_S
+            self._kept[h_W_m2K] = by_inputs(self.setup, static), harmonic, late, film
+        of: tuple[Array, Array, Array, Array] = self._kept[h_W_m2K]
+        return of
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:

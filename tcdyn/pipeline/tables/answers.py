@@ -141,10 +141,10 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
 def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S) -> pd.DataFrame:
     """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h, u_h, misfit, lag.
 
-    ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances, the steady line and the lag, as the budget
-    does; ``within_lag`` marks windows shorter than the disk's common lag, which hold more of the chain than of the
-    cooling. Lengths beyond the log's end are left out; a window whose fit runs away has NaN. Raises InputError when no
-    length is left, or one is not above zero.
+    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances, the steady
+    line and the lag, as the budget does; ``within_lag`` marks windows shorter than the disk's common lag, which hold
+    more of the chain than of the cooling. Lengths beyond the log's end are left out; a window whose fit runs away has
+    NaN. Raises InputError when no length is left, or one is not above zero.
     """
     test = partition.test
     held = float(test.time_s[-1] - test.events.unload_s)
@@ -160,7 +160,7 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
 
 def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -> list[dict[str, object]]:
     test, line, lag, at = p.test, p.lines[name], p.joint[name].estimates["lag_s"], p.cooling[name]
-    done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u)
+    done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name])
     cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
     errors = cooling_errors(cooled, at.share, at.h_W_m2K)
     out: list[dict[str, object]] = []
