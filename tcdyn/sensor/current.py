@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.special import gammaln, j0, j1, jn_zeros, logsumexp
+from scipy.special import j0, j1, jn_zeros, logsumexp
+from scipy.stats import multivariate_t
 
 from calibration import Array
 from calibration.errors import InputError
@@ -87,11 +88,7 @@ def current_sensor(
     found: list[Finding] = []
     if longest < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
-    if not best.colour.white:
-        found.append(note("sensor.coloured", subject=column))
-    rest = float(np.sqrt(np.mean(best.residual**2)))
-    if rest > 3 * noise and rest > 0.01 * span:
-        found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=noise))
+    found += best.doubts(column, noise, 0.01 * span)
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE:
         found.append(look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95))
@@ -124,7 +121,7 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
     low, high = EDGES[:-1] + 1e-12, EDGES[1:]
 
     def miss(z: Array) -> Array:
-        return np.asarray(z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z))
+        return z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z)
 
     begun = np.sign(miss(low))  # one root between neighbouring zeros of J0
     for _ in range(48):
@@ -158,7 +155,7 @@ class _Heated:
         every = -(-len(y) // ROWS)
         n = len(y) // every * every
         blocks, heat = y[:n].reshape(-1, every), power[:n].reshape(-1, every).mean(axis=1)
-        seen = np.asarray(np.isfinite(blocks).all(axis=1))
+        seen = np.isfinite(blocks).all(axis=1)
         mean = np.where(seen, np.nan_to_num(blocks).mean(axis=1), np.nan)
         noise = max(float(white_noise_sd(mean[seen], 3)), 1e-9)
         return cls(dt_s * every, mean, heat, np.linspace(0, 1, len(mean)), noise)
@@ -219,7 +216,7 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
 
     kept = [f for f in fits if f.optimum.cost < best.optimum.cost + 20]
     centres = np.array([f.optimum.theta[4:] for f in kept])
-    spreads = np.array([f.covariance[4:, 4:] for f in kept])
+    spreads = np.array([f.optimum.covariance[4:, 4:] for f in kept])
     height = np.array([-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)])
     chances = np.exp(height - logsumexp(height))
     draws, log_p = np.empty((0, 4)), np.empty(0)
@@ -244,18 +241,13 @@ def _proposed(centres: Array, spreads: Array, chances: Array, rng: np.random.Gen
     which = rng.choice(len(centres), DRAWS, p=chances)
     roots = np.linalg.cholesky(spreads)
     tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, DRAWS))
-    return np.asarray(
-        centres[which] + np.einsum("kij,kj->ki", roots[which], rng.standard_normal((DRAWS, 4))) * tails[:, None]
-    )
+    return centres[which] + np.einsum("kij,kj->ki", roots[which], rng.standard_normal((DRAWS, 4))) * tails[:, None]
 
 
 def _log_density(x: Array, centres: Array, spreads: Array, chances: Array) -> Array:
     """Log density (K,) of that mixture at ``x`` (K, 4)."""
-    away = x[:, None] - centres
-    far = np.einsum("kci,cij,kcj->kc", away, np.linalg.inv(spreads), away)
-    top = gammaln(0.5 * (DEGREES + 4)) - gammaln(0.5 * DEGREES) - 2 * np.log(DEGREES * np.pi)
-    each = top - 0.5 * np.linalg.slogdet(spreads)[1] - 0.5 * (DEGREES + 4) * np.log1p(far / DEGREES)
-    return np.asarray(logsumexp(each, axis=1, b=chances))
+    each = [multivariate_t.logpdf(x, centre, spread, DEGREES) for centre, spread in zip(centres, spreads)]
+    return logsumexp(each, axis=0, b=chances[:, None])
 
 
 def _of(values: Array, weights: Array) -> Estimate:

@@ -192,6 +192,11 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
     return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(per_lag, np.abs(other[1] - here)))}
 
 
+def lag_and_times(chain: Chain) -> Array:
+    """The lag and when the step response passes each of the shares (4,) [s]."""
+    return np.array([chain.lag_s, *passes(chain)])
+
+
 def passes(chain: Chain) -> Array:
     """When the step response passes each of the shares (3,) [s]."""
     t = chain.lag_s * np.linspace(0, 12, 4801)

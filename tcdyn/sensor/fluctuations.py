@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import approx_fprime, minimize
 from scipy.signal import detrend
 from scipy.stats import chi2 as chi_square
 
@@ -15,8 +15,8 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.chain import Chain
-from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
-from tcdyn.sensor.fits import averaged
+from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file
+from tcdyn.sensor.fits import averaged, weights_of
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
 NO_LAG = 1e-6  # of the first lag: a second one below it is none
@@ -60,25 +60,19 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     fits = [_least(power, w, dt, 1), _least(power, w, dt, 2)]
     costs = np.array([_cost(theta, power, w, dt) * independent / TAPER for theta in fits])
     bins = independent * len(w) / TAPER
-    bic = 2 * costs + np.array([3, 4]) * np.log(bins)
-    weights = np.exp(-0.5 * (bic - bic.min()))
-    weights = weights / weights.sum()
+    weights = weights_of(2 * costs + np.array([3, 4]) * np.log(bins))
     values, us = [], []
     for theta in fits:
         cov = _covariance(theta, power, w, dt, independent / TAPER)
-        here, slopes = _quantities(theta), []
-        for k in range(2, len(theta)):
-            moved = theta.copy()
-            moved[k] += 1e-4
-            slopes.append((_quantities(moved) - here) / 1e-4)
-        part = np.array(slopes)
+        here, slopes = _quantities(theta[2:]), approx_fprime(theta[2:], _quantities, 1e-4)
         values.append(here)
-        us.append(np.sqrt(np.maximum(np.einsum("ki,kl,li->i", part, cov[2:, 2:], part), 0.0) + (MODEL_REL * here) ** 2))
+        variance = np.einsum("ik,kl,il->i", slopes, cov[2:, 2:], slopes)
+        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * here) ** 2))
     if us[1][0] > values[1][0]:
         weights = np.array([1.0, 0.0])
     lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
     best = fits[int(np.argmax(weights))]
-    taus = _lags(best)
+    taus = _lags(best[2:])
     _enough(y, dt, lag, best)
     found = _conditions(y, power, w, dt, best, independent, column, len(taus))
     fit = {
@@ -109,7 +103,7 @@ def spectrum(theta: Array, w: Array, dt_s: float) -> Array:
 
     def one(tau: float) -> Array:
         p = np.exp(-dt_s / tau)
-        return np.asarray((1 - p * p) / (1 - 2 * p * np.cos(w) + p * p))
+        return (1 - p * p) / (1 - 2 * p * np.cos(w) + p * p)
 
     taus = np.exp(np.clip(theta[2:], -30, 30))
     if len(taus) == 1:
@@ -118,7 +112,7 @@ def spectrum(theta: Array, w: Array, dt_s: float) -> Array:
         a, b = float(max(taus)), float(min(taus))
         b = min(b, a * (1 - 1e-4))
         shape = (a * one(a) - b * one(b)) / (a - b)
-    return np.asarray(np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1]))
+    return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
 def _cost(theta: Array, power: Array, w: Array, dt: float) -> float:
@@ -141,24 +135,18 @@ def _least(power: Array, w: Array, dt: float, count: int) -> Array:
 
 def _covariance(theta: Array, power: Array, w: Array, dt: float, counts: float) -> Array:
     """Inverse of Whittle's expected information: counts x sum of d log S d log S'."""
-    rows = []
-    for k in range(len(theta)):
-        up, down = theta.copy(), theta.copy()
-        up[k] += 1e-4
-        down[k] -= 1e-4
-        rows.append((np.log(spectrum(up, w, dt)) - np.log(spectrum(down, w, dt))) / 2e-4)
-    slopes = np.array(rows)
-    return np.asarray(np.linalg.pinv(counts * slopes @ slopes.T))
+    pairs = [(theta + e, theta - e) for e in 1e-4 * np.eye(len(theta))]
+    slopes = np.array([np.log(spectrum(up, w, dt) / spectrum(down, w, dt)) / 2e-4 for up, down in pairs])
+    return np.linalg.pinv(counts * slopes @ slopes.T)
 
 
-def _quantities(theta: Array) -> Array:
-    chain = Chain(_lags(theta))
-    return np.array([chain.lag_s, *passes(chain)])
+def _quantities(logs: Array) -> Array:
+    return lag_and_times(Chain(_lags(logs)))
 
 
-def _lags(theta: Array) -> list[float]:
-    """The lags, largest first [s]; a second one that went to nothing is none."""
-    taus = np.exp(theta[2:])
+def _lags(logs: Array) -> list[float]:
+    """The lags, largest first [s], from their logarithms; a second one that went to nothing is none."""
+    taus = np.exp(logs)
     return sorted(taus[taus > NO_LAG * taus.max()].tolist(), reverse=True)
 
 
