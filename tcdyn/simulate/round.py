@@ -104,7 +104,7 @@ def _steel_round(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
 
 def _round_W_K(conductivity_W_mK: float, n: int, edges: Array, dz: Array) -> Array:
     """What a cell's harmonic ``n`` loses to the cells beside it round the ring, (nr, nz) [W/K]."""
-    return np.asarray(2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz))
+    return 2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz)
 
 
 def _half_surface(even: DiskSystem, count: int) -> Array:
