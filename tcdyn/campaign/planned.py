@@ -104,9 +104,9 @@ class PlannedCampaign:
     def slopes(self) -> list[tuple[str, tuple[str, ...], float]]:
         """Of every line of beta: over what, beside what, u of its slope."""
         return [
-            (name, tuple(a for a in t.against if a != name), float(np.sqrt(t.line.covariance[k, k])))
+            (name, tuple(a for a in t.against if a != name), slope.u)
             for t in trends(_straight(self.posterior))
-            for k, name in enumerate(t.against, 1)
+            for name, slope in zip(t.against, t.slopes)
         ]
 
     def summary(self) -> str:

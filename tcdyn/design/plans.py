@@ -175,16 +175,13 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
             out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
         return out.T.ravel()
 
-    start = np.concatenate([np.full(n, lag_s), np.zeros(5 + 2 * p)])
-    steps = np.array([*[1e-3] * (n + 2), 0.02, 0.02, 1e-3, *[2e-5] * p, *[1e-3] * p])
-    prior = np.array(
-        [
-            *[np.inf] * n,
-            *(SPLIT_SD, plan.power_log_u, plan.h_log_u, plan.conductivity_log_u, plan.instant_u_s),
-            *[plan.depth_u_m] * p,
-            *[plan.offset_K] * p,
-        ]
-    )
+    # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
+    table = [
+        (lag_s, 1e-3, np.inf), (0.0, 1e-3, SPLIT_SD), (0.0, 1e-3, plan.power_log_u), (0.0, 0.02, plan.h_log_u),
+        (0.0, 0.02, plan.conductivity_log_u), (0.0, 1e-3, plan.instant_u_s), (0.0, 2e-5, plan.depth_u_m),
+        (0.0, 1e-3, plan.offset_K),
+    ]  # fmt: skip
+    start, steps, prior = np.repeat(table, [n, 1, 1, 1, 1, 1, p, p], axis=0).T
     alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
     alike[:, :n] -= 1 / n
     c = covariance(np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.special import j0, j1, jn_zeros, logsumexp
+from scipy.special import j0, j1, jn_zeros, logsumexp, softmax
 from scipy.stats import multivariate_t
 
 from calibration import Array
@@ -218,36 +218,39 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
     centres = np.array([f.optimum.theta[4:] for f in kept])
     spreads = np.array([f.optimum.covariance[4:, 4:] for f in kept])
     height = np.array([-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)])
-    chances = np.exp(height - logsumexp(height))
+    by, used = _Mixture(centres, spreads, softmax(height)), list[_Mixture]()
     draws, log_p = np.empty((0, 4)), np.empty(0)
     for turn in range(3):
-        more = _proposed(centres, spreads, chances, np.random.default_rng(turn))
+        used.append(by)
+        more = by.drawn(np.random.default_rng(turn))
         draws, log_p = np.concatenate([draws, more]), np.r_[log_p, [log_posterior(shape) for shape in more]]
-        if turn == 0:
-            used = [(centres, spreads, chances)]
-        log_q = logsumexp([_log_density(draws, *by) for by in used], axis=0)
-        weights = np.exp(log_p - log_q - logsumexp(log_p - log_q))
+        weights = softmax(log_p - logsumexp([one.log_density(draws) for one in used], axis=0))
         if 1 / np.sum(weights**2) > DRAWS / 4:
             break
-        middle = weights @ draws  # too few of them count: propose anew by what they say
-        spread = (weights[:, None] * (draws - middle)).T @ (draws - middle) + 1e-6 * np.eye(4)
-        centres, spreads, chances = middle[None], spread[None], np.ones(1)
-        used.append((centres, spreads, chances))
+        spread = np.cov(draws.T, ddof=0, aweights=weights) + 1e-6 * np.eye(4)
+        by = _Mixture((weights @ draws)[None], spread[None], np.ones(1))  # too few count: anew by what they say
     return best, draws, weights
 
 
-def _proposed(centres: Array, spreads: Array, chances: Array, rng: np.random.Generator) -> Array:
-    """Draws (DRAWS, 4) of a mixture of Student's t."""
-    which = rng.choice(len(centres), DRAWS, p=chances)
-    roots = np.linalg.cholesky(spreads)
-    tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, DRAWS))
-    return centres[which] + np.einsum("kij,kj->ki", roots[which], rng.standard_normal((DRAWS, 4))) * tails[:, None]
+@dataclass(frozen=True)
+class _Mixture:
+    """Of Student's t about ``centres`` (C, 4) with ``spreads`` (C, 4, 4), each by its ``chances`` (C,)."""
 
+    centres: Array
+    spreads: Array
+    chances: Array
 
-def _log_density(x: Array, centres: Array, spreads: Array, chances: Array) -> Array:
-    """Log density (K,) of that mixture at ``x`` (K, 4)."""
-    each = [multivariate_t.logpdf(x, centre, spread, DEGREES) for centre, spread in zip(centres, spreads)]
-    return logsumexp(each, axis=0, b=chances[:, None])
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Draws (DRAWS, 4)."""
+        which = rng.choice(len(self.centres), DRAWS, p=self.chances)
+        tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, (DRAWS, 1)))
+        roots = np.linalg.cholesky(self.spreads)[which]
+        return self.centres[which] + np.einsum("kij,kj->ki", roots, rng.standard_normal((DRAWS, 4))) * tails
+
+    def log_density(self, x: Array) -> Array:
+        """At ``x`` (K, 4), (K,)."""
+        each = [multivariate_t.logpdf(x, *one, DEGREES) for one in zip(self.centres, self.spreads)]
+        return logsumexp(each, axis=0, b=self.chances[:, None])
 
 
 def _of(values: Array, weights: Array) -> Estimate:

@@ -167,13 +167,17 @@ class _Record:
     medium_s: tuple[float, float]
     conditioning: Conditioning
 
+    @property
+    def own_s(self) -> float:
+        """About the lag of the sensor alone."""
+        return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
+
 
 def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
     """One free lag, and more where each is told from none, with a further one on a grid; their probabilities."""
-    own = max(record.step.rise_s - record.conditioning.lag_s, 2 * record.dt_s)
     noise = (Noise(), _white_K(record.y))
     for turn in range(3):  # noise is what the best of them leaves: white as long as it is
-        fits, least, weights = _on_grid(record, own, noise)
+        fits, least, weights = _on_grid(record, noise)
         top = int(np.argmax(weights))
         told = colour_of(fits[top].residual, len(fits[top].optimum.theta))
         if turn == 2 or (told[0].white and noise[0].white and 0.8 < told[1] / noise[1] < 1.25):
@@ -182,20 +186,20 @@ def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
     return fits, least, weights
 
 
-def _on_grid(record: _Record, own: float, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
+def _on_grid(record: _Record, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
     """The same on noise of one colour and level [K]."""
     fits, least, prior = list[Fitted](), list[float](), list[float]()
-    step = record.step
+    step, own = record.step, record.own_s
     head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(record.medium_s[0], 1e-4)]
     for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
-        start = _fitted(record, own, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
+        start = _fitted(record, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
         near = start.theta
         if np.any(np.sqrt(np.diag(start.covariance)[6:]) > RESOLVED * near[6:]):
             continue
         shortest = _lags(near, 0.0)[-1]
         grid = [0.0, *(share * own for share in LEAST if share * own <= shortest)]
         for extra in grid:
-            fit = _fitted(record, own, extra, near, noise)
+            fit = _fitted(record, extra, near, noise)
             if extra > min(fit.optimum.theta[5:]):
                 break
             near = fit.optimum.theta
@@ -205,11 +209,11 @@ def _on_grid(record: _Record, own: float, noise: tuple[Noise, float]) -> tuple[l
     return fits, least, weights_of(np.array([f.bic for f in fits]), np.array(prior))
 
 
-def _fitted(record: _Record, own: float, extra: float, start: Array, noise: tuple[Noise, float]) -> Fitted:
+def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, float]) -> Fitted:
     """Lags fitted beside one that is held, ``extra`` [s]: theta = level, entry, size, drift, medium's lag, the lags."""
     step, t, dt, medium = record.step, record.t, record.dt_s, record.medium_s
     count, span, ones = len(start) - 5, t[-1] - t[0], np.ones_like(t)
-    big = abs(step.size_K)
+    big, own = abs(step.size_K), record.own_s
     scale = np.array([big, own, big, big / span, max(own, medium[1]), *[own] * count])
 
     def model(theta: Array) -> Array | None:
