@@ -12,7 +12,8 @@ from scipy.special import chdtrc, ndtri
 from calibration import Array
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
-from tcdyn.campaign.posterior import Posterior, Reduced, reduced, solve
+from calibration.result import jsonable
+from tcdyn.campaign.posterior import Posterior, Reduced, places, reduced, solve
 
 FALSE_ALARM = 0.02  # chance that a sound campaign names a test at all
 LEAST_TESTS = 4
@@ -42,21 +43,18 @@ class Stranger:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it."""
-        return {
-            "test": self.name, "cause": self.cause, "size": self.size.model_dump(), "z": self.z, "chi2": self.chi2,
-            "left": self.left, "freedom": self.freedom, "explained": self.explained,
-        }  # fmt: skip
+        kept = dict(jsonable(self))
+        return {"test": kept.pop("name"), **kept, "explained": self.explained}
 
 
-def strangers(posterior: Posterior, most: int | None = None) -> tuple[Stranger, ...]:
+def strangers(posterior: Posterior) -> tuple[Stranger, ...]:
     """Tests that do not belong, worst first: each is taken out before the next is looked for.
 
-    At most ``most``, a quarter of the tests unless told. Fewer than four tests do not tell which one is odd.
+    At most a quarter of the tests. Fewer than four tests do not tell which one is odd.
     """
-    most = len(posterior.tests) // 4 if most is None else most
     found: list[Stranger] = []
     left, each = list(posterior.tests), list(posterior.reduced)
-    while len(left) >= LEAST_TESTS and len(found) < most:
+    while len(left) >= LEAST_TESTS and len(found) < len(posterior.tests) // 4:
         worst = _worst(solve(left, each), found)
         if worst is None:
             break
@@ -86,8 +84,7 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     own = reduced(kept, causes)
     count = len(own.shared) - len(causes)
     found, covariance = without(posterior, posterior.reduced[i])
-    place = {name: k for k, name in enumerate(posterior.shared)}
-    k = np.array([place[name] for name in own.shared[:count]])
+    k = places(own.shared[:count], posterior.shared)
     rows = own.rows[:, :count]
     off = own.right - rows @ found[k]
     v = np.eye(len(off)) + rows @ covariance[np.ix_(k, k)] @ rows.T
@@ -97,17 +94,15 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     z = (x.T @ d) / np.sqrt(told)
     best = int(np.argmax(np.abs(z)))
     unit = kept.units.get(causes[best], 1.0)
-    size = Estimate.normal(float(z[best] / np.sqrt(told[best]) * unit), float(unit / np.sqrt(told[best])))
+    size = Estimate.normal(z[best] / np.sqrt(told[best]) * unit, unit / np.sqrt(told[best]))
     chi2, freedom = float(d @ d), int(min(len(d), count))
     return Stranger(kept.name, causes[best], size, float(z[best]), chi2, chi2 - float(z[best]) ** 2, freedom)
 
 
 def without(posterior: Posterior, one: Reduced) -> tuple[Array, Array]:
     """What all tests but ``one`` say of the shared quantities (S,), and its covariance (S, S)."""
-    place = {name: k for k, name in enumerate(posterior.shared)}
-    k = np.array([place[name] for name in one.shared])
     rows = np.zeros((len(one.rows), len(posterior.shared)))
-    rows[:, k] = one.rows
+    rows[:, places(one.shared, posterior.shared)] = one.rows
     information = np.linalg.inv(posterior.shared_covariance)
     covariance = np.asarray(np.linalg.inv(information - rows.T @ rows))
     return covariance @ (information @ posterior.found - rows.T @ one.right), covariance

@@ -7,7 +7,7 @@ leaves unexplained and a pattern round the bore grow with the heat; the parting 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ from calibration import Array
 from calibration.disk import DISKS
 from tcdyn.campaign.kept import ANSWERS, KeptTest, Loading
 from tcdyn.campaign.noise import slow_waves, whole_noise, zero_u
+from tcdyn.fitting import Optimum
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import MODEL_K
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, BothFit, DiskFit, lags, unknowns
-from tcdyn.partition.uneven import SHAPES, Unmeasured
+from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, Side, lags, unknowns
+from tcdyn.partition.uneven import SHAPES, Unevenness, Unmeasured
 from tcdyn.partition.window import between, steady_start_s
 
 BETA_UNIT, LOG_H_UNIT, LAG_UNIT_S = 0.01, 0.02, 0.02  # of the answers, where rows are weighed against each other
@@ -36,14 +37,14 @@ OWN = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wh
 
 
 def compressed(
-    name: str, rig: str, test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, **conditions: float
-) -> KeptTest:
-    """Rows of ``test``, fitted as ``joint`` and ``both``, on the rig with the fingerprint ``rig``.
+    name: str, rig: str, test: EhlTest, sides: Sequence[Side], best: Optimum, uneven: Mapping[str, Unevenness],
+    **conditions: float,
+) -> KeptTest:  # fmt: skip
+    """Rows of ``test``, whose ``sides`` were fitted together as ``best``, on the rig with the fingerprint ``rig``.
 
     The noise of what drives the model widens the rows that it moves; slow waves of the residuals beyond it all alike.
     """
-    sides = [joint[d].side for d in DISKS]
-    best, k = both.optimum, 4 * len(sides)
+    k = 4 * len(sides)
     data = len(best.residual) - len(sides)
     j, theta = best.jacobian[:data], best.theta
     totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(sides))]
@@ -57,7 +58,8 @@ def compressed(
     shapes = SHAPE_SD * j[:, LOG_TAU2:k:4]
     shape_at = [(theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)]
     unknown = unknowns(sides)
-    names = (*ANSWERS, *(f"lag shape {d}" for d in DISKS), *(f"{what.name} {d}".strip() for what, d in unknown))
+    labels = [f"{what.name} {d}".strip() for what, d in unknown]
+    names = (*ANSWERS, *(f"lag shape {d}" for d in DISKS), *labels)
     centre = np.concatenate(
         [
             theta[[SHARE, LOG_H, 4 + LOG_H]],
@@ -73,11 +75,9 @@ def compressed(
     rows, right = np.linalg.solve(lower, rows), np.linalg.solve(lower, -u.T @ best.residual[:data])
     seen = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(ANSWERS))
     power_W = test.friction_N * test.sliding_speed_m_s
-    loading = {}
-    for (what, d), use in zip(unknown, seen[len(ANSWERS) + 2 :]):
-        known = loading_of(what, d, test, both, power_W) if use else None
-        if known is not None:
-            loading[f"{what.name} {d}".strip()] = known
+    used = [(label, *one) for label, one, use in zip(labels, unknown, seen[len(ANSWERS) + 2 :]) if use]
+    loadings = {label: loading_of(what, d, test, uneven, power_W) for label, what, d in used}
+    units = {label: unit_of(what, d or DISKS[0], test) for label, what, d in used}
     return KeptTest(
         name=name,
         rig=rig,
@@ -85,15 +85,10 @@ def compressed(
         centre=centre[seen],
         rows=rows[:, seen],
         right=right,
-        loading=loading,
+        loading={label: one for label, one in loadings.items() if one is not None},
         lag_prior_s={s.disk: s.prior_lag_s for s in sides},
         lag_u_s={s.disk: s.prior_lag_u_s for s in sides},
-        units={
-            label: size
-            for (what, d), use in zip(unknown, seen[len(ANSWERS) + 2 :])
-            for label in [f"{what.name} {d}".strip()]
-            if use and (size := unit_of(what, d or DISKS[0], test)) is not None
-        },
+        units={label: size for label, size in units.items() if size is not None},
         conditions={
             "load_N": test.load_N,
             "friction_N": test.friction_N,
@@ -111,8 +106,8 @@ def kept_of(name: str, rig: str, p: Partition) -> dict[str, Any] | None:
     """What ``beta.json`` keeps of an analysed test for its campaign; None where its answer is withheld."""
     if p.status == "withheld":
         return None
-    heat = p.answers["delta_T_us"].value
-    return compressed(name, rig, p.test, p.joint, p.both, delta_T_us_K_m_s=heat).to_dict()
+    sides, heat = [p.joint[d].side for d in DISKS], p.answers["delta_T_us"].value
+    return compressed(name, rig, p.test, sides, p.both.optimum, p.both.uneven, delta_T_us_K_m_s=heat).to_dict()
 
 
 def fewer_rows(rows: Array) -> tuple[Array, Array]:
@@ -130,7 +125,9 @@ def fewer_rows(rows: Array) -> tuple[Array, Array]:
     return u[:, keep], few
 
 
-def loading_of(what: Unmeasured, disk: str, test: EhlTest, both: BothFit, power_W: float) -> Loading | None:
+def loading_of(
+    what: Unmeasured, disk: str, test: EhlTest, uneven: Mapping[str, Unevenness], power_W: float
+) -> Loading | None:
     """How an unmeasured quantity of a test hangs on what all tests share; None where it is wholly the rig's."""
     kind, _, place = what.name.partition(" ")
     if what.name.startswith(OWN):
@@ -150,7 +147,8 @@ def loading_of(what: Unmeasured, disk: str, test: EhlTest, both: BothFit, power_
         return Loading({f"{what.name} {disk}": float(np.sqrt(1 - FILM_OWN**2))}, FILM_OWN)
     if kind == "uneven":
         shape, side = place.split(", ")
-        return _round(shape, side, disk, both, power_W)
+        size = SHAPES[shape] / float(uneven[disk].prior_K[[*SHAPES].index(shape)])
+        return Loading({f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_W}, ROUND_OWN * size)
     return None
 
 
@@ -189,10 +187,3 @@ def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
         parts[f"model {channel} {disk}"] = model * power_W / REFERENCE_W
         rest = float(np.hypot(rest, MODEL_OWN * model))
     return Loading({name: x / total for name, x in parts.items()}, rest / total)
-
-
-def _round(shape: str, side: str, disk: str, both: BothFit, power_W: float) -> Loading:
-    at = list(SHAPES).index(shape)
-    prior = float(both.uneven[disk].prior_K[at])
-    size = SHAPES[shape] * power_W / REFERENCE_W / prior
-    return Loading({f"uneven {shape}, {side} {disk}": size}, ROUND_OWN * SHAPES[shape] / prior)

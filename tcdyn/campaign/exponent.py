@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.estimate import Estimate
+from calibration.result import jsonable
 from tcdyn.campaign.lines import fit_line
 from tcdyn.campaign.posterior import LN_H_FAST, LN_H_SLOW, A, Posterior, u_if_known, within
 from tcdyn.campaign.trends import LEAST_TESTS, set_points
@@ -35,14 +36,8 @@ class SpeedLaw:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it beside the exponent."""
-        return {
-            "scatter": self.scatter,
-            "each": self.each.tolist(),
-            "u_within": self.u_within.tolist(),
-            "per_doubled_speed": None if self.by_speed is None else self.by_speed.model_dump(),
-            "p_value": self.p_value,
-            "u_if_known": dict(self.u_if_known),
-        }
+        kept = dict(jsonable(self))
+        return {"per_doubled_speed": kept.pop("by_speed"), **{k: v for k, v in kept.items() if k != "exponent"}}
 
 
 def speed_law(posterior: Posterior) -> SpeedLaw:
@@ -63,18 +58,3 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
         by_speed, p_value = sloped.estimate(1), sloped.no_slope(1)
     known = u_if_known(posterior, line.operator[0] @ toward)
     return SpeedLaw(line.estimate(0), line.scatter, each, apart, by_speed, p_value, known)
-
-
-def share_by_speed_law(
-    fast: tuple[float, float], slow: tuple[float, float], speed_ratio: float, exponent: float
-) -> float:
-    """beta where the steady lines of both disks meet h_fast/h_slow = ratio^n: (A D + x B (1 - C))/(D + x B).
-
-    beta = A + B h_fast, 1 - beta = C + D h_slow, x = ratio^n. Source: eq. 4.7, corrected.
-
-    >>> fast, slow = (0.37 - 100 * 0.46 / 1100, 0.46 / 1100), (0.20 - 100 * 0.28 / 1100, 0.28 / 1100)
-    >>> round(share_by_speed_law(fast, slow, 4.24, 0.667), 2)
-    0.73
-    """
-    (a, b), (c, d), x = fast, slow, speed_ratio**exponent
-    return (a * d + x * b * (1 - c)) / (d + x * b)

@@ -12,11 +12,13 @@ from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
+from calibration.result import jsonable
 from tcdyn.campaign.belong import Stranger, strangers
-from tcdyn.campaign.exponent import SpeedLaw, share_by_speed_law, speed_law
+from tcdyn.campaign.exponent import SpeedLaw, speed_law
 from tcdyn.campaign.kept import AGAIN, KeptTest
 from tcdyn.campaign.posterior import Posterior, solve
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
+from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 
 SCHEMA = "tcdyn.campaign/1"
 FAR_Z = 2.0  # n of the campaign this far from rig.toml's is told
@@ -81,36 +83,36 @@ class JoinedCampaign:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``campaign.json`` (design, section 8)."""
-        order = self.posterior.order
-        told = [{k: e.model_dump() for k, e in one.items()} for one in self.posterior.estimates]
-        return {
+        posterior, trends = self.posterior, [t.to_dict() for t in self.trends]
+        kept = {
             "schema": SCHEMA,
-            "rig_sha256": self.posterior.tests[0].rig,
+            "rig_sha256": posterior.tests[0].rig,
             "tests": {
                 name: {
                     **one,
-                    "beta_alone": self.single[name].model_dump(),
+                    "beta_alone": self.single[name],
                     "beta_by_speed_law": self.by_law[name],
-                    "delta_T_us": self.delta_T_us[name].model_dump(),
+                    "delta_T_us": self.delta_T_us[name],
                     "status": self.status[name],
                 }
-                for name, one in zip(order, told)
+                for name, one in zip(posterior.order, posterior.estimates)
             },
-            "exponent": self.law.exponent.model_dump(),
+            "exponent": self.law.exponent,
             "speed_law": self.law.to_dict(),
-            "order": list(order),
-            "covariance": self.posterior.beta[1].tolist(),
-            "trend": None if self.trend is None else self.trend.to_dict(),
-            "trends": [t.to_dict() for t in self.trends],
+            "order": posterior.order,
+            "covariance": posterior.beta[1],
+            "trend": trends[0] if trends else None,
+            "trends": trends,
             "models": [c.to_dict() for c in self.curves],
             "do_not_belong": [s.to_dict() for s in self.strangers],
             "junctions": {
-                d: {c: {"deeper_mm": e.model_dump(), "z": self.pulls[d][c]} for c, e in own.items()}
+                d: {c: {"deeper_mm": e, "z": self.pulls[d][c]} for c, e in own.items()}
                 for d, own in self.deeper_mm.items()
             },
-            "apart": dict(self.apart),
-            "findings": [f.to_dict() for f in self.findings],
+            "apart": self.apart,
+            "findings": self.findings,
         }
+        return dict(jsonable(kept))
 
 
 def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:
@@ -150,37 +152,32 @@ def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = (
         deeper_mm=deeper,
         pulls=pulls,
         single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in used.items()},
-        by_law={
-            t.name: _by_law(used[t.name], t.conditions["speed_ratio"], law.exponent.value) for t in posterior.tests
-        },
+        by_law={t.name: _by_law(used[t.name], t, law.exponent.value) for t in posterior.tests},
         status={name: str(data["status"]) for name, data in used.items()},
         delta_T_us={name: Estimate(**data["surface"]["delta_T_us"]) for name, data in used.items()},
         apart=apart,
     )
 
 
-def _by_law(data: Mapping[str, Any], speed_ratio: float, exponent: float) -> float | None:
-    lines = [[data["steady"][f"{d}_line"][key]["value"] for key in ("intercept", "slope")] for d in DISKS]
-    if any(x is None for line in lines for x in line):
+def _by_law(data: Mapping[str, Any], test: KeptTest, exponent: float) -> float | None:
+    lines = [data["steady"][f"{d}_line"][key]["value"] for d in DISKS for key in ("intercept", "slope")]
+    chi = speed_ratio_power(test.conditions["speed_ratio"], exponent)
+    if None in lines:
         return None
-    (a, b), (c, d) = lines
-    return share_by_speed_law((a, b), (c, d), speed_ratio, exponent)
+    a, b, c, d = lines
+    return float(speed_law_beta(a, b, c, d, chi))
 
 
 def junctions(posterior: Posterior) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
     """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the statement."""
-    deeper: dict[str, dict[str, Estimate]] = {}
-    pulls: dict[str, dict[str, float]] = {}
-    units = {name: size for t in posterior.tests for name, size in t.units.items()}
-    for d in DISKS:
-        deeper[d], pulls[d] = {}, {}
-        for name in sorted(posterior.shared):
-            kind, _, place = name.partition(" ")
-            c, _, disk = place.partition(" ")
-            if (kind, disk) == ("depth", d) and name in units:
-                k = posterior.shared.index(name)
-                x, variance = float(posterior.found[k]), float(posterior.shared_covariance[k, k])
-                mm, wider = 1e3 * units[name], float(np.sqrt(posterior.widened))
-                deeper[d][c] = Estimate.normal(x * mm, float(np.sqrt(variance)) * mm * wider)
-                pulls[d][c] = x / float(np.sqrt(max(1 - variance, LEAST_TOLD))) / wider
+    deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
+    pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}
+    units, wider = {n: size for t in posterior.tests for n, size in t.units.items()}, float(np.sqrt(posterior.widened))
+    told = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
+    for name, x, variance in sorted(told, key=lambda one: one[0]):
+        match name.split(" "):
+            case "depth", c, d if name in units:
+                mm = 1e3 * units[name]
+                deeper[d][c] = Estimate.normal(x * mm, np.sqrt(variance) * mm * wider)
+                pulls[d][c] = float(x / np.sqrt(max(1 - variance, LEAST_TOLD)) / wider)
     return deeper, pulls

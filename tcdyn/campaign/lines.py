@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
@@ -59,21 +59,22 @@ def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
     """
     freedom = len(y) - columns.shape[1]
 
-    def solved(scatter: float) -> tuple[Array, Array, Array, float, Array]:
+    def solved(scatter: float) -> Line:
         used = covariance + scatter**2 * np.eye(len(y))
         size = np.sqrt(np.diag(used))
         weight = np.linalg.inv(used / np.outer(size, size)) / np.outer(size, size)
         spread = np.abs(columns).max(axis=0)
         scaled = columns / spread
         own = np.linalg.inv(scaled.T @ weight @ scaled)
-        operator = own @ scaled.T @ weight
-        left = y - scaled @ (operator @ y)
-        return operator / spread[:, None], own / np.outer(spread, spread), used, float(left @ weight @ left), left
+        operator = own @ scaled.T @ weight / spread[:, None]
+        left = y - columns @ (operator @ y)
+        own, chi2 = own / np.outer(spread, spread), float(left @ weight @ left)
+        return Line(operator @ y, own, scatter, chi2, freedom, operator, used)
 
-    operator, own, used, chi2, left = solved(0.0)
-    scatter = 0.0
-    if freedom > 0 and chi2 > freedom:
-        most = 10.0 * float(np.abs(left).max() + np.sqrt(np.diag(covariance)).max())
-        scatter = float(optimize.brentq(lambda s: solved(s)[3] - freedom, 0.0, most, rtol=1e-6))
-        operator, own, used, _, _ = solved(scatter)
-    return Line(operator @ y, own, scatter, chi2, freedom, operator, used)
+    line = solved(0.0)
+    if freedom > 0 and line.chi2 > freedom:
+        off = np.abs(y - columns @ line.coefficients)
+        most = 10.0 * float(off.max() + np.sqrt(np.diag(covariance)).max())
+        scatter = float(optimize.brentq(lambda s: solved(s).chi2 - freedom, 0.0, most, rtol=1e-6))
+        line = replace(solved(scatter), chi2=line.chi2)
+    return line

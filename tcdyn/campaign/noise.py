@@ -23,6 +23,7 @@ from tcdyn.traces import NOISE_ORDER
 
 HIGHEST_Hz = 12.0  # the rim lets nothing faster through
 PADDING_S = 20.0
+SUMS = 25  # parts of a residual whose sums tell of slow waves
 
 
 def input_noise(test: EhlTest, side: Side) -> Array:
@@ -105,16 +106,15 @@ def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Arra
     """
     ends = np.cumsum([len(s.y) for s in sides])[:-1]
     parts = np.split(toward, ends)
-    return np.asarray(
-        np.eye(toward.shape[1])
-        + sum(driven_noise(test, s, theta[4 * i : 4 * i + 4], p) for i, (s, p) in enumerate(zip(sides, parts)))
+    return np.eye(toward.shape[1]) + sum(
+        driven_noise(test, s, theta[4 * i : 4 * i + 4], p) for i, (s, p) in enumerate(zip(sides, parts))
     )
 
 
-def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array, sums: int = 25) -> float:
+def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array) -> float:
     """Slow waves in a side's residual (m,) over what its own noise and its inputs' make of it; never below one."""
     rows = residual.reshape(side.window.y.shape)
-    m = max(len(rows) // sums, 1)
+    m = max(len(rows) // SUMS, 1)
     used = np.flatnonzero(rows.any(axis=0))
     starts = np.arange(0, len(rows) - m + 1, m)[:-1]
     if not len(used):
@@ -123,4 +123,4 @@ def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array, sums: i
     for k, (start, column) in enumerate((s, c) for s in starts for c in used):
         toward[start : start + m, column, k] = 1 / np.sqrt(m)
     expected = 1 + float(np.mean(np.diag(driven_noise(test, side, theta, toward.reshape(rows.size, -1)))))
-    return max(1.0, wave_factor(rows, sums) / expected)
+    return max(1.0, wave_factor(rows, SUMS) / expected)

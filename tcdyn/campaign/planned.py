@@ -20,7 +20,6 @@ from calibration import Array
 from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.estimate import Estimate
 from calibration.files import read_numbers
 from calibration.lines.static import StaticLine, static_u
 from calibration.rig import Rig
@@ -32,11 +31,11 @@ from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.contact import Events, equal_radius_m, half_width_m, hertz_contact, surface_speed_m_s
-from tcdyn.fitting import Optimum, Status
+from tcdyn.fitting import minimise
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, disk_side, joint_problem
+from tcdyn.partition.joint import JOINT_WINDOW_S, disk_side, joint_problem
 from tcdyn.partition.statement.surface import with_surfaces
-from tcdyn.partition.steady import FitShift, at_own_temperature
+from tcdyn.partition.steady import at_own_temperature
 from tcdyn.partition.uneven import UNKNOWN
 from tcdyn.traces import DiskTraces
 
@@ -105,9 +104,9 @@ class PlannedCampaign:
     def slopes(self) -> list[tuple[str, tuple[str, ...], float]]:
         """Of every line of beta: over what, beside what, u of its slope."""
         return [
-            (name, tuple(a for a in t.against if a != name), float(np.sqrt(t.line.covariance[k, k])))
+            (name, tuple(a for a in t.against if a != name), slope.u)
             for t in trends(_straight(self.posterior))
-            for k, name in enumerate(t.against, 1)
+            for name, slope in zip(t.against, t.slopes)
         ]
 
     def summary(self) -> str:
@@ -199,39 +198,19 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
         friction_noise_N=logging.friction_noise_N,
     )  # fmt: skip
     test = at_own_temperature(with_surfaces(test))
-    theta = np.concatenate(
-        [[share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])] for d in DISKS],
-    )
+    theta = [np.array([share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])]) for d in DISKS]
     window_s = min(JOINT_WINDOW_S, float(t[-1] - events.unload_s))
     sides = []
-    for k, d in enumerate(DISKS):
-        side = disk_side(test, test.disks[d], theta[4 * k : 4 * k + 4], window_s, "modal", LAGS_S[1])
-        answer = side.model(theta[4 * k : 4 * k + 4])
+    for d, own in zip(DISKS, theta):
+        side = disk_side(test, test.disks[d], own, window_s, "modal", LAGS_S[1])
+        answer = side.model(own)
         assert answer is not None
         sides.append(replace(side, y=answer[0], prior_lag_s=sum(LAGS_S) + side.rest_of_lag_s))
     problem = joint_problem(sides)
-    whole = np.zeros(len(problem.names))
-    whole[:8] = theta
-    evaluated = problem.evaluate(whole)
-    assert evaluated is not None
-    residual, jacobian = evaluated
-    square = np.eye(0)
-    best = Optimum(problem, whole, residual, jacobian, 0.0, square, square, Status.CONVERGED, 0)
-    joint = {
-        s.disk: DiskFit(
-            s.disk, theta[4 * k : 4 * k + 4], share[s.disk], plan.beta, h[s.disk], {}, Chain(LAGS_S),
-            FitShift((), square, square), 1.0, s,
-        )
-        for k, s in enumerate(sides)
-    }  # fmt: skip
-    both = BothFit(theta, test.speed_ratio, dict[str, Estimate](), (), 1.0, dict.fromkeys(DISKS, UNKNOWN), best)
-    heat = {"delta_T_us_K_m_s": _surface_difference(plan, power) * test.sliding_speed_m_s}
-    return compressed(plan.name, "planned", test, joint, both, **heat)
-
-
-def _surface_difference(plan: PlannedTest, power_W: float) -> float:
-    """Roughly how much hotter the fast disk's surface is [K]: by its greater share of the heat, 0.35 K/W."""
-    return 0.35 * (2 * plan.beta - 1) * power_W
+    best = minimise(problem, np.pad(np.concatenate(theta), (0, problem.size - 8)), limit=0)
+    hotter_K = 0.35 * (2 * plan.beta - 1) * power  # roughly, the fast disk's surface: by its greater share, 0.35 K/W
+    heat = {"delta_T_us_K_m_s": hotter_K * test.sliding_speed_m_s}
+    return compressed(plan.name, "planned", test, sides, best, dict.fromkeys(DISKS, UNKNOWN), **heat)
 
 
 def _noise(count: int, seed: int) -> Array:

@@ -53,11 +53,9 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
     loading = [kept.loading.get(name, Loading({name: 1.0})) for name in q]
     lag = [f"common lag {d}" for d in DISKS]
     shared = tuple(dict.fromkeys([*(name for each in loading for name in each.shared), *lag]))
-    place = {name: k for k, name in enumerate(shared)}
     mixed, own = np.zeros((len(q), len(shared))), np.array([each.own for each in loading])
-    for k, each in enumerate(loading):
-        for name, size in each.shared.items():
-            mixed[k, place[name]] = size
+    for row, each in zip(mixed, loading):
+        row[places([*each.shared], shared)] = [*each.shared.values()]
     of_q = kept.rows[:, A:]
     scaled = of_q * own
     lower = cholesky(np.eye(len(of_q)) + scaled @ scaled.T, lower=True)
@@ -71,7 +69,7 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
     for k, d in enumerate(DISKS):  # the record's lag errs for the rig; the test's own departs from it by little
         u, at = kept.lag_u_s[d], LAG_FAST + k
         own_s = min(LAG_OWN_S, u)
-        priors[k, at], priors[k, A + place[lag[k]]] = 1 / own_s, -np.sqrt(max(u * u - own_s**2, 0.0)) / own_s
+        priors[k, at], priors[k, A + shared.index(lag[k])] = 1 / own_s, -np.sqrt(max(u * u - own_s**2, 0.0)) / own_s
         if f"lag {d}" in departures:
             priors[k, A + len(shared) + departures.index(f"lag {d}")] = -1 / own_s
         priors[k, -1] = (kept.lag_prior_s[d] - kept.centre[at]) / own_s
@@ -169,7 +167,7 @@ def within(covariance: Array) -> Array:
     if n < 2:
         return np.sqrt(np.diag(covariance))
     centre = np.eye(n) - 1.0 / n
-    return np.asarray(np.sqrt(np.clip(np.diag(centre @ covariance @ centre), 0.0, None) * n / (n - 1)))
+    return np.sqrt(np.clip(np.diag(centre @ covariance @ centre), 0.0, None) * n / (n - 1))
 
 
 def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> Posterior:
@@ -183,10 +181,9 @@ def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> P
     before = {id(t): r for t, r in zip(tests, done or ())}
     each = [before.get(id(t)) or reduced(t) for t in tests]
     shared = tuple(dict.fromkeys(name for r in each for name in r.shared))
-    place = {name: k for k, name in enumerate(shared)}
     information, right = np.eye(len(shared)), np.zeros(len(shared))
-    at: list[NDArray[np.int64]] = [np.array([place[name] for name in r.shared]) for r in each]
-    for r, k in zip(each, at):
+    for r in each:
+        k = places(r.shared, shared)
         information[np.ix_(k, k)] += r.rows.T @ r.rows
         right[k] += r.rows.T @ r.right
     covariance = np.asarray(np.linalg.inv(information))
@@ -202,10 +199,16 @@ def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> P
 
 def by_shared(each: Sequence[Reduced], shared: Sequence[str]) -> Array:
     """By how much the answers (5 N, S) fall with each of the ``shared`` quantities."""
-    place, by = {name: k for k, name in enumerate(shared)}, np.zeros((A * len(each), len(shared)))
+    by = np.zeros((A * len(each), len(shared)))
     for i, r in enumerate(each):
-        by[A * i : A * (i + 1), [place[name] for name in r.shared]] = r.by
+        by[A * i : A * (i + 1), places(r.shared, shared)] = r.by
     return by
+
+
+def places(names: Sequence[str], shared: Sequence[str]) -> NDArray[np.int64]:
+    """Where each of ``names`` (N,) stands among the ``shared`` ones."""
+    place = {name: k for k, name in enumerate(shared)}
+    return np.array([place[name] for name in names], dtype=np.int64)
 
 
 def birge(found: Array, covariance: Array) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.files import read_numbers
+from calibration.result import jsonable
 from tcdyn.campaign.lines import Line, fit_line
 from tcdyn.campaign.posterior import Posterior
 
@@ -49,17 +49,10 @@ class BetaTrend:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it; of a trend over several x a list of each."""
+        own: dict[str, Any] = {"against": self.against, "slope": self.slopes, "p_value": self.p_value}
         if len(self.against) == 1:
-            own: dict[str, Any] = {
-                "against": self.against[0], "slope": self.slopes[0].model_dump(), "p_value": self.p_value[0],
-            }  # fmt: skip
-        else:
-            own = {
-                "against": list(self.against),
-                "slope": [s.model_dump() for s in self.slopes],
-                "p_value": list(self.p_value),
-            }
-        return {**own, "scatter": self.scatter, "p_value_of_line": self.enough}
+            own = {k: v[0] for k, v in own.items()}
+        return dict(jsonable({**own, "scatter": self.scatter, "p_value_of_line": self.enough}))
 
 
 def set_points(x: Array) -> int:
@@ -158,8 +151,7 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     What the curve itself is uncertain by is taken as common to all of it. Raises InputError where fewer than two tests
     lie within its range, or they do not tell its x.
     """
-    told = [t.conditions.get(curve.against, np.nan) for t in posterior.tests]
-    x = np.array(told, dtype=float)
+    x = np.array([t.conditions.get(curve.against, np.nan) for t in posterior.tests])
     inside = np.flatnonzero((x >= curve.x[0]) & (x <= curve.x[-1]))
     if len(inside) < 2:
         raise InputError(
@@ -169,14 +161,12 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     u = np.interp(x[inside], curve.x, curve.u)
     beta, covariance = posterior.beta
     off = beta[inside] - np.interp(x[inside], curve.x, curve.beta)
-    used = covariance[np.ix_(inside, inside)] + np.outer(u, u)
-    weight = np.linalg.inv(used)
+    weight = np.linalg.inv(covariance[np.ix_(inside, inside)] + np.outer(u, u))
     ones = np.ones(len(off))
     u2 = 1 / float(ones @ weight @ ones)
     level = u2 * float(ones @ weight @ off)
     chi2, shape = float(off @ weight @ off), float((off - level) @ weight @ (off - level))
-    names: Sequence[str] = posterior.order
     return CurveTest(
-        curve, tuple(names[i] for i in inside), chi2, float(chdtrc(len(off), chi2)), shape,
+        curve, tuple(posterior.order[i] for i in inside), chi2, float(chdtrc(len(off), chi2)), shape,
         float(chdtrc(len(off) - 1, shape)), Estimate.normal(level, float(np.sqrt(u2))),
     )  # fmt: skip

@@ -58,7 +58,6 @@ def predict_plunges(
     correlation: str = "churchill-chu-laminar",
     priors: PlungePriors | None = None,
     draws: int = 24,
-    seed: int = 0,
 ) -> PredictedTest:
     """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own expected lag.
 
@@ -77,7 +76,7 @@ def predict_plunges(
     models = build_run_models(runs, blocks, setup, layout, chosen, nominal)
     noise = tuple(map(RunNoise.white, blocks))
     problem = PlungeProblem(models, layout, mean, sd, noise)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     covariances = [] if draws > 1 else [covariance(problem.evaluate(nominal)[1], sd)]
     lag, known = layout.mask("lag"), ~np.isfinite(sd) | layout.mask("initial")  # the readings tell where it began
     for _ in range(draws if draws > 1 else 0):
@@ -131,7 +130,7 @@ class StepPlan:
     alike_s: float = 0.05  # prior sd of a channel's lag about the common one
 
 
-def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit: float = 0.0) -> PredictedTest:
+def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
     """Expected uncertainty of the lags from one step of load, by Fisher information of the rim model.
 
     In the commuted form the inner row's lagged readings drive the rim, so a lag common to all channels acts on the
@@ -140,7 +139,7 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
     cold); its inner row follows by radial conduction.
     """
     dt, before = 1 / plan.rate_Hz, int(round(2.0 * plan.rate_Hz))
-    t = np.asarray((np.arange(before + int(plan.window_s * plan.rate_Hz)) - before) * dt)
+    t: Array = dt * np.arange(-before, int(plan.window_s * plan.rate_Hz), dtype=float)
     first, last = (1.0, 0.0) if plan.kind == "unloading" else (0.0, 1.0)
     on = np.where(t < 0, first, last)
     inputs = np.column_stack([on, _inner_row(plan, setup, t)])
@@ -160,7 +159,7 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
         each = np.array([banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i] for i in range(1 + len(inner))])
         return plan.power_W * each[0], each[1:]
 
-    def chained(x: Array, lag: float = lag_s, split: float = logit) -> Array:
+    def chained(x: Array, lag: float = lag_s, split: float = 0.0) -> Array:
         taus, delay, _ = stages("P2", lag, split)
         return Chain(taus, delay_s=delay, conditioning=setup.conditioning).response(x, dt)
 
@@ -175,18 +174,15 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit
         for k, at in enumerate(outer):  # a split common to all channels acts on the power's share alone
             lag = float(lags[at])
             out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
-        return np.asarray(out.T.ravel())
+        return out.T.ravel()
 
-    start = np.concatenate([np.full(n, lag_s), [logit], np.zeros(4 + 2 * p)])
-    steps = np.array([*[1e-3] * (n + 2), 0.02, 0.02, 1e-3, *[2e-5] * p, *[1e-3] * p])
-    prior = np.array(
-        [
-            *[np.inf] * n,
-            *(SPLIT_SD, plan.power_log_u, plan.h_log_u, plan.conductivity_log_u, plan.instant_u_s),
-            *[plan.depth_u_m] * p,
-            *[plan.offset_K] * p,
-        ]
-    )
+    # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
+    table = [
+        (lag_s, 1e-3, np.inf), (0.0, 1e-3, SPLIT_SD), (0.0, 1e-3, plan.power_log_u), (0.0, 0.02, plan.h_log_u),
+        (0.0, 0.02, plan.conductivity_log_u), (0.0, 1e-3, plan.instant_u_s), (0.0, 2e-5, plan.depth_u_m),
+        (0.0, 1e-3, plan.offset_K),
+    ]  # fmt: skip
+    start, steps, prior = np.repeat(table, [n, 1, 1, 1, 1, 1, p, p], axis=0).T
     alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
     alike[:, :n] -= 1 / n
     c = covariance(np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior)
@@ -240,13 +236,13 @@ def patch_response(t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, a
     root = 2 * np.sqrt(alpha_m2_s * np.maximum(t_s, 1e-12))
 
     def ierfc(x: Array) -> Array:
-        return np.asarray(np.exp(-(x**2)) / np.sqrt(np.pi) - x * erfc(x))
+        return np.exp(-(x**2)) / np.sqrt(np.pi) - x * erfc(x)
 
     rise = root / k_W_mK * (ierfc(depth_m / root) - ierfc(np.hypot(depth_m, radius_m) / root))
     return np.where(t_s > 0, rise, 0.0)
 
 
-def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65, logit: float = 0.0) -> PredictedTest:
+def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
     """Expected uncertainty of the lags from one touch above each thermocouple, by Fisher information.
 
     Each touch has its own flux, patch, start, duration and onset (section 6.4.2.1); conductivity and the lag's split
@@ -265,7 +261,7 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65, l
         "depth": (0.0, 1e-6, plan.depth_u_m),
         "offset": (0.0, 1e-3, np.inf),
         "ln_k": (0.0, 1e-3, plan.conductivity_log_u),
-        "split": (logit, 1e-3, SPLIT_SD),
+        "split": (0.0, 1e-3, SPLIT_SD),
     }
     at, steps, prior = np.array(list(table.values())).T
 

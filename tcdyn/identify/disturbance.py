@@ -8,10 +8,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.polynomial.polynomial import polyfromroots
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.optimize import minimize
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from calibration import Array
 from calibration.noise import MAD_TO_SD
@@ -20,7 +19,7 @@ from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
 from tcdyn.fitting.average import NoiseGrid, Slopes, moments, widest
 from tcdyn.fitting.noise import coefficients, partials
 from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import rms, search
+from tcdyn.identify.search import rms, root_of, search
 
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
@@ -39,11 +38,14 @@ Estimate = Callable[[Posed, Array, Array], Noise]
 
 
 def through_model(posed: Posed, x: Array, e: Array) -> Noise:
-    """The colour of residuals in which the input's noise stands behind the model: s_y^2 |D|^2 + s_u^2 |B|^2 over |D|^2.
+    """The colour of residuals in which the input's noise stands behind the model, s_y^2 |D|^2 + s_u^2 |B|^2 over |D|^2;
+    white where it hardly counts.
 
     D from the poles, B from the impulse response, C by the roots within the unit circle; s_y from the variance of
     the residuals ``e`` (N,) less the input's share of it.
     """
+    if not posed.input_sd:
+        return Noise()
     g = posed.model.rational(posed.theta(x))
     poles = np.exp(np.concatenate([f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]) * posed.dt_s)
     below, length = np.real(polyfromroots(poles))[::-1], max(len(s.u) for s in posed.segments)
@@ -68,27 +70,17 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     return Noise(tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0)
 
 
-def through(posed: Posed, optimum: Optimum) -> list[Noise]:
-    """What the noise of a measured input makes of the residuals, where it makes anything of them."""
-    answer = posed.evaluate(optimum.theta)
-    assert answer is not None
-    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
-    behind = through_model(posed, optimum.theta, answer[0] * root) if posed.input_sd else Noise()
-    return [] if behind.white else [behind]
-
-
 def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed, Optimum, Noise]:
     """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction error.
 
     ``estimate`` finds the noise from the problem, its x and its residuals (N,). Robust weights stay as ``optimum`` has
     them, and where the noise is white so does ``optimum``."""
-    begun, root = optimum, 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
+    begun, root = optimum, root_of(optimum.weights)
     model, cost = Noise(), np.inf
     for _ in range(ROUNDS):
-        answer = posed.evaluate(optimum.theta)
+        answer = posed.evaluate(optimum.theta, root)
         assert answer is not None
-        r, j = answer[0] * root, (answer[1].T * root).T
-        model = refined(posed.parts, r, j, estimate(posed, optimum.theta, r))
+        model = refined(posed.parts, *answer, estimate(posed, optimum.theta, answer[0]))
         if model.white and begun.weights is not None:
             return posed, begun, model
         optimum = search(posed, posed.core(model, root), optimum.theta)
@@ -166,33 +158,26 @@ def score(e: Array, parts: list[slice], noise: Noise) -> float:
     return float(len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e)))
 
 
-def best_ar(e: Array, parts: list[slice]) -> Noise:
-    """The autoregression with the least BIC, up to order 8, by least squares."""
-    most = max(1, min(MOST_AR, len(fit_ar(e, parts).ar)))
-    return min((fit_arma(e, parts, p, 0) for p in range(1, most + 1)), key=lambda m: score(e, parts, m))
-
-
-def best_arma(e: Array, parts: list[slice]) -> Noise:
-    """The ARMA model with the least BIC of a few."""
-    return min((fit_arma(e, parts, *order) for order in ORDERS), key=lambda m: score(e, parts, m))
-
-
 def estimate(noise: NoiseName | tuple[int, int], baseline: Baseline) -> Estimate:
-    """How to find the noise from residuals: of what ``noise`` allows that with the least BIC."""
+    """How to find the noise from residuals: of what ``noise`` allows that with the least BIC.
+
+    Of autoregressions those up to the order that Yule and Walker's have, 8 at most; of random walks a few.
+    """
     walk = {"white": [(0, 1)], "ar": [(1, 1)]}
-    orders = [noise] if isinstance(noise, tuple) else walk.get(noise, [(0, 1), (1, 1)])
 
     def found(posed: Posed, x: Array, e: Array) -> Noise:
         parts = posed.parts
         if baseline == "walk":
+            orders = [noise] if isinstance(noise, tuple) else walk.get(noise, [(0, 1), (1, 1)])
             options = [walking(e, parts, order) for order in orders]
         elif isinstance(noise, tuple) and any(noise):
             options = [fit_arma(e, parts, *noise)]
         else:
-            behind = through_model(posed, x, e) if posed.input_sd else Noise()
-            options = [behind] if noise not in ("ar", "arma") else []
-            options += [best_ar(e, parts)] if noise in ("ar", "auto") else []
-            options += [best_arma(e, parts)] if noise in ("arma", "auto") else []
+            most = max(1, min(MOST_AR, len(fit_ar(e, parts).ar)))
+            orders = [(p, 0) for p in range(1, most + 1)] if noise in ("ar", "auto") else []
+            orders += ORDERS if noise in ("arma", "auto") else []
+            options = [fit_arma(e, parts, *order) for order in orders]
+            options += [through_model(posed, x, e)] if noise not in ("ar", "arma") else []
         return min(options, key=lambda m: score(e, parts, m))
 
     return found
@@ -218,60 +203,50 @@ class Averaged:
         Where the mean lies further off than the problem is linear, as in a direction of which the data tell nothing,
         x stays that given the likeliest noise, and what it is off the mean is uncertainty.
         """
-        posed, lower, upper = self.posed, *self.posed.bounds()
-        core = posed.core(self.noise, 1.0 if weights is None else np.sqrt(weights))
-        x, scale, logs = self.optimum.theta, natural(posed, self.optimum.theta), logarithms(posed)
+        posed, core = self.posed, self.posed.core(self.noise, root_of(weights))
+        x, scale, logs = self.optimum.theta, posed.natural_scale(self.optimum.theta), posed.logarithms
         answer, covariance = core.evaluate(x), self.covariance
         assert answer is not None
         apart = self.mean - plain(posed, x)
         moved = x + np.where(logs, np.log1p(np.clip(apart / scale, -LINEAR, LINEAR)), apart)
-        there = core.evaluate(np.clip(moved, lower, upper)) if np.all(np.abs(apart / scale)[logs] < LINEAR) else None
+        moved = np.clip(moved, core.lower, core.upper)
+        there = core.evaluate(moved) if np.all(np.abs(apart / scale)[logs] < LINEAR) else None
         limit = (1 + FAR**2 / posed.n_seen) * float(answer[0] @ answer[0])
         if there is not None and there[0] @ there[0] < limit:
-            x, answer = np.clip(moved, lower, upper), there
-            scale = natural(posed, x)
+            x, answer, scale = moved, there, posed.natural_scale(moved)
         else:
             covariance = covariance + np.outer(apart, apart)
         here = replace(self.optimum, problem=core, theta=x, residual=answer[0], jacobian=answer[1])
         return posed, here, self.noise, covariance / np.outer(scale, scale)
 
 
-def logarithms(posed: Posed) -> NDArray[np.bool_]:
-    """Which of x (P,) are logarithms."""
-    free = posed.model.free
-    return np.array([k < len(free) and posed.model.positive(free[k]) for k in range(posed.size)])
-
-
 def plain(posed: Posed, x: Array) -> Array:
     """x (P,) with its logarithms taken back."""
-    return np.where(logarithms(posed), natural(posed, x), x)
-
-
-def natural(posed: Posed, x: Array) -> Array:
-    """Derivative (P,) of :func:`plain` by x."""
-    return np.asarray(np.exp(np.where(logarithms(posed), x, 0.0)))
+    return np.where(posed.logarithms, posed.natural_scale(x), x)
 
 
 def slopes(posed: Posed, x: Array, root: Array | float) -> Slopes:
     """``posed`` made linear at x, all rows times ``root``, by x with logarithms taken back; what stands on a bound
     stays there."""
-    answer = posed.evaluate(x)
+    answer = posed.evaluate(x, root)
     assert answer is not None
     lower, upper = posed.bounds()
-    j = (answer[1].T * root).T * ((lower < x) & (x < upper)) / natural(posed, x)
+    j = answer[1] * ((lower < x) & (x < upper)) / posed.natural_scale(x)
     size = np.linalg.norm(j, axis=0)
     size[size == 0] = np.inf
     told = np.sqrt(posed.precision)
     prior = np.column_stack([np.diag(told / size), told * x])[told > 0]
-    return Slopes(answer[0] * root, j / size, size, prior, posed.parts, posed.trend * len(posed.begun_s))
+    return Slopes(answer[0], j / size, size, prior, posed.parts, posed.trend * len(posed.begun_s))
 
 
 def averaged(posed: Posed, optimum: Optimum) -> Averaged:
     """``posed`` averaged over first-order disturbances, white noise and what a measured input's leaves, begun at
     ``optimum``, whose robust weights stay."""
-    others = [Noise(averaged=True), *through(posed, optimum)]
-    root = 1.0 if optimum.weights is None else np.sqrt(optimum.weights)
-    box = widest(posed.n_seen)
+    root, box = root_of(optimum.weights), widest(posed.n_seen)
+    others, begun = [Noise(averaged=True)], posed.evaluate(optimum.theta, root)
+    assert begun is not None
+    if not (behind := through_model(posed, optimum.theta, begun[0])).white:
+        others.append(behind)
     for _ in range(MOST_ROUNDS):
         line = slopes(posed, optimum.theta, root)
         grid = NoiseGrid.of(line, box)
@@ -288,7 +263,7 @@ def mixed(found: Sequence[Averaged]) -> Averaged:
     """One of all, each by its evidence: the problem of the last that is not negligible, of which those before are the
     special case that its last unknowns are nought."""
     height = np.array([f.evidence for f in found])
-    weight = np.exp(height - logsumexp(height))
+    weight = softmax(height)
     kept = [k for k in range(len(found)) if weight[k] > NEGLIGIBLE]
     last, size = found[kept[-1]], len(found[kept[-1]].mean)
     means = np.array([np.pad(found[k].mean, (0, size - len(found[k].mean))) for k in kept])

@@ -11,7 +11,6 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.estimate import Estimate
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
@@ -31,7 +30,7 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, covariance_of, profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.search import Fit, diverse, first_moment, ordered, pose, rms, search
+from tcdyn.identify.search import Fit, beyond, criteria, diverse, first_moment, ordered, pose, rms, search
 from tcdyn.identify.start import alone, polished, starts
 from tcdyn.identify.validate import coloured, disturbed, undriven, validate
 
@@ -206,7 +205,7 @@ def assemble(
 ) -> Fit:
     """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum, whose rows hold
     the roots of the robust ``weights`` (N,) already where it has none of its own."""
-    n, model, x = problem.n_seen, problem.model, optimum.theta
+    n, x = problem.n_seen, optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
     root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
@@ -216,14 +215,12 @@ def assemble(
         loss_of = loss if optimum.weights is not None else "linear"
         cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss_of)
     scale = problem.natural_scale(x)
-    cov = cov_x[: problem.n_model, : problem.n_model] * np.outer(scale, scale)
-    theta, u = problem.theta(x), dict(zip(model.free, np.sqrt(np.maximum(np.diag(cov), 0.0))))
+    cov = (cov_x * np.outer(scale, scale))[: problem.n_model, : problem.n_model]
     sse = float(e @ e)
-    identified = Identified(
-        model=model,
-        theta=theta,
-        covariance=cov,
-        estimates={name: Estimate.normal(theta[name], u[name]) for name in model.free},
+    identified = Identified.of(
+        problem.model,
+        problem.theta(x),
+        cov,
         offset=last_level(problem, x, -answer[0], noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
@@ -232,7 +229,6 @@ def assemble(
         output_name=data.output_names[0],
         input_unit=", ".join(filter(None, dict.fromkeys(data.input_units))),
         output_unit=data.output_units[0],
-        findings=noticed(problem, optimum, theta, u),
     )
     used = weights if optimum.weights is None else optimum.weights
     result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss, used)
@@ -245,13 +241,15 @@ def assemble(
         "parameters": float(count - 1),
         "fit_percent": checked.fit_percent,
         "rms": checked.rms,
-        "aicc": likelihood + 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1),
-        "bic": likelihood + count * float(np.log(n)),
+        **criteria(likelihood, count, n),
         "p_white": checked.whiteness.p,
         "p_input": checked.input.p,
         "robust_covariance": float(robust),
     }
-    return replace(result, identified=replace(identified, statistics=statistics, sentence=checked.sentence))
+    told = noticed(optimum, identified)
+    return replace(
+        result, identified=replace(identified, statistics=statistics, sentence=checked.sentence, findings=told)
+    )
 
 
 def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float:
@@ -266,27 +264,21 @@ def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float
     return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
 
 
-def noticed(
-    problem: Posed, optimum: Optimum, theta: Mapping[str, float], u: Mapping[str, float]
-) -> tuple[Finding, ...]:
+def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
     """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
-    found, x, model = [], optimum.theta, problem.model
-    lower, upper = problem.bounds()
+    found, model, theta = [], identified.model, identified.theta
     lags = [n for n in model.free if n[:2] == "Tp"]
-    for i, name in enumerate(model.free):
-        value = theta[name]
-        size = abs(value)
+    for i, (name, e) in enumerate(identified.estimates.items()):
+        size = abs(e.value)
         if bare(name) == "Tz":  # it may be nought, and is measured by the lags beside it
             size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc") and beside(n, name)))
-        if x[i] <= lower[i] or x[i] >= upper[i]:
-            end = "lower" if x[i] <= lower[i] else "upper"
-            found.append(look("fit.bound", subject=name, end=end, value=value))
-        elif name in lags and any(
-            abs(theta[n] / value - 1) < 1e-2 for n in lags if n != name and suffix(n) == suffix(name)
-        ):
+        twins = [n for n in lags if n != name and suffix(n) == suffix(name)] if name in lags else []
+        if end := beyond(optimum, i):
+            found.append(look("fit.bound", subject=name, end=end, value=e.value))
+        elif any(abs(theta[n] / e.value - 1) < 1e-2 for n in twins):
             found.append(look("fit.twin", subject=name))  # the cost is flat in their difference
-        elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and u[name] > 0.5 * size:
-            found.append(look("fit.undetermined", subject=name, u=u[name], value=value))
+        elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and e.u > 0.5 * size:
+            found.append(look("fit.undetermined", subject=name, u=e.u, value=e.value))
     if not determined(optimum.information):
         found.append(look("fit.indistinct", subject=model.name))
     if optimum.status is Status.STALLED:

@@ -13,13 +13,13 @@ from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.chain.rational import Complex
 from tcdyn.fitting import Optimum, Problem, determined, least, minimise
 from tcdyn.identify.data.tables import numbers, table_of
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.models import Model, as_model, bare
+from tcdyn.identify.models import Model, as_model
+from tcdyn.identify.search import beyond, criteria
 from tcdyn.identify.start import from_poles, spread, stabilised
 from tcdyn.identify.validate import ALARM
 
@@ -159,7 +159,7 @@ def weighed(data: Response, model: Model, begun: list[Array]) -> tuple[Optimum, 
     """The optimum from the best of what was ``begun``, and the uncertainties (F,) that it was weighted with."""
     best, u = least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun]), data.spread()
     for _ in range(WEIGHED if data.u is None else 0):
-        u = data.spread(model.rational(values(model, best.theta)).frequency_response(data.frequency_Hz))
+        u = data.spread(model.rational(model.theta(best.theta)).frequency_response(data.frequency_Hz))
         best = minimise(posed(data, model, u), best.theta, limit=100, tolerance=0.0)
     return best, u
 
@@ -170,30 +170,23 @@ def posed(data: Response, model: Model, u: Array | None = None) -> Problem:
     w = 2 * np.pi * np.array([data.frequency_Hz.min(), data.frequency_Hz.max()])
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
-        theta = values(model, x)
+        theta = model.theta(x)
         rational = model.rational(theta)
         if not rational.stable:
             return None
-        logs = np.array([theta[n] if model.positive(n) else 1.0 for n in model.free])
-        slopes = rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * logs
+        natural = np.exp(np.where(model.logarithms, x, 0.0))
+        slopes = rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * natural
         r = (rational.frequency_response(data.frequency_Hz) - data.response) / u
         j = slopes / u[:, None]
         return np.concatenate([r.real, r.imag]), np.vstack([j.real, j.imag])
 
-    ends = {"Td": (0.0, model.delay_max_s or longest_s(data)), "Zeta": (np.log(1e-3), np.log(20.0))}
-    lag = (np.log(1 / (FAR * w[1])), np.log(FAR / w[0]))
-    box = [ends.get(n, lag if model.positive(n) else (-np.inf, np.inf)) for n in model.free]
-    return Problem(model.free, evaluate, lower=np.array([b[0] for b in box]), upper=np.array([b[1] for b in box]))
+    lower, upper = model.box((1 / (FAR * w[1]), FAR / w[0]), model.delay_max_s or longest_s(data))
+    return Problem(model.free, evaluate, lower=lower, upper=upper)
 
 
 def longest_s(data: Response) -> float:
     """The longest dead time that the spacing of the frequencies can tell from a shorter one [s]."""
     return float(0.5 / np.min(np.diff(np.sort(np.append(data.frequency_Hz, 0.0)))))
-
-
-def values(model: Model, x: Array) -> dict[str, float]:
-    """All parameters at x, whose positive ones are logarithms."""
-    return model.full({n: float(np.exp(v) if model.positive(n) else v) for n, v in zip(model.free, x)})
 
 
 def starts(data: Response, model: Model) -> Iterator[Array]:
@@ -221,7 +214,7 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
             theta["Kp"] = float(
                 np.real(np.vdot(shape, data.response / u)) / max(np.real(np.vdot(shape, shape)), 1e-300)
             )
-        yield np.array([np.log(max(theta[n], 1e-12)) if model.positive(n) else theta[n] for n in model.free])
+        yield model.vector(theta)
 
 
 def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple[Array, Array]:
@@ -240,7 +233,7 @@ def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple
 
 def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array) -> Identified:
     """The answer with its uncertainties and what was noticed; ``u_fit`` (F,) is what was fitted with."""
-    theta, n = values(model, best.theta), 2 * len(data.frequency_Hz)
+    theta, n = model.theta(best.theta), 2 * len(data.frequency_Hz)
     chi2, found = float(best.residual @ best.residual), list[Finding]()
     p, scale = 1.0, chi2 / freedom
     if data.unstated:
@@ -250,15 +243,14 @@ def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit:
         if p < ALARM:
             found.append(look("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
         scale = max(scale, 1.0) if p < ALARM else 1.0
-    free = [theta[k] if model.positive(k) else 1.0 for k in model.free]
+    free = np.exp(np.where(model.logarithms, best.theta, 0.0))
     covariance = scale * best.covariance * np.outer(free, free)
-    u = dict(zip(model.free, np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()))
-    for i, name in enumerate(model.free):
-        low, high, x = best.problem.lower[i], best.problem.upper[i], best.theta[i]
-        if x <= low or x >= high:
-            found.append(look("fit.bound", subject=name, end="lower" if x <= low else "upper", value=theta[name]))
-        elif u[name] > abs(theta[name]) and bare(name) not in ("Tz", "Td") and name[0] not in "ab":
-            found.append(look("fit.undetermined", subject=name, value=theta[name], u=u[name]))
+    answer = Identified.of(model, theta, covariance, dt_s=0.0)
+    for i, (name, e) in enumerate(answer.estimates.items()):
+        if end := beyond(best, i):
+            found.append(look("fit.bound", subject=name, end=end, value=e.value))
+        elif e.u > abs(e.value) and name not in ("Tz", "Td") and name[0] not in "ab":
+            found.append(look("fit.undetermined", subject=name, value=e.value, u=e.u))
     if not determined(best.information):
         found.append(look("fit.indistinct", subject=model.name))
     error = np.abs(model.rational(theta).frequency_response(data.frequency_Hz) - data.response)
@@ -270,11 +262,7 @@ def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit:
     statistics = {
         "n": float(n), "parameters": float(len(model.free)), "rms": float(np.sqrt(np.mean(error**2))),
         "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)), "p_misfit": p,
-        "aicc": deviance + 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1),
-        "bic": deviance + count * float(np.log(n)),
+        **criteria(deviance, count, n),
     }  # fmt: skip
-    estimates = {k: Estimate.normal(theta[k], u[k]) for k in model.free}
-    return replace(
-        Identified(model, theta, covariance, estimates, dt_s=0.0, statistics=statistics, findings=tuple(found)),
-        noise_sd=float(np.sqrt(np.mean(error**2) / 2)),
-    )
+    sd = float(np.sqrt(np.mean(error**2) / 2))
+    return replace(answer, noise_sd=sd, statistics=statistics, findings=tuple(found))

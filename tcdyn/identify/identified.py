@@ -58,6 +58,13 @@ class Identified(Dynamics, Result):
     sentence: str = ""
     findings: tuple[Finding, ...] = ()
 
+    @classmethod
+    def of(cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any) -> Identified:
+        """With the intervals of normal distributions of this ``covariance`` (P, P); ``more``: other fields."""
+        u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        estimates = {n: Estimate.normal(theta[n], own) for n, own in zip(model.free, u)}
+        return cls(model, theta, covariance, estimates, **more)
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the user should know."""
@@ -66,8 +73,8 @@ class Identified(Dynamics, Result):
     @cached_property
     def parts(self) -> Mapping[str, Identified]:
         """The model behind each input, by the input's name."""
-        found, free, one = {}, self.model.free, self.model.inputs or (self.input_name,)
-        for k, name in enumerate(one):
+        found, free = {}, self.model.free
+        for k, name in enumerate(self.model.inputs):
             part, names = self.model.branch(k)
             at = [free.index(names[n]) for n in part.free]
             found[name] = replace(
@@ -76,13 +83,13 @@ class Identified(Dynamics, Result):
                 theta={n: self.theta[w] for n, w in names.items()},
                 covariance=self.covariance[np.ix_(at, at)],
                 estimates={n: self.estimates[names[n]] for n in part.free},
-                offset=self.offset if len(one) == 1 else 0.0,
+                offset=0.0,
                 input_name=name,
-                statistics=self.statistics if len(one) == 1 else {},
-                sentence=self.sentence if len(one) == 1 else "",
-                findings=self.findings if len(one) == 1 else (),
+                statistics={},
+                sentence="",
+                findings=(),
             )
-        return found
+        return found or {self.input_name: self}
 
     @property
     def longest_lag_s(self) -> float:
@@ -123,15 +130,9 @@ class Identified(Dynamics, Result):
         ``pade_order``."""
         import control
 
-        each = [
-            control.ss(m.rational.transfer_function(pade_order), inputs=[name], outputs=[self.output_name])
-            for name, m in self.parts.items()
-        ]
-        joined = control.append(*each)
-        sum_ = np.ones((1, len(each)))
-        return control.StateSpace(
-            joined.A, joined.B, sum_ @ joined.C, sum_ @ joined.D, inputs=list(self.parts), outputs=[self.output_name]
-        )
+        each = [control.ss(m.rational.transfer_function(pade_order)) for m in self.parts.values()]
+        added = control.ss([], [], [], np.ones((1, len(each)))) * control.append(*each)
+        return control.ss(added, inputs=list(self.parts), outputs=[self.output_name])
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain; ``conditioning`` was the known part."""
@@ -296,5 +297,4 @@ def from_control(
     names = tuple(map(str, system.input_labels))
     model = parts[0] if len(parts) == 1 else several(parts, names)
     theta = {w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()}
-    estimates = {n: Estimate.normal(theta[n], 0.0) for n in model.free}
-    return Identified(model, theta, np.zeros((len(theta),) * 2), estimates, dt_s=0.0, input_name=", ".join(names))
+    return Identified.of(model, theta, np.zeros((len(theta),) * 2), dt_s=0.0, input_name=", ".join(names))

@@ -70,22 +70,28 @@ def poor(found: Fit, name: str) -> bool:
     return bare(name) == "Td" and e.low95 < 0
 
 
+def by_colour(
+    e: Array, j: Array, parts: list[slice], dt_s: float, precision: Array, kind: Covariance = "auto"
+) -> tuple[Array, bool]:
+    """Covariance (P, P) from innovations ``e`` (N,), their slopes ``j`` (N, P) and what was known (P,), and whether it
+    is the robust one, which "auto" takes where they are coloured."""
+    if kind == "robust" or (kind == "auto" and whiteness(e, j, parts, dt_s, 20).p < ALARM):
+        return sandwich(j, e, parts, precision), True
+    return float(e @ e) / (len(e) - len(precision)) * inverse(j.T @ j + np.diag(precision)), False
+
+
 def covariance_of(
     problem: Posed, optimum: Optimum, residual: Array, e: Array, j: Array, kind: Covariance, loss: Loss
 ) -> tuple[Array, bool]:
     """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
     noise alone makes it."""
-    bread = inverse(j.T @ j + np.diag(problem.precision))
-    cov_x, wider = float(e @ e) / (len(e) - problem.size) * bread, False
-    coloured = kind == "auto" and whiteness(e, j, problem.parts, problem.dt_s, 20).p < ALARM
-    if kind == "robust" or coloured:
-        cov_x, wider = sandwich(j, e, problem.parts, problem.precision), True
+    cov_x, wider = by_colour(e, j, problem.parts, problem.dt_s, problem.precision, kind)
     if loss != "linear":
         cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
     step = problem.rounding_step
     if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
         edges = [part.start for part in problem.parts]
         new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
-        half = np.add.reduceat(j, new, axis=0) @ bread
+        half = np.add.reduceat(j, new, axis=0) @ inverse(j.T @ j + np.diag(problem.precision))
         cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
     return cov_x, wider

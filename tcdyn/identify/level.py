@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 from math import exp, expm1
 
 import numpy as np
+from scipy.optimize import approx_fprime
 
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.chain.rational import realise, simulate_rows
-from tcdyn.fitting import Optimum, Problem, inverse, minimise, sandwich
+from tcdyn.fitting import Optimum, Problem, minimise
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
-from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ALARM, whiteness
+from tcdyn.identify.intervals import by_colour
+from tcdyn.identify.search import Fit, criteria
 
 MODELS = ("P1", "P1D", "P2", "P2D")  # that are bent
 CERTAIN = 2.5758  # standard uncertainties (99 %) from which a dependence is claimed
@@ -59,22 +60,19 @@ def level_lag(data: IOData) -> LevelLag:
         bent = Bent(base, 0.5 * (low + high), max(0.5 * (high - low), 1e-300))
         best = minimise(bent.problem, np.append(base.x, 0.0), tolerance=0.0, relative=1e-9)
         n = len(best.residual)
-        tried.append((n * float(np.log(max(best.cost, 1e-300) / n)) + len(best.theta) * float(np.log(n)), bent, best))
+        deviance = n * float(np.log(max(best.cost, 1e-300) / n))
+        tried.append((criteria(deviance, len(best.theta), n)["bic"], bent, best))
     if not tried:
         raise first or InputError("no model to bend", where=data.name)
     _, bent, found = min(tried, key=lambda item: item[0])
-    problem, posed, e, j = found.problem, bent.base.problem, -found.residual, found.jacobian
-    known = np.append(posed.precision, 0.0)
-    covariance = float(e @ e) / (len(e) - problem.size) * inverse(j.T @ j + np.diag(known))
-    if whiteness(e, j, posed.parts, posed.dt_s, 20).p < ALARM:
-        covariance = sandwich(j, e, posed.parts, known)
+    posed, known = bent.base.problem, np.append(bent.base.problem.precision, 0.0)
+    covariance, _ = by_colour(-found.residual, found.jacobian, posed.parts, posed.dt_s, known)
 
     def estimate(side: float) -> Estimate:
-        at = bent.lag_s(found.theta, side)
-        slopes = np.array([bent.lag_s(found.theta + d, side) - at for d in STEP * np.eye(problem.size)]) / STEP
-        return Estimate.normal(at, float(np.sqrt(max(float(slopes @ covariance @ slopes), 0.0))))
+        slopes = approx_fprime(found.theta, bent.lag_s, STEP, side)
+        return Estimate.normal(bent.lag_s(found.theta, side), np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
 
-    bend = Estimate.normal(float(found.theta[-1]), float(np.sqrt(max(covariance[-1, -1], 0.0))))
+    bend = Estimate.normal(found.theta[-1], np.sqrt(max(covariance[-1, -1], 0.0)))
     levels = (bent.middle - bent.half, bent.middle + bent.half)
     return LevelLag(posed.model.name, levels, estimate(-1.0), estimate(1.0), bend)
 
@@ -91,9 +89,8 @@ class Bent:
     def problem(self) -> Problem:
         """Its least-squares problem, begun at the linear fit with a = 0."""
         core = self.base.problem.core(self.base.noise)
-        ends = (np.append(core.lower, -2.0), np.append(core.upper, 2.0))
-        sd = np.append(core.prior_sd, np.inf)
-        return Problem((*core.names, "bend"), self.evaluate, lower=ends[0], upper=ends[1], prior_sd=sd)
+        lower, upper, sd = np.append(core.lower, -2.0), np.append(core.upper, 2.0), np.append(core.prior_sd, np.inf)
+        return Problem((*core.names, "bend"), self.evaluate, lower=lower, upper=upper, prior_sd=sd)
 
     def lag_s(self, x: Array, side: float) -> float:
         """Total lag [s] at ``side`` half ranges above the middle."""

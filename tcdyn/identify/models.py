@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags
@@ -114,6 +114,26 @@ class Model:
     def full(self, theta: Mapping[str, float]) -> dict[str, float]:
         """All parameters by name, the fixed ones filled in."""
         return {n: float(self.fixed[n]) if n in self.fixed else float(theta[n]) for n in self.names}
+
+    @property
+    def logarithms(self) -> Flags:
+        """Which of the free parameters (P,) are searched by their logarithm."""
+        return np.array([self.positive(n) for n in self.free], dtype=bool)
+
+    def theta(self, x: Array) -> dict[str, float]:
+        """All parameters by name at x, which begins with the free ones, or their logarithms."""
+        return self.full({n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)})
+
+    def vector(self, theta: Mapping[str, float]) -> Array:
+        """The free parameters (P,) in x."""
+        return np.array([np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free], float)
+
+    def box(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:
+        """Least and largest of the free parameters (P,) in x, of ``lags_s`` and of a dead time up to ``delay_s``."""
+        ends: dict[str, Any] = {"Td": (0.0, delay_s), "Zeta": np.log((1e-3, 20.0))}
+        rows = [ends.get(bare(n), np.log(lags_s) if self.positive(n) else (-np.inf, np.inf)) for n in self.free]
+        table = np.array(rows, dtype=float).reshape(-1, 2)
+        return table[:, 0], table[:, 1]
 
     def branch(self, k: int) -> tuple[Model, dict[str, str]]:
         """What stands behind the ``k``-th input, and the names in this model of its parameters."""

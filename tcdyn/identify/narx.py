@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from scipy.optimize import least_squares, newton
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
+from calibration.result import jsonable
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.data import IOData
 from tcdyn.identify.level import LevelLag, level_lag
@@ -58,14 +59,14 @@ class Narx:
         """Largest lag of any term, in samples."""
         return max((lag for term in self.terms for _, lag in term), default=1)
 
-    def value(self, of: Callable[[str, int], Any]) -> Any:
-        """sum_i theta_i prod(terms_i) where a signal at a lag is ``of(signal, lag)``."""
+    def value(self, of: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
+        """sum_i theta_i prod(terms_i) where a signal at a lag is ``of(signal, lag)``; other weights may be given."""
         products = (math.prod((of(name, lag) for name, lag in term), start=1.0) for term in self.terms)
-        return sum(weight * product for weight, product in zip(self.theta, products))
+        return sum(weight * product for weight, product in zip(self.theta if theta is None else theta, products))
 
     def simulate(self, u: Array, y0: Array) -> Array:
         """Free simulation: only the first ``order`` outputs ``y0`` are measured. NaN once it diverges."""
-        return np.asarray(self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1] + self.y_scale[0])
+        return self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1] + self.y_scale[0]
 
     def runs(self, u: Array, y0: Array, theta: Array) -> Array:
         """Free simulations, scaled, side by side (N, M) with the weights ``theta`` (terms, M)."""
@@ -73,9 +74,12 @@ class Narx:
         k = self.order
         ys[:k] = ((np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
         signals = {"u": us, "y": ys}
+
+        def before(signal: str, lag: int) -> Any:
+            return signals[signal][t - lag]
+
         for t in range(k, len(u)):
-            products = (math.prod((signals[name][t - lag] for name, lag in term), start=1.0) for term in self.terms)
-            value = sum(weight * product for weight, product in zip(theta, products))
+            value = self.value(before, theta)
             ys[t] = np.where(np.abs(value) < 1e3, value, np.nan)
             if np.isnan(ys[t]).all():
                 break
@@ -123,27 +127,28 @@ class TemperatureDependence:
 
     linear: Narx
     nonlinear: Narx
-    levels: tuple[float, float]
-    lag_low_s: float
-    lag_high_s: float
-    depends: bool
     sentence: str
     lag: LevelLag
     run: str = ""
 
+    @property
+    def depends(self) -> bool:
+        """Whether the lag changes with the level (99 %)."""
+        return self.lag.depends
+
     def to_dict(self) -> dict[str, Any]:
         """The sentence and its numbers: levels in the output's unit, lags [s], held-out scores of simulation [%]."""
+        lag = self.lag
+        ends = {"low": lag.low, "high": lag.high}
         return {
             "sentence": self.sentence,
             "run": self.run,
-            "depends": self.depends,
-            "levels": list(self.levels),
-            "lag_low_s": self.lag_low_s,
-            "lag_high_s": self.lag_high_s,
-            "lag_low_95_s": [self.lag.low.low95, self.lag.low.high95],
-            "lag_high_95_s": [self.lag.high.low95, self.lag.high.high95],
-            "bend": {"value": self.lag.bend.value, "u": self.lag.bend.u},
-            "narx_lag_s": [None if e is None else e.model_dump() for e in map(self.nonlinear.lag_s, self.levels)],
+            "depends": lag.depends,
+            "levels": list(lag.levels),
+            **{f"lag_{end}_s": e.value for end, e in ends.items()},
+            **{f"lag_{end}_95_s": [e.low95, e.high95] for end, e in ends.items()},
+            "bend": {"value": lag.bend.value, "u": lag.bend.u},
+            "narx_lag_s": jsonable([*map(self.nonlinear.lag_s, lag.levels)]),
             "held_out_percent_linear": self.linear.held_out_percent,
             "held_out_percent_quadratic": self.nonlinear.held_out_percent,
         }
@@ -180,8 +185,7 @@ def narx(
         raise InputError(f"narx: {edge} training samples", where=data.name, expected=f"at least {20 * lags}")
     us, ys = (float(u.mean()), float(u.std()) or 1.0), (float(y.mean()), float(y.std()) or 1.0)
     x, z = ((u - us[0]) / us[1])[:, None], ((y - ys[0]) / ys[1])[:, None]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with warnings.catch_warnings(action="ignore"):
         model = FROLS(
             ylag=lags,
             xlag=lags,
@@ -193,7 +197,8 @@ def narx(
             model_type="NARMAX",
         )
         model.fit(X=x[:edge], y=z[:edge])
-    terms = tuple(tuple(signal_of(int(code)) for code in row if code) for row in np.atleast_2d(model.final_model))
+    codes = np.atleast_2d(model.final_model).astype(int).tolist()  # 1003 stands for y(k-3) and 2003 for the input's
+    terms = tuple(tuple(("y" if code < 2000 else "u", code % 1000) for code in row if code) for row in codes)
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
     found = refined(Narx(terms, theta, us, ys, data.dt_s, degree), u[:edge], y[:edge])
     simulated = found.simulate(u, y)
@@ -214,28 +219,25 @@ def refined(found: Narx, u: Array, y: Array) -> Narx:
     """
     k, size, seen = found.order, len(found.theta), (y - found.y_scale[0]) / found.y_scale[1]
 
-    def simulated(theta: Array) -> Array:
-        table = np.column_stack([theta, theta[:, None] + STEP * np.eye(size)])
-        return np.asarray(np.nan_to_num(found.runs(u, y, table), nan=1e3)[k:])
+    def simulated(table: Array) -> Array:
+        return np.nan_to_num(found.runs(u, y, table), nan=1e3)[k:]
 
     def slopes(theta: Array) -> Array:
-        table = simulated(theta)
+        table = simulated(np.column_stack([theta, theta[:, None] + STEP * np.eye(size)]))
         return (table[:, 1:] - table[:, :1]) / STEP
 
     begun = np.array(found.theta)
     if not np.isfinite(found.runs(u, y, begun[:, None])).all():
         return found
     best = least_squares(
-        lambda theta: np.nan_to_num(found.runs(u, y, theta[:, None]), nan=1e3)[k:, 0] - seen[k:],
-        begun, jac=slopes, max_nfev=30, x_scale="jac",
-    )  # fmt: skip
+        lambda theta: simulated(theta[:, None])[:, 0] - seen[k:], begun, jac=slopes, max_nfev=30, x_scale="jac"
+    )
     e, rng = -best.fun - np.mean(-best.fun), np.random.default_rng(0)
     e = e * np.sqrt(len(e) / max(len(e) - size, 1))
     block = int(np.clip(2 * correlation_length(e), 1, len(e) // 4))
     starts = rng.integers(0, len(e) - block + 1, (DRAWS, -(-len(e) // block)))
     drawn = e[(starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, : len(e)]]
-    j = np.asarray(best.jac)
-    draws = best.x + np.linalg.lstsq(j, drawn.T, rcond=1e-10)[0].T
+    draws = best.x + np.linalg.lstsq(best.jac, drawn.T, rcond=1e-10)[0].T
     return replace(found, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
 
 
@@ -246,11 +248,6 @@ def spanned(value: float, draws: Sequence[float]) -> Estimate | None:
         return None
     low, high = np.quantile(good, [0.025, 0.975])
     return Estimate(value=value, u=float(np.std(good)), low95=float(low), high95=float(high))
-
-
-def signal_of(code: int) -> tuple[str, int]:
-    """FROLS writes 1003 for y(k-3) and 2003 for the input's."""
-    return ("y" if code < 2000 else "u", code % 1000)
 
 
 def percent(y: Array, model: Array) -> float:
@@ -270,15 +267,14 @@ def temperature_dependence(
     NARX, by held-out simulation, tell of what else is not linear. Of several recordings the first is asked, and the
     sentence says so.
     """
-    one = narx(data, degree=1, lags=lags, dead_samples=dead_samples, held_out=held_out)
-    two = narx(data, degree=2, lags=lags, dead_samples=dead_samples, held_out=held_out)
+    one, two = (narx(data, degree=k, lags=lags, dead_samples=dead_samples, held_out=held_out) for k in (1, 2))
     found = level_lag(data.run(0))
-    (low, high), unit = found.levels, data.output_units[0] or "units"
+    unit = data.output_units[0] or "units"
     better = 100 - two.held_out_percent < 0.9 * (100 - one.held_out_percent)
     two_said, one_said = f"{two.held_out_percent:.1f} %", f"{one.held_out_percent:.1f} %"
     at = [
         f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
-        for e, level in ((found.low, low), (found.high, high))
+        for e, level in zip((found.low, found.high), found.levels)
     ]
     if found.depends:
         words = f"The lag depends on the level: {at[0]} and {at[1]} {unit} (95 %; simulated, {found.model} bent)."
@@ -296,5 +292,4 @@ def temperature_dependence(
     if len(data.runs) > 1:
         run = data.runs[0].name or "1"
         words = f"Run {run}, the first of {len(data.runs)}: {words}"
-    lags_s = (found.low.value, found.high.value)
-    return TemperatureDependence(one, two, (low, high), *lags_s, found.depends, words, found, run)
+    return TemperatureDependence(one, two, words, found, run)

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
 from tcdyn.fitting import Noise, Problem
@@ -123,15 +123,11 @@ class Posed:
 
     def theta(self, x: Array) -> dict[str, float]:
         """All model parameters by name."""
-        values = {n: float(np.exp(v)) if self.model.positive(n) else float(v) for n, v in zip(self.model.free, x)}
-        return self.model.full(values)
+        return self.model.theta(x)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
         """x for the model parameters; offsets and initial states zero."""
-        x = np.zeros(self.size)
-        for i, n in enumerate(self.model.free):
-            x[i] = np.log(max(theta[n], 1e-12)) if self.model.positive(n) else theta[n]
-        return x
+        return np.append(self.model.vector(theta), np.zeros(self.size - self.n_model))
 
     @cached_property
     def reach(self) -> int:
@@ -156,8 +152,13 @@ class Posed:
         return "zero" if self.initial == "zero" else "equilibrium"
 
     def natural_scale(self, x: Array) -> Array:
-        """d(natural parameter)/dx of the free model parameters (n_model,)."""
-        return np.array([np.exp(v) if self.model.positive(n) else 1.0 for n, v in zip(self.model.free, x)])
+        """d(natural parameter)/dx (size,)."""
+        return np.exp(np.where(self.logarithms, x, 0.0))
+
+    @cached_property
+    def logarithms(self) -> Flags:
+        """Which of x (size,) are logarithms."""
+        return np.append(self.model.logarithms, np.zeros(self.size - self.n_model, dtype=bool))
 
     def colour(self, x: Array) -> Array:
         """Coefficients, behind its first, of the A(q) whose 1/A(q) colours a white noise that comes in before the
@@ -197,15 +198,9 @@ class Posed:
 
     def bounds(self) -> tuple[Array, Array]:
         """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
-        lower, upper = np.full(self.size, -np.inf), np.full(self.size, np.inf)
-        for i, n in enumerate(self.model.free):
-            if bare(n) == "Td":
-                lower[i], upper[i] = 0.0, self.longest_delay_s
-            elif bare(n) == "Zeta":
-                lower[i], upper[i] = np.log(1e-3), np.log(20.0)
-            elif self.model.positive(n):
-                lower[i], upper[i] = np.log(1e-2 * self.dt_s), np.log(100 * self.longest_s)
-        return lower, upper
+        lower, upper = self.model.box((1e-2 * self.dt_s, 100 * self.longest_s), self.longest_delay_s)
+        open_end = np.full(self.size - self.n_model, np.inf)
+        return np.append(lower, -open_end), np.append(upper, open_end)
 
     def outputs(self, x: Array) -> list[tuple[Array, Array]] | None:
         """Per segment the model output (N,) and its Jacobian (N, size); None where the model is unstable."""
@@ -268,29 +263,29 @@ class Posed:
             j[:, at] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
             j[:, state] = free[1 : 1 + states].T * scale
 
-    def evaluate(self, x: Array) -> tuple[Array, Array] | None:
-        """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian."""
+    def evaluate(self, x: Array, root: Array | float = 1.0) -> tuple[Array, Array] | None:
+        """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian, all rows times
+        ``root`` (N,)."""
         answers = self.outputs(x)
         if answers is None:
             return None
         seen = [(y[s.seen] - s.y[s.seen], j[s.seen]) for s, (y, j) in zip(self.segments, answers)]
         residual, jacobian = (np.concatenate(each) for each in zip(*seen))
-        return (residual, jacobian) if np.isfinite(residual).all() else None
+        return (residual * root, (jacobian.T * root).T) if np.isfinite(residual).all() else None
 
     def core(self, noise: Noise | None = None, root: Array | float = 1.0) -> Problem:
         """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``, or
         of a model whose poles colour its noise by them."""
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:
-            answer = self.evaluate(x)
+            answer = self.evaluate(x, root)
             if answer is None:
                 return None
             if self.model.arx:
                 moved = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
-                table = (answer[1].T * root).T
-                return equation_error(self.colour, x, moved, self.parts, answer[0] * root, table, self.freed)
+                return equation_error(self.colour, x, moved, self.parts, *answer, self.freed)
             whiten = (noise or Noise()).whiten
-            return whiten(answer[0] * root, self.parts), whiten((answer[1].T * root).T, self.parts)
+            return whiten(answer[0], self.parts), whiten(answer[1], self.parts)
 
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))

@@ -50,12 +50,12 @@ class Dynamics:
         row += [0.0] * (len(g.num) - len(row))
         for f in g.factors:
             row += [1.0, *[0.0] * (len(f.coefs) - 2)] if f.free else []
-        slopes = np.asarray([*row, 1.0] @ self.model.chain_rule(self.theta))
+        slopes = [*row, 1.0] @ self.model.chain_rule(self.theta)
         return Estimate.normal(g.lag_s, float(self.u_of(slopes[:, None])[0]))
 
     def u_of(self, slopes: Array) -> Array:
         """Standard uncertainties (N,) of quantities with these ``slopes`` (P, N) by the free parameters."""
-        return np.asarray(np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", slopes, self.covariance, slopes), 0.0)))
+        return np.sqrt(np.maximum(np.einsum("pn,pq,qn->n", slopes, self.covariance, slopes), 0.0))
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class Band:
     @property
     def low95(self) -> Array:
         """Lower edge."""
-        return np.asarray(self.value - Z95 * self.u)
+        return self.value - Z95 * self.u
 
     @property
     def high95(self) -> Array:
         """Upper edge."""
-        return np.asarray(self.value + Z95 * self.u)
+        return self.value + Z95 * self.u
 
 
 @dataclass(frozen=True)

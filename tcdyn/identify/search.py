@@ -51,7 +51,7 @@ class Fit(Result):
     @property
     def root(self) -> Array:
         """The roots (N,) of the robust weights, ones where there are none."""
-        return np.ones(len(self.residual)) if self.weights is None else np.sqrt(self.weights)
+        return np.broadcast_to(root_of(self.weights), self.residual.shape)
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -123,7 +123,7 @@ def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Lite
             where=where,
             remedy='choose one: data.select(input=..), or give a model to each: several(["P1D", ..], data.input_names)',
         )
-    segments = tuple(s for k, run in enumerate(data.runs) for s in cut(run, k, data.dt_s))
+    segments = cut(data)
     if not segments:
         raise InputError(nothing_left(data), where=where, remedy="see whether the right column was taken")
     for k, name in enumerate(data.input_names):
@@ -227,9 +227,26 @@ def ordered(posed: Posed, optimum: Optimum) -> Optimum:
     )
 
 
+def root_of(weights: Array | None) -> Array | float:
+    """What robust ``weights`` (N,) multiply the rows of a problem by: their roots, or one where there are none."""
+    return 1.0 if weights is None else np.sqrt(weights)
+
+
+def beyond(optimum: Optimum, k: int) -> str:
+    """On which end of its box the ``k``-th parameter stands, "lower" or "upper"; empty where it is free."""
+    x, box = optimum.theta[k], optimum.problem
+    return "lower" if x <= box.lower[k] else "upper" if x >= box.upper[k] else ""
+
+
+def criteria(deviance: float, count: int, n: int) -> dict[str, float]:
+    """AICc and BIC of ``n`` samples and ``count`` unknowns, from -2 ln of the likelihood."""
+    more = 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1)
+    return {"aicc": deviance + more, "bic": deviance + count * float(np.log(n))}
+
+
 def rms(optimum: Optimum, posed: Posed) -> float:
     """Standard deviation of the noise that ``optimum`` leaves, above zero."""
-    r = optimum.residual * (1.0 if optimum.weights is None else np.sqrt(optimum.weights))
+    r = optimum.residual * root_of(optimum.weights)
     return float(np.sqrt(r @ r / max(posed.n_seen - posed.size, 1))) or 1e-300
 
 

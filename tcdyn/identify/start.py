@@ -22,6 +22,9 @@ from tcdyn.identify.data import Segment
 from tcdyn.identify.models import Model, bare, several
 from tcdyn.identify.problem import Posed
 
+# ways to share out one lag: ratio of a lag to the one before, zero and Tw in lags, Zeta
+PATTERNS = ((0.25, 0.3, 1.0, 0.7), (0.5, -0.2, 0.5, 0.9), (0.1, 1.5, 0.3, 0.3))
+
 
 def filled(segment: Segment) -> Array:
     """The output with its gaps bridged by straight lines; only starts use it."""
@@ -48,7 +51,7 @@ def stabilised(den: Array) -> Array:
     floor = 1e-6 * np.max(np.abs(roots))
     roots = np.where(np.abs(roots.real) < floor, roots - floor, roots)
     poly = np.poly(roots).real[::-1]
-    return np.asarray(poly / poly[0])
+    return poly / poly[0]
 
 
 def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[Array, Array, Array]:
@@ -113,7 +116,7 @@ def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Arr
             first, second = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
             along = scipy.signal.correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
             row += np.sign(along) * along**2 / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
-    return np.asarray(total / whole)
+    return total / whole
 
 
 def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:
@@ -131,17 +134,17 @@ def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, fl
     """Process parameters whose total lag is that of one lag ``tau`` behind ``delay``, shared out by
     ``pattern``."""
     lags = [n for n in model.names if n in ("Tp1", "Tp2", "Tp3", "Tc")]
-    theta: dict[str, float] = {"Kp": 1.0, "Tz": (0.3, -0.2, 1.5)[pattern % 3] * tau}
+    ratio, zero, wave, damping = PATTERNS[pattern]
+    theta: dict[str, float] = {"Kp": 1.0, "Tz": zero * tau}
     borrowed = 0.5 * delay if pattern == 1 and len(lags) + 2 * ("Tw" in model.names) > 1 else 0.0
     theta["Td"] = delay - borrowed
     total = tau + borrowed
-    ratio = (0.25, 0.5, 0.1)[pattern % 3]
     shares = ratio ** np.arange(max(len(lags), 1))
     if pattern:
         shares = shares / shares.sum()
     theta |= {n: float(total * s) * (2.0 if n == "Tc" else 1.0) for n, s in zip(lags, shares)}
     if "Tw" in model.names:
-        theta["Tw"], theta["Zeta"] = total * (1.0, 0.5, 0.3)[pattern % 3], (0.7, 0.9, 0.3)[pattern % 3]
+        theta["Tw"], theta["Zeta"] = total * wave, damping
         if "Tp3" in model.names:
             theta["Tp3"] = 0.3 * total
     return theta

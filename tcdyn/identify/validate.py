@@ -19,7 +19,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
-from tcdyn.identify.data import IOData
+from tcdyn.identify.data import IOData, Segment
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, pose
 
@@ -204,21 +204,16 @@ def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
 def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
     """The input so many samples before each measured one, (N, lags), over its level at the start of its segment; a
     negative shift looks ahead, and after its end a segment's input stays. Several inputs stand side by side."""
-    if len(problem.branches) > 1:
-        each = [
-            replace(problem, segments=tuple(s.of(k) for s in problem.segments)) for k in range(len(problem.branches))
-        ]
-        return np.hstack(
-            [shifted_inputs(replace(p, model=problem.model.parts[0], input_sds=(0.0,)), behind) for p in each]
-        )
     most, ahead = max(int(behind.max()), 0), max(-int(behind.min()), 0)
-    tables = []
-    for s in problem.segments:
+
+    def shifted(s: Segment) -> Array:
         past = s.history(most + 1)
         level = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
         padded = np.concatenate([past[1:] if s.resumed else np.full(most, level), s.u, np.full(ahead, s.u[-1])]) - level
-        tables.append(np.array([padded[most - k : most - k + len(s.u)] for k in behind]).T[s.seen])
-    return np.vstack(tables)
+        return np.array([padded[most - k : most - k + len(s.u)] for k in behind]).T[s.seen]
+
+    each = [[shifted(s.of(k)) for k in range(len(problem.branches))] for s in problem.segments]
+    return np.block(each)
 
 
 def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> ResidualTest:
@@ -286,6 +281,11 @@ def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Fi
 def coloured(found: Fit) -> bool:
     """Whether the residuals are."""
     return found.identified.statistics["p_white"] < ALARM
+
+
+def clean(found: Fit) -> bool:
+    """Whether the residuals are white and do not follow the input."""
+    return not coloured(found) and found.identified.statistics["p_input"] >= ALARM
 
 
 def undriven(found: Fit) -> bool:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # scipy.signal with its first use: it is slow to import
-from scipy.special import gammaln, j0, j1, jn_zeros, logsumexp
+import scipy  # scipy.signal and scipy.stats with their first use: they are slow to import
+from scipy.special import j0, j1, jn_zeros, logsumexp, softmax
 
 from calibration import Array
 from calibration.errors import InputError
@@ -87,11 +87,7 @@ def current_sensor(
     found: list[Finding] = []
     if longest < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
-    if not best.colour.white:
-        found.append(note("sensor.coloured", subject=column))
-    rest = float(np.sqrt(np.mean(best.residual**2)))
-    if rest > 3 * noise and rest > 0.01 * span:
-        found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=noise))
+    found += best.doubts(column, noise, 0.01 * span)
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE:
         found.append(look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95))
@@ -124,7 +120,7 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
     low, high = EDGES[:-1] + 1e-12, EDGES[1:]
 
     def miss(z: Array) -> Array:
-        return np.asarray(z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z))
+        return z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z)
 
     begun = np.sign(miss(low))  # one root between neighbouring zeros of J0
     for _ in range(48):
@@ -158,7 +154,7 @@ class _Heated:
         every = -(-len(y) // ROWS)
         n = len(y) // every * every
         blocks, heat = y[:n].reshape(-1, every), power[:n].reshape(-1, every).mean(axis=1)
-        seen = np.asarray(np.isfinite(blocks).all(axis=1))
+        seen = np.isfinite(blocks).all(axis=1)
         mean = np.where(seen, np.nan_to_num(blocks).mean(axis=1), np.nan)
         noise = max(float(white_noise_sd(mean[seen], 3)), 1e-9)
         return cls(dt_s * every, mean, heat, np.linspace(0, 1, len(mean)), noise)
@@ -219,43 +215,41 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
 
     kept = [f for f in fits if f.optimum.cost < best.optimum.cost + 20]
     centres = np.array([f.optimum.theta[4:] for f in kept])
-    spreads = np.array([f.covariance[4:, 4:] for f in kept])
+    spreads = np.array([f.optimum.covariance[4:, 4:] for f in kept])
     height = np.array([-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)])
-    chances = np.exp(height - logsumexp(height))
+    by, used = _Mixture(centres, spreads, softmax(height)), list[_Mixture]()
     draws, log_p = np.empty((0, 4)), np.empty(0)
     for turn in range(3):
-        more = _proposed(centres, spreads, chances, np.random.default_rng(turn))
+        used.append(by)
+        more = by.drawn(np.random.default_rng(turn))
         draws, log_p = np.concatenate([draws, more]), np.r_[log_p, [log_posterior(shape) for shape in more]]
-        if turn == 0:
-            used = [(centres, spreads, chances)]
-        log_q = logsumexp([_log_density(draws, *by) for by in used], axis=0)
-        weights = np.exp(log_p - log_q - logsumexp(log_p - log_q))
+        weights = softmax(log_p - logsumexp([one.log_density(draws) for one in used], axis=0))
         if 1 / np.sum(weights**2) > DRAWS / 4:
             break
-        middle = weights @ draws  # too few of them count: propose anew by what they say
-        spread = (weights[:, None] * (draws - middle)).T @ (draws - middle) + 1e-6 * np.eye(4)
-        centres, spreads, chances = middle[None], spread[None], np.ones(1)
-        used.append((centres, spreads, chances))
+        spread = np.cov(draws.T, ddof=0, aweights=weights) + 1e-6 * np.eye(4)
+        by = _Mixture((weights @ draws)[None], spread[None], np.ones(1))  # too few count: anew by what they say
     return best, draws, weights
 
 
-def _proposed(centres: Array, spreads: Array, chances: Array, rng: np.random.Generator) -> Array:
-    """Draws (DRAWS, 4) of a mixture of Student's t."""
-    which = rng.choice(len(centres), DRAWS, p=chances)
-    roots = np.linalg.cholesky(spreads)
-    tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, DRAWS))
-    return np.asarray(
-        centres[which] + np.einsum("kij,kj->ki", roots[which], rng.standard_normal((DRAWS, 4))) * tails[:, None]
-    )
+@dataclass(frozen=True)
+class _Mixture:
+    """Of Student's t about ``centres`` (C, 4) with ``spreads`` (C, 4, 4), each by its ``chances`` (C,)."""
 
+    centres: Array
+    spreads: Array
+    chances: Array
 
-def _log_density(x: Array, centres: Array, spreads: Array, chances: Array) -> Array:
-    """Log density (K,) of that mixture at ``x`` (K, 4)."""
-    away = x[:, None] - centres
-    far = np.einsum("kci,cij,kcj->kc", away, np.linalg.inv(spreads), away)
-    top = gammaln(0.5 * (DEGREES + 4)) - gammaln(0.5 * DEGREES) - 2 * np.log(DEGREES * np.pi)
-    each = top - 0.5 * np.linalg.slogdet(spreads)[1] - 0.5 * (DEGREES + 4) * np.log1p(far / DEGREES)
-    return np.asarray(logsumexp(each, axis=1, b=chances))
+    def drawn(self, rng: np.random.Generator) -> Array:
+        """Draws (DRAWS, 4)."""
+        which = rng.choice(len(self.centres), DRAWS, p=self.chances)
+        tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, (DRAWS, 1)))
+        roots = np.linalg.cholesky(self.spreads)[which]
+        return self.centres[which] + np.einsum("kij,kj->ki", roots, rng.standard_normal((DRAWS, 4))) * tails
+
+    def log_density(self, x: Array) -> Array:
+        """At ``x`` (K, 4), (K,)."""
+        each = [scipy.stats.multivariate_t.logpdf(x, *one, DEGREES) for one in zip(self.centres, self.spreads)]
+        return logsumexp(each, axis=0, b=self.chances[:, None])
 
 
 def _of(values: Array, weights: Array) -> Estimate:

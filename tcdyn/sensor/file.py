@@ -185,13 +185,15 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
     """
     if chain.lag_s <= 0:
         return {}
-    here = passes(chain)
-    other = [
-        passes(chain.with_lag_shift(max(lag_u_s, 1e-3 * chain.lag_s))),
-        passes(chain.with_split_shift(split_u_s)),
-    ]
-    per_lag = np.abs(other[0] - here) * (lag_u_s / max(lag_u_s, 1e-3 * chain.lag_s))
-    return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(per_lag, np.abs(other[1] - here)))}
+    here, longer_s = passes(chain), max(lag_u_s, 1e-3 * chain.lag_s)
+    by_lag = (passes(chain.with_lag_shift(longer_s)) - here) * lag_u_s / longer_s
+    by_split = passes(chain.with_split_shift(split_u_s)) - here
+    return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(by_lag, by_split))}
+
+
+def lag_and_times(chain: Chain) -> Array:
+    """The lag and when the step response passes each of the shares (4,) [s]."""
+    return np.array([chain.lag_s, *passes(chain)])
 
 
 def passes(chain: Chain) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate, mixture_range
+from calibration.finding import Finding, look, note
 from tcdyn.fitting import Noise, Optimum, Problem, Status, fit_ar, minimise
 
 Model = Callable[[Array], Array | None]
@@ -18,11 +19,9 @@ STEP = 1e-5  # of a parameter's scale, for differences
 
 @dataclass(frozen=True)
 class Fitted:
-    """One structure fitted: optimum, covariance of theta (P, P), Bayesian information criterion, noise [K]."""
+    """One structure fitted: optimum, Bayesian information criterion, noise [K]."""
 
-    name: str
     optimum: Optimum
-    covariance: Array
     bic: float
     noise_K: float
     colour: Noise
@@ -43,7 +42,15 @@ class Fitted:
             behind[k] = max(behind[k] - size, float(self.optimum.problem.lower[k]))
             rows.append((quantity(ahead) - quantity(behind)) / (ahead[k] - behind[k]))
         slopes = np.array(rows)
-        return here, np.asarray(slopes.T @ self.covariance @ slopes)
+        return here, slopes.T @ self.optimum.covariance @ slopes
+
+    def doubts(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
+        """Whether the residuals are coloured, and whether they are clearly more than ``noise_K`` and ``least_K``."""
+        found = [] if self.colour.white else [note("sensor.coloured", subject=column)]
+        rest = float(np.sqrt(np.mean(self.residual**2)))
+        if rest > max(3 * noise_K, least_K):
+            found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=noise_K))
+        return found
 
 
 def fit_curve(
@@ -56,23 +63,17 @@ def fit_curve(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
-    upper: Mapping[str, float] | None = None,
     noise: tuple[Noise, float] | None = None,
 ) -> Fitted:
     """Least squares of ``model(theta)`` (N,) to ``y`` (N,), NaN left out, the residuals' colour taken out of both.
 
-    ``scale`` (P,): of each parameter, for differences and steps; ``prior``: (mean, sd) by name; ``lower``, ``upper``
-    the box; ``noise``: colour and level [K] of what is left, where another fit told them.
+    ``scale`` (P,): of each parameter, for differences and steps; ``prior``: (mean, sd) by name; ``lower``: the box's
+    lower ends; ``noise``: colour and level [K] of what is left, where another fit told them.
     Raises InputError where the model cannot be computed at its start.
     """
-    ok, index = np.isfinite(y), list(names)
-    p = len(index)
-    mean, sd, low, high = np.zeros(p), np.full(p, np.inf), np.full(p, -np.inf), np.full(p, np.inf)
-    for key, (m, s) in (prior or {}).items():
-        mean[index.index(key)], sd[index.index(key)] = m, s
-    for ends, given in ((low, lower), (high, upper)):
-        for key, value in (given or {}).items():
-            ends[index.index(key)] = value
+    ok, p = np.isfinite(y), len(names)
+    mean, sd = np.array([(prior or {}).get(n, (0.0, np.inf)) for n in names]).T
+    low = np.array([(lower or {}).get(n, -np.inf) for n in names])
     whole = [slice(0, int(ok.sum()))]
     colour, noise_K = noise or (Noise(), 1.0)
 
@@ -83,21 +84,18 @@ def fit_curve(
         slopes = []
         for k, size in enumerate(scale):
             moved = theta.copy()
-            step = STEP * size if theta[k] + STEP * size <= high[k] else -STEP * size
-            moved[k] += step
+            moved[k] += STEP * size
             other = model(moved)
             if other is None:
                 return None
-            slopes.append((other - here)[ok] / step)
+            slopes.append((other - here)[ok] / (STEP * size))
         residual, jacobian = (here - y)[ok], np.stack(slopes, axis=1)
         return colour.whiten(residual, whole) / noise_K, colour.whiten(jacobian, whole) / noise_K
 
     theta = start
     last = 0 if noise else 2
     for turn in range(last + 1):
-        problem = Problem(
-            tuple(index), evaluate, prior_mean=mean, prior_sd=sd, lower=low, upper=high, largest=3 * np.asarray(scale)
-        )
+        problem = Problem(tuple(names), evaluate, prior_mean=mean, prior_sd=sd, lower=low, largest=3 * scale)
         found = minimise(problem, theta, limit=80)
         if found.status is Status.NOWHERE:
             raise InputError(f"{name} cannot be fitted: the model cannot be computed")
@@ -105,11 +103,8 @@ def fit_curve(
         if turn == last:
             break
         colour, noise_K = colour_of((np.asarray(model(theta)) - y)[ok], p)
-    n = len(found.residual)
-    return Fitted(
-        name, found, found.covariance, found.cost + p * np.log(n), noise_K, colour,
-        (np.asarray(model(found.theta)) - y)[ok], scale,
-    )  # fmt: skip
+    bic = found.cost + p * np.log(len(found.residual))
+    return Fitted(found, bic, noise_K, colour, (np.asarray(model(theta)) - y)[ok], scale)
 
 
 def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
@@ -122,11 +117,10 @@ def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
     return colour, max(float(np.sqrt(spread[0 if colour.white else 1] / max(n - parameters, 1))), 1e-9)
 
 
-def weights_of(fits: Sequence[Fitted], prior: Sequence[float] | None = None) -> Array:
+def weights_of(bic: Array, prior: Array | float = 1.0) -> Array:
     """Probability (K,) of each structure by its information criterion, all on one noise, and by its ``prior``."""
-    bic = np.array([f.bic for f in fits])
-    w = np.exp(-0.5 * (bic - bic.min())) * (1.0 if prior is None else np.asarray(prior))
-    return np.asarray(w / w.sum())
+    w = np.exp(-0.5 * (bic - bic.min())) * prior
+    return w / w.sum()
 
 
 def averaged(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import scipy  # scipy.signal with its first use: it is slow to import
-from scipy.optimize import minimize
+from scipy.optimize import approx_fprime, minimize
 from scipy.special import chdtrc
 
 from calibration import Array
@@ -15,8 +16,8 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.chain import Chain
-from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
-from tcdyn.sensor.fits import averaged
+from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file
+from tcdyn.sensor.fits import averaged, weights_of
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
 NO_LAG = 1e-6  # of the first lag: a second one below it is none
@@ -53,34 +54,26 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     y = scipy.signal.detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
     length = len(y) // LEAST_SEGMENTS
     for _ in range(3):
-        power, w, independent = segments(y, length)
-        one = _least(power, w, dt, 1)
+        one = _least(segments(y, length, dt), 1)
         length = int(np.clip(SEGMENT_LAGS * np.exp(one[2]) / dt, 128, len(y) // LEAST_SEGMENTS))
-    power, w, independent = segments(y, length)
-    fits = [_least(power, w, dt, 1), _least(power, w, dt, 2)]
-    costs = np.array([_cost(theta, power, w, dt) * independent / TAPER for theta in fits])
-    bins = independent * len(w) / TAPER
-    bic = 2 * costs + np.array([3, 4]) * np.log(bins)
-    weights = np.exp(-0.5 * (bic - bic.min()))
-    weights = weights / weights.sum()
+    seen = segments(y, length, dt)
+    fits = [_least(seen, 1), _least(seen, 2)]
+    costs = np.array([_cost(theta, seen) * seen.counts for theta in fits])
+    weights = weights_of(2 * costs + np.array([3, 4]) * np.log(seen.counts * len(seen.w)))
     values, us = [], []
     for theta in fits:
-        cov = _covariance(theta, power, w, dt, independent / TAPER)
-        here, slopes = _quantities(theta), []
-        for k in range(2, len(theta)):
-            moved = theta.copy()
-            moved[k] += 1e-4
-            slopes.append((_quantities(moved) - here) / 1e-4)
-        part = np.array(slopes)
+        cov = _covariance(theta, seen)
+        here, slopes = _quantities(theta[2:]), approx_fprime(theta[2:], _quantities, 1e-4)
         values.append(here)
-        us.append(np.sqrt(np.maximum(np.einsum("ki,kl,li->i", part, cov[2:, 2:], part), 0.0) + (MODEL_REL * here) ** 2))
+        variance = np.einsum("ik,kl,il->i", slopes, cov[2:, 2:], slopes)
+        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * here) ** 2))
     if us[1][0] > values[1][0]:
         weights = np.array([1.0, 0.0])
     lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
     best = fits[int(np.argmax(weights))]
-    taus = _lags(best)
+    taus = _lags(best[2:])
     _enough(y, dt, lag, best)
-    found = _conditions(y, power, w, dt, best, independent, column, len(taus))
+    found = _conditions(y, seen, best, column, len(taus))
     fit = {
         "lag_s": lag.model_dump(), "lags_in_record": len(y) * dt / lag.value,
         "fluctuation_K": float(np.exp(0.5 * best[0])),
@@ -93,23 +86,35 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     )  # fmt: skip
 
 
-def segments(y: Array, length: int) -> tuple[Array, Array, float]:
-    """Mean periodogram (K,) of halves-overlapping Hann segments, its frequencies [rad a sample], how many count."""
+@dataclass(frozen=True)
+class Periodogram:
+    """``power`` (K,) at the frequencies ``w`` (K,) [rad a sample] of rows every ``dt_s``; each bin counts so often."""
+
+    power: Array
+    w: Array
+    dt_s: float
+    counts: float
+
+
+def segments(y: Array, length: int, dt_s: float) -> Periodogram:
+    """Mean periodogram of halves-overlapping Hann segments of ``y`` (N,)."""
     window = np.hanning(length)
     window = window / np.sqrt(np.sum(window**2))
     starts = range(0, len(y) - length + 1, max(length // 2, 1))
     parts = [np.abs(np.fft.rfft(window * (y[s : s + length] - y[s : s + length].mean()))) ** 2 for s in starts]
     power = np.mean(parts, axis=0)
     keep = slice(2, (length - 1) // 2)  # the lowest bins hold what the mean took away
-    return power[keep], 2 * np.pi * np.arange(len(power))[keep] / length, len(parts) * OVERLAP
+    return Periodogram(
+        power[keep], 2 * np.pi * np.arange(len(power))[keep] / length, dt_s, len(parts) * OVERLAP / TAPER
+    )
 
 
-def spectrum(theta: Array, w: Array, dt_s: float) -> Array:
+def spectrum(theta: Array, seen: Periodogram) -> Array:
     """The model's periodogram (K,): theta = log A, log B, logs of one or two lags [s]."""
 
     def one(tau: float) -> Array:
-        p = np.exp(-dt_s / tau)
-        return np.asarray((1 - p * p) / (1 - 2 * p * np.cos(w) + p * p))
+        p = np.exp(-seen.dt_s / tau)
+        return (1 - p * p) / (1 - 2 * p * np.cos(seen.w) + p * p)
 
     taus = np.exp(np.clip(theta[2:], -30, 30))
     if len(taus) == 1:
@@ -118,47 +123,40 @@ def spectrum(theta: Array, w: Array, dt_s: float) -> Array:
         a, b = float(max(taus)), float(min(taus))
         b = min(b, a * (1 - 1e-4))
         shape = (a * one(a) - b * one(b)) / (a - b)
-    return np.asarray(np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1]))
+    return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
-def _cost(theta: Array, power: Array, w: Array, dt: float) -> float:
-    s = spectrum(theta, w, dt)
-    return float(np.sum(np.log(s) + power / s))
+def _cost(theta: Array, seen: Periodogram) -> float:
+    s = spectrum(theta, seen)
+    return float(np.sum(np.log(s) + seen.power / s))
 
 
-def _least(power: Array, w: Array, dt: float, count: int) -> Array:
+def _least(seen: Periodogram, count: int) -> Array:
+    power, dt = seen.power, seen.dt_s
     total, floor = float(power.mean()), float(np.median(power[-max(len(power) // 10, 3) :]))
-    best, found = np.inf, np.zeros(2 + count)
     options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
-    for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(w), 6):
-        taus = [np.log(tau), np.log(0.2 * tau)][:count]
-        start = np.array([np.log(total), np.log(max(floor, 1e-12)), *taus])
-        tried = minimize(_cost, start, (power, w, dt), method="Nelder-Mead", options=options)
-        if tried.fun < best:
-            best, found = float(tried.fun), tried.x
+    tried = []
+    for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(power), 6):
+        start = np.log([total, max(floor, 1e-12), *[tau, 0.2 * tau][:count]])
+        tried.append(minimize(_cost, start, (seen,), method="Nelder-Mead", options=options))
+    found = min(tried, key=lambda one: one.fun).x
     return np.r_[found[:2], np.sort(found[2:])[::-1]]
 
 
-def _covariance(theta: Array, power: Array, w: Array, dt: float, counts: float) -> Array:
+def _covariance(theta: Array, seen: Periodogram) -> Array:
     """Inverse of Whittle's expected information: counts x sum of d log S d log S'."""
-    rows = []
-    for k in range(len(theta)):
-        up, down = theta.copy(), theta.copy()
-        up[k] += 1e-4
-        down[k] -= 1e-4
-        rows.append((np.log(spectrum(up, w, dt)) - np.log(spectrum(down, w, dt))) / 2e-4)
-    slopes = np.array(rows)
-    return np.asarray(np.linalg.pinv(counts * slopes @ slopes.T))
+    pairs = [(theta + e, theta - e) for e in 1e-4 * np.eye(len(theta))]
+    slopes = np.array([np.log(spectrum(up, seen) / spectrum(down, seen)) / 2e-4 for up, down in pairs])
+    return np.linalg.pinv(seen.counts * slopes @ slopes.T)
 
 
-def _quantities(theta: Array) -> Array:
-    chain = Chain(_lags(theta))
-    return np.array([chain.lag_s, *passes(chain)])
+def _quantities(logs: Array) -> Array:
+    return lag_and_times(Chain(_lags(logs)))
 
 
-def _lags(theta: Array) -> list[float]:
-    """The lags, largest first [s]; a second one that went to nothing is none."""
-    taus = np.exp(theta[2:])
+def _lags(logs: Array) -> list[float]:
+    """The lags, largest first [s], from their logarithms; a second one that went to nothing is none."""
+    taus = np.exp(logs)
     return sorted(taus[taus > NO_LAG * taus.max()].tolist(), reverse=True)
 
 
@@ -175,21 +173,18 @@ def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
         raise InputError("the fluid's fluctuations are within the logger's noise", remedy="log a livelier process")
 
 
-def _conditions(
-    y: Array, power: Array, w: Array, dt: float, theta: Array, independent: float, column: str, lags: int
-) -> list[Finding]:
+def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: int) -> list[Finding]:
     """What the trace tells of the conditions: stationarity, and whether the spectrum is the model's."""
     found: list[Finding] = [(look if lags == 2 else note)("sensor.noise_driving", subject=column, lags=lags)]
     quarters = [float(np.var(part)) for part in np.array_split(y, 4)]
     if max(quarters) > UNSTEADY * min(quarters):
         found.append(look("sensor.noise_unsteady", subject=column, ratio=(max(quarters) / min(quarters)) ** 0.5))
-    ratio = power / spectrum(theta, w, dt)
+    ratio = seen.power / spectrum(theta, seen)
     edges = np.unique(np.geomspace(1, len(ratio), BANDS + 1).astype(int) - 1)
     total, bands = 0.0, 0
     for a, b in pairwise(edges):
         if b - a >= 3:
-            counts = independent * (b - a) / TAPER
-            total += float(counts * (ratio[a:b].mean() - 1) ** 2)
+            total += float(seen.counts * (b - a) * (ratio[a:b].mean() - 1) ** 2)
             bands += 1
     p = float(chdtrc(max(bands - len(theta), 1), total))
     if p < ALARM:

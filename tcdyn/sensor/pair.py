@@ -8,7 +8,8 @@ left free at every sample. Least squares of one trace on the other would be bias
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from tcdyn.sensor.file import SensorFile, sensor_file
 EXPONENT = (0.5, 0.1)  # of the lag of a thin wire with the speed: tau ~ speed^-n; a prior
 PER_LAG = 6.0  # samples in the shorter lag that the likelihood is given: more hold noise only
 BLOCKS, LEAST_ROWS = 40, 60
+STEP = 2e-3  # of the logarithm of a lag, for differences
 TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
 
 
@@ -34,7 +36,8 @@ TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
 class PairData:
     """Two traces (N,) [degC] every ``dt_s``, their noise [K], which rows belong together, the lags' factor at each row.
 
-    ``piece`` (N,): number of the stretch of constant flow; ``log_speed`` (N,): log of speed over its median.
+    ``piece`` (N,): number of the stretch of constant flow; ``log_speed`` (N,): log of speed over its median;
+    ``exponent``: prior of n, mean and standard deviation.
     """
 
     first: Array
@@ -44,6 +47,7 @@ class PairData:
     piece: NDArray[np.intp]
     log_speed: Array
     pieces: int
+    exponent: tuple[float, float]
 
 
 def pair_sensor(
@@ -91,13 +95,13 @@ def pair_sensor(
             raise InputError(f"an exponent of {exponent[0]:g} +- {exponent[1]:g}", expected=expected)
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
-    noise = tuple(max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second))
+    noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
     if np.nanstd(first - second) < 1.05 * np.hypot(noise[0], noise[1]):
         raise InputError(
             f"{columns[0]} and {columns[1]} read the same within noise", expected="two sensors of different size"
         )
-    data = PairData(first, second, dt, (noise[0], noise[1]), piece, log_speed, len(edges) - 1)
-    start = _start(data)
+    data = PairData(first, second, dt, (noise[0], noise[1]), piece, log_speed, len(edges) - 1, exponent)
+    start = np.append(_start(data), [] if speed is None else exponent[0])
     for _ in range(2):
         size = max(int(np.exp(start[: 2 * data.pieces].min()) / PER_LAG / dt), 1)
         thin = averaged_rows(data, size)
@@ -108,8 +112,8 @@ def pair_sensor(
             raise InputError(
                 f"a stretch of {counts.min()} rows", expected=f"at least {LEAST_ROWS} between changes of flow"
             )
-        start = _least(thin, start, speed is not None, exponent)
-    covariance, chi2 = _covariance(thin, start, speed is not None, exponent)
+        start = _least(thin, start)
+    covariance, chi2 = _covariance(thin, start)
     return _file(thin, start, covariance, chi2, columns, sensor, speed, changes_s, more)
 
 
@@ -120,26 +124,22 @@ def averaged_rows(data: PairData, size: int) -> PairData:
     n = len(data.first) // size * size
 
     def mean(x: Array) -> Array:
-        return np.asarray(x[:n].reshape(-1, size).mean(axis=1))
+        return x[:n].reshape(-1, size).mean(axis=1)
 
     noise = data.noise_K[0] / np.sqrt(size), data.noise_K[1] / np.sqrt(size)
-    return PairData(
-        mean(data.first),
-        mean(data.second),
-        data.dt_s * size,
-        noise,
-        data.piece[:n:size],
-        mean(data.log_speed),
-        data.pieces,
-    )
+    return replace(
+        data, first=mean(data.first), second=mean(data.second), dt_s=data.dt_s * size, noise_K=noise,
+        piece=data.piece[:n:size], log_speed=mean(data.log_speed),
+    )  # fmt: skip
 
 
-def whitened(data: PairData, theta: Array, varying: bool) -> Array:
+def whitened(data: PairData, theta: Array) -> Array:
     """Residuals of unit variance, the differences of the two sides in the middle between rows; theta: logs of the lags.
 
-    theta = (log tau1, log tau2) of each piece, then n. Rows beside a missing value or a change of flow are left out.
+    theta = (log tau1, log tau2) of each piece, then n if it is free. Rows beside a missing value or a change of flow
+    are left out.
     """
-    power = theta[2 * data.pieces] if varying else 0.0
+    power = theta[2 * data.pieces :].sum()
     sides = []
     for k, y in enumerate((data.first, data.second)):
         log_tau = theta[k : 2 * data.pieces : 2][data.piece] - power * data.log_speed
@@ -152,96 +152,63 @@ def whitened(data: PairData, theta: Array, varying: bool) -> Array:
     own = np.where(use, s1 * (a1**2 + b1**2) + s2 * (a2**2 + b2**2), 1.0)
     next_ = s1 * b1[:-1] * a1[1:] + s2 * b2[:-1] * a2[1:]
     band = np.zeros((2, len(rest)))
-    band[1] = own
-    band[0, 1:] = np.where(use[1:] & use[:-1], next_, 0.0)
-    factor = cholesky_banded(band, lower=False)  # V = U' U: forward substitution with U' makes the residuals white
-    return _forward(factor, np.where(use, rest, 0.0))
+    band[0], band[1, :-1] = own, np.where(use[1:] & use[:-1], next_, 0.0)
+    factor = cholesky_banded(band, lower=True)  # V = L L': forward substitution with L makes the residuals white
+    return solve_banded((1, 0), factor, np.where(use, rest, 0.0))
 
 
-def _forward(factor: Array, rest: Array) -> Array:
-    """(U')^-1 rest for the upper bidiagonal U of a banded Cholesky factor."""
-    lower = np.zeros_like(factor)
-    lower[0], lower[1, :-1] = factor[1], factor[0, 1:]
-    return np.asarray(solve_banded((1, 0), lower, rest))
-
-
-def _cost(data: PairData, theta: Array, varying: bool, exponent: tuple[float, float]) -> float:
-    w = whitened(data, theta, varying)
-    prior = ((theta[-1] - exponent[0]) / exponent[1]) ** 2 if varying else 0.0
-    return float(w @ w + prior)
+def _cost(data: PairData, theta: Array) -> float:
+    w, (mean, sd) = whitened(data, theta), data.exponent
+    return float(w @ w + np.sum(((theta[2 * data.pieces :] - mean) / sd) ** 2))
 
 
 def _start(data: PairData) -> Array:
     """First guesses of the logs of the lags: the best of a coarse map, alike in all pieces."""
     span = len(data.first) * data.dt_s
     grid = np.geomspace(2 * data.dt_s, span / 8, 12)
-    size = max(int(len(data.first) / 3000), 1)
-    thin = averaged_rows(data, size)
-    best, found = np.inf, np.zeros(2)
-    for t1 in grid:
-        for t2 in grid:
-            if t1 != t2:
-                theta = np.tile(np.log([t1, t2]), data.pieces)
-                cost = _cost(thin, theta, False, EXPONENT)
-                if cost < best:
-                    best, found = cost, theta
-    return found
+    thin = averaged_rows(data, max(len(data.first) // 3000, 1))
+    pairs = permutations(np.log(grid), 2)
+    return min((np.tile(pair, data.pieces) for pair in pairs), key=lambda theta: _cost(thin, theta))
 
 
-def _least(data: PairData, start: Array, varying: bool, exponent: tuple[float, float]) -> Array:
-    """The least cost from ``start``; n is put behind it where the lags vary with the speed."""
-    if varying and len(start) == 2 * data.pieces:
-        start = np.append(start, exponent[0])
+def _least(data: PairData, start: Array) -> Array:
+    """The least cost from ``start``."""
     lo, hi = np.log(data.dt_s / 10), np.log(len(data.first) * data.dt_s)
 
     def cost(theta: Array) -> float:
-        return _cost(
-            data, np.r_[np.clip(theta[: 2 * data.pieces], lo, hi), theta[2 * data.pieces :]], varying, exponent
-        )
+        return _cost(data, np.r_[np.clip(theta[: 2 * data.pieces], lo, hi), theta[2 * data.pieces :]])
 
     found = minimize(
         cost, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-3, "maxiter": 400 * len(start)}
     )
-    return np.asarray(found.x)
+    return found.x
 
 
-def _covariance(data: PairData, theta: Array, varying: bool, exponent: tuple[float, float]) -> tuple[Array, float]:
+def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     """Covariance of theta, H^-1 C H^-1, and the mean square of the residuals.
 
     H: half the Hessian of the cost, in which the noise has no part on the average; C: the scores' covariance by sums
     over blocks of the record, which holds that a trace's derivative is noisy, too, and residuals that are not white.
+    Variances are not less than those of white residuals.
     """
-    p, w = len(theta), whitened(data, theta, varying)
-    step = np.full(p, 2e-3)
-    hessian, scores = np.zeros((p, p)), []
-    for i in range(p):
-        ei = np.eye(p)[i] * step[i]
-        plus, minus = whitened(data, theta + ei, varying), whitened(data, theta - ei, varying)
-        scores.append(0.25 * (plus**2 - minus**2) / step[i])
-        for j in range(i + 1):
-            ej = np.eye(p)[j] * step[j]
-            corners = [
-                _cost(data, theta + a * ei + b * ej, varying, exponent) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))
-            ]
-            hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / (
-                8 * step[i] * step[j]
-            )
+    p, w = len(theta), whitened(data, theta)
+    steps, scores, hessian = STEP * np.eye(p), [], np.zeros((p, p))
+    for i, ei in enumerate(steps):
+        scores.append(0.25 * (whitened(data, theta + ei) ** 2 - whitened(data, theta - ei) ** 2) / STEP)
+        for j, ej in enumerate(steps[: i + 1]):
+            corners = sum(a * b * _cost(data, theta + a * ei + b * ej) for a, b in product((1, -1), repeat=2))
+            hessian[i, j] = hessian[j, i] = corners / (8 * STEP**2)
     sums = np.add.reduceat(np.array(scores), np.arange(0, len(w), max(len(w) // BLOCKS, 1)), axis=1)
     centred = sums - sums.mean(axis=1, keepdims=True)
     score = centred @ centred.T * (sums.shape[1] / max(sums.shape[1] - 1, 1))
-    if varying:
-        score[-1, -1] += exponent[1] ** -2
+    free = 2 * data.pieces
+    score[free:, free:] += data.exponent[1] ** -2
     values, vectors = np.linalg.eigh(hessian)
     inverse = vectors / np.maximum(values, 1e-3) @ vectors.T
-    by_model = inverse * max(float(np.mean(w**2)), 1.0)
     robust = inverse @ score @ inverse
-    return _wider(robust, by_model), float(np.mean(w[w != 0] ** 2))
-
-
-def _wider(a: Array, b: Array) -> Array:
-    """The covariance with the larger variances of two, correlations of the first."""
-    scale = np.sqrt(np.maximum(np.diag(a), np.diag(b)) / np.maximum(np.diag(a), 1e-300))
-    return np.asarray(a * np.outer(scale, scale))
+    variance, by_model = np.diag(robust), np.diag(inverse) * max(float(np.mean(w**2)), 1.0)
+    wider = np.sqrt(np.maximum(variance, by_model) / np.maximum(variance, 1e-300))
+    return robust * np.outer(wider, wider), float(np.mean(w[w != 0] ** 2))
 
 
 def _file(
@@ -249,14 +216,15 @@ def _file(
     speed: Array | None, changes_s: Sequence[float], more: dict[str, Any],
 ) -> SensorFile:  # fmt: skip
     """The file of both columns: lags of the last stretch, or at the median speed; all stretches in ``fit``."""
-    last, m = 2 * (data.pieces - 1), 2 * data.pieces
-    taus = np.exp(theta[:m])
+    m = 2 * data.pieces
+    taus, now = np.exp(theta[:m]), slice(m - 2, m)
+    ratio = float(taus[m - 2] / taus[m - 1])
     lags = np.outer(taus, taus) * covariance[:m, :m]
     found: list[Finding] = []
     for k in range(data.pieces):
         (t1, t2), part = taus[2 * k : 2 * k + 2], lags[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         if max(np.sqrt(np.diag(part)) / (t1, t2)) > TOLD:
-            u = float(np.sqrt(max(part[0, 0] + part[1, 1] - 2 * part[0, 1], 0.0)))
+            u = _difference_u(part)
             found.append(look("sensor.pair_difference", subject=", ".join(columns), difference_s=float(t1 - t2), u_s=u))
     if data.dt_s > min(taus) / 3:
         found.append(
@@ -266,25 +234,22 @@ def _file(
         found.append(look("sensor.pair_misfit", subject=", ".join(columns), ratio=chi2))
     fit: dict[str, Any] = {
         "chi2": chi2, "noise_K": list(data.noise_K),
-        "ratio": _ratio(theta[last : last + 2], covariance[last : last + 2, last : last + 2]).model_dump(),
+        "ratio": Estimate.normal(ratio, ratio * _difference_u(covariance[now, now])).model_dump(),
     }  # fmt: skip
     if speed is not None:
-        fit["exponent"] = Estimate.normal(float(theta[m]), float(np.sqrt(covariance[m, m]))).model_dump()
+        fit["exponent"] = Estimate.normal(theta[m], np.sqrt(covariance[m, m])).model_dump()
         fit["speed_median"] = float(np.nanmedian(speed))
         found.append(look("sensor.pair_flow", subject=", ".join(columns), what=f"speed {np.nanmedian(speed):.4g}"))
     if changes_s:
-        each = [Estimate.normal(float(t), float(v)).model_dump() for t, v in zip(taus, np.sqrt(np.diag(lags)))]
+        each = [Estimate.normal(t, u).model_dump() for t, u in zip(taus, np.sqrt(np.diag(lags)))]
         fit["changes_s"] = list(map(float, changes_s))
         fit["stretches"] = [dict(zip(columns, each[2 * k : 2 * k + 2])) for k in range(data.pieces)]
         what = f"the stretch after {max(changes_s):.6g} s"
         found.append(look("sensor.pair_flow", subject=", ".join(columns), what=what))
-    chains = {c: Chain(float(taus[last + i])) for i, c in enumerate(columns)}
-    block = lags[last : last + 2, last : last + 2]
-    return sensor_file(sensor, chains, "pair", block, [0.0, 0.0], fit=fit, findings=found, **more)
+    chains = {c: Chain(tau) for c, tau in zip(columns, taus[now])}
+    return sensor_file(sensor, chains, "pair", lags[now, now], [0.0, 0.0], fit=fit, findings=found, **more)
 
 
-def _ratio(logs: Array, covariance: Array) -> Estimate:
-    """tau1/tau2."""
-    value = float(np.exp(logs[0] - logs[1]))
-    variance = float(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
-    return Estimate.normal(value, value * max(variance, 0.0) ** 0.5)
+def _difference_u(covariance: Array) -> float:
+    """Standard uncertainty of the difference of two numbers, from their covariance (2, 2)."""
+    return float(np.sqrt(max(np.trace(covariance) - 2 * covariance[0, 1], 0.0)))

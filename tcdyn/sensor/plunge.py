@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,11 @@ import numpy as np
 from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.finding import Finding, look, note
+from calibration.finding import look
 from calibration.noise import white_noise_sd
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.fitting import Noise
-from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
+from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file
 from tcdyn.sensor.film import Film
 from tcdyn.sensor.fits import Fitted, averaged, colour_of, fit_curve, weights_of
 
@@ -86,24 +86,19 @@ def plunge_sensor(
     top = int(np.argmax(weights))
     best = fits[top]
 
-    def over(quantity: Any, size: int) -> list[Any]:
-        rows = [f.of(lambda theta, d=d: quantity(theta, d)) for f, d in zip(fits, least)]  # type: ignore[misc]
-        u = [np.sqrt(np.maximum(np.diag(r[1]), 0.0)) for r in rows]
-        return [averaged([r[0][i] for r in rows], [x[i] for x in u], weights) for i in range(size)]
+    def told(theta: Array, extra: float) -> Array:
+        taus = _lags(theta, extra)
+        return np.array([sum(taus[1:]), *lag_and_times(Chain(taus))])
 
-    lag, *times = over(_numbers, 4)
-    (lesser,) = over(lambda theta, d: np.array([sum(_lags(theta, d)[1:])]), 1)
+    each = [f.of(partial(told, extra=d)) for f, d in zip(fits, least)]
+    values, us = [v for v, _ in each], [np.sqrt(np.maximum(np.diag(c), 0.0)) for _, c in each]
+    lesser, lag, *times = (averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us)))
     chain = Chain(_lags(best.optimum.theta, least[top]), conditioning=conditioning)
-    found: list[Finding] = []
-    if not best.colour.white:
-        found.append(note("sensor.coloured", subject=column))
-    rest, white = float(np.sqrt(np.mean(best.residual**2))), float(white_noise_sd(y[np.isfinite(y)], 3))
-    if rest > 3 * max(white, 1e-9) and rest > 0.005 * abs(step.size_K):
-        found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=white))
+    found = best.doubts(column, _white_K(y), 0.005 * abs(step.size_K))
     if (after := len(y) * dt - at) < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
     fit = {
-        "entry_s": best.theta["entry_s"] + begun, "entry_u_s": float(np.sqrt(best.covariance[1, 1])),
+        "entry_s": best.theta["entry_s"] + begun, "entry_u_s": float(np.sqrt(best.optimum.covariance[1, 1])),
         "step_K": best.theta["size"], "noise_K": best.noise_K, "lag_s": lag.model_dump(),
         **(film.to_fit(lag) if film else {}),
     }  # fmt: skip
@@ -120,7 +115,7 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
     if ok.sum() < 30:
         raise InputError(f"only {int(ok.sum())} samples", expected="at least 30")
     filled = np.interp(np.arange(len(y)), np.flatnonzero(ok), y[ok])
-    noise = max(float(white_noise_sd(filled, 3)), 1e-9)
+    noise = _white_K(filled)
     ends = max(len(y) // 50, 3)
     if entry_s is None:
         half = max(len(y) // 400, 1)
@@ -154,6 +149,11 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
     return Stepped(first, last, start * dt_s, size, rise * dt_s, before)
 
 
+def _white_K(y: Array) -> float:
+    """White noise of readings (N,), above zero."""
+    return max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9)
+
+
 @dataclass(frozen=True)
 class _Record:
     """What is fitted: times from the first sample (N,) [s], readings, the step, the entry and what is known of it."""
@@ -167,13 +167,17 @@ class _Record:
     medium_s: tuple[float, float]
     conditioning: Conditioning
 
+    @property
+    def own_s(self) -> float:
+        """About the lag of the sensor alone."""
+        return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
+
 
 def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
     """One free lag, and more where each is told from none, with a further one on a grid; their probabilities."""
-    own = max(record.step.rise_s - record.conditioning.lag_s, 2 * record.dt_s)
-    noise = (Noise(), max(float(white_noise_sd(record.y[np.isfinite(record.y)], 3)), 1e-9))
+    noise = (Noise(), _white_K(record.y))
     for turn in range(3):  # noise is what the best of them leaves: white as long as it is
-        fits, least, weights = _on_grid(record, own, noise)
+        fits, least, weights = _on_grid(record, noise)
         top = int(np.argmax(weights))
         told = colour_of(fits[top].residual, len(fits[top].optimum.theta))
         if turn == 2 or (told[0].white and noise[0].white and 0.8 < told[1] / noise[1] < 1.25):
@@ -182,39 +186,34 @@ def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
     return fits, least, weights
 
 
-def _on_grid(record: _Record, own: float, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
+def _on_grid(record: _Record, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
     """The same on noise of one colour and level [K]."""
     fits, least, prior = list[Fitted](), list[float](), list[float]()
+    step, own = record.step, record.own_s
+    head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(record.medium_s[0], 1e-4)]
     for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
-        start = _fitted(record, own, shares, 0.0, None, noise)
-        lesser, u = start.optimum.theta[6:], np.sqrt(np.diag(start.covariance)[6:])
-        if np.any(u > RESOLVED * lesser):
+        start = _fitted(record, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
+        near = start.theta
+        if np.any(np.sqrt(np.diag(start.covariance)[6:]) > RESOLVED * near[6:]):
             continue
-        taus = _lags(start.optimum.theta, 0.0)
-        grid = [0.0, *(share * own for share in LEAST if share * own <= taus[-1])]
-        near = start.optimum.theta
+        shortest = _lags(near, 0.0)[-1]
+        grid = [0.0, *(share * own for share in LEAST if share * own <= shortest)]
         for extra in grid:
-            fit = _fitted(record, own, [], extra, near, noise)
+            fit = _fitted(record, extra, near, noise)
             if extra > min(fit.optimum.theta[5:]):
                 break
             near = fit.optimum.theta
             fits.append(fit)
             least.append(extra)
             prior.append(0.5 if extra == 0 else 0.5 / max(len(grid) - 1, 1))
-    return fits, least, weights_of(fits, prior)
+    return fits, least, weights_of(np.array([f.bic for f in fits]), np.array(prior))
 
 
-def _fitted(
-    record: _Record, own: float, shares: Sequence[float], extra: float, start: Array | None = None,
-    noise: tuple[Noise, float] | None = None,
-) -> Fitted:  # fmt: skip
+def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, float]) -> Fitted:
     """Lags fitted beside one that is held, ``extra`` [s]: theta = level, entry, size, drift, medium's lag, the lags."""
     step, t, dt, medium = record.step, record.t, record.dt_s, record.medium_s
-    if start is None:
-        head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(medium[0], 1e-4)]
-        start = np.array([*head, *(own * np.array(shares))])
     count, span, ones = len(start) - 5, t[-1] - t[0], np.ones_like(t)
-    big = abs(step.size_K)
+    big, own = abs(step.size_K), record.own_s
     scale = np.array([big, own, big, big / span, max(own, medium[1]), *[own] * count])
 
     def model(theta: Array) -> Array | None:
@@ -222,7 +221,7 @@ def _fitted(
         if not 0 <= theta[1] < t[-1] or max(taus, default=0.0) > 50 * span:
             return None
         chain = Chain([*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning)
-        return np.asarray(theta[0] + theta[2] * chain.response(ones, dt, "zoh", "zero") + theta[3] * (t - span / 2))
+        return theta[0] + theta[2] * chain.response(ones, dt, "zoh", "zero") + theta[3] * (t - span / 2)
 
     prior = {"medium_s": (medium[0], max(medium[1], 1e-6))} | (
         {} if record.known is None else {"entry_s": record.known}
@@ -235,9 +234,3 @@ def _fitted(
 def _lags(theta: Array, extra: float) -> list[float]:
     """The lags of a theta and the one that is held, largest first, those of nothing left out."""
     return sorted((float(tau) for tau in (*theta[5:], extra) if tau > 0), reverse=True)
-
-
-def _numbers(theta: Array, extra: float) -> Array:
-    """Lag of the sensor alone and its t50, t63.2, t90 [s] (4,)."""
-    chain = Chain(_lags(theta, extra))
-    return np.array([chain.lag_s, *passes(chain)])

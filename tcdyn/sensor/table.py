@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
@@ -218,4 +218,4 @@ def once_each(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     kept: dict[tuple[str, str], Finding] = {}
     for f in findings:
         kept.setdefault((f.code, f.subject), f)
-    return tuple(replace(f) for f in kept.values())
+    return tuple(kept.values())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
 import numpy as np
@@ -14,6 +13,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.couples import to_degC
+from tcdyn.identify.data.tables import missing
 
 UNITS = ("degC", "K", "degF", "mV")
 _WRITTEN = {
@@ -67,9 +67,8 @@ class Unit:
 
     def names(self, column: str) -> tuple[str, str]:
         """What the answer and its standard uncertainty are called in the output."""
-        base = bare(column)
-        out = f"{base}_degC" if self.name == "mV" else column
-        return out, f"{base}_u_{'degF' if self.name == 'degF' else 'K'}"
+        out = f"{bare(column)}_degC" if self.name == "mV" else column
+        return out, u_name(column, self.name)
 
 
 def bare(column: str) -> str:
@@ -128,7 +127,7 @@ def time_column(names: Sequence[str], asked: str | None, where: str) -> tuple[st
     ('Time [ms]', 0.001)
     """
     if asked is not None and asked not in names:
-        raise _missing(asked, names, where)
+        raise missing("column", asked, names, where)
     for name in [asked] if asked else names:
         stem, plain, bracket = _TIME_UNIT.match(name).groups()  # type: ignore[union-attr]
         if asked or _TIME.match(stem.strip()):
@@ -145,7 +144,7 @@ def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
         n for n in names if fnmatchcase(n, pattern) or fnmatchcase(bare(n), pattern) or bare(n) == bare(pattern)
     ]
     if not hits:
-        raise _missing(pattern, names, where)
+        raise missing("column", pattern, names, where)
     return list(dict.fromkeys(hits))
 
 
@@ -163,18 +162,10 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
     return found[0]
 
 
-def _missing(name: str, names: Collection[str], where: str) -> InputError:
-    near = get_close_matches(name, list(names), n=1, cutoff=0.6)
-    return InputError(
-        f"column {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
-        remedy=f"did you mean {near[0]!r}?" if near else "",
-    )  # fmt: skip
-
-
-def u_name(column: str) -> str:
-    """What the standard uncertainty of a column of temperature is called.
+def u_name(column: str, unit: str = "") -> str:
+    """What the standard uncertainty of a column of temperature is called, in ``unit`` or that of its name.
 
     >>> u_name("fast_a_degC"), u_name("T1 [K]"), u_name("gas_degF"), u_name("T2")
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
     """
-    return f"{bare(column)}_u_{'degF' if unit_in(column) == 'degF' else 'K'}"
+    return f"{bare(column)}_u_{'degF' if (unit or unit_in(column)) == 'degF' else 'K'}"

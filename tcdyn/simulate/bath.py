@@ -39,19 +39,18 @@ def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
     27.6
     """
     if fluid == "water":
-        return _water(temperature_degC)
-    kelvin = temperature_degC + 273.15
-    viscosity = (10**10 ** (9.31259 - 3.66650 * np.log10(kelvin)) - 0.7) * 1e-6
-    density = 1003.5 / (1 + _OIL_EXPANSION * (temperature_degC - 15.0))
-    conductivity = 0.14868 - 2.2275e-4 * (kelvin - 366.67)
-    expansion = _OIL_EXPANSION / (1 + _OIL_EXPANSION * (temperature_degC - 15.0))
-    return FluidState(float(viscosity), conductivity, conductivity / (density * 2000.0), expansion)
+        viscosity, k, density, heat, expansion = map(float, _WATER(np.clip(temperature_degC, 0.0, 100.0)))
+    else:
+        kelvin, larger = temperature_degC + 273.15, 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
+        viscosity = float(10**10 ** (9.31259 - 3.66650 * np.log10(kelvin)) - 0.7) * 1e-6
+        k, density, heat = 0.14868 - 2.2275e-4 * (kelvin - 366.67), 1003.5 / larger, 2000.0
+        expansion = _OIL_EXPANSION / larger
+    return FluidState(viscosity, k, k / (density * heat), expansion)
 
 
 _OIL_EXPANSION = 7.8e-4
-_WATER_degC = np.array([0.0, 20.0, 40.0, 60.0, 80.0, 100.0])
 _WATER = CubicSpline(
-    _WATER_degC,
+    np.arange(0.0, 101.0, 20.0),
     np.array(
         [
             [1.792e-6, 0.561, 999.8, 4217.0, -0.068e-3],
@@ -63,11 +62,6 @@ _WATER = CubicSpline(
         ]
     ),
 )
-
-
-def _water(temperature_degC: float) -> FluidState:
-    viscosity, k, density, heat, expansion = _WATER(np.clip(temperature_degC, 0.0, 100.0))
-    return FluidState(float(viscosity), float(k), float(k / (density * heat)), float(expansion))
 
 
 def mean_nusselt(rayleigh: float, prandtl: float) -> float:

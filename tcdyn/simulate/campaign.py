@@ -11,13 +11,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
-from pyarrow import csv, parquet
 
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.files import sha256
-from calibration.files.write import atomic_path, write_text
+from calibration.files import sha256, write
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml
 from tcdyn.cores import spread
@@ -34,25 +31,18 @@ _WHOLE = ("contact", "switch", "repeat")
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
     """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond."""
-    columns = {
-        name: values.astype(np.int64) if name in _WHOLE else values.astype(float).round(_DECIMALS.get(name, 4))
-        for name, values in ((name, frame[name].to_numpy()) for name in frame.columns)
-    }
-    with atomic_path(path) as beside, beside.open("wb") as stream:
-        stream.write((",".join(columns) + "\n").encode())
-        csv.write_csv(pa.table(columns), stream, csv.WriteOptions(include_header=False))
+    rounded = frame.astype(float).round(dict.fromkeys(frame, 4) | _DECIMALS)
+    write.write_log(rounded.astype({name: np.int64 for name in _WHOLE if name in frame}), path)
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
     """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
-    columns = {name: frame[name].to_numpy().astype(float if name == "time_s" else np.float32) for name in frame.columns}
-    with atomic_path(path) as beside:
-        parquet.write_table(pa.table(columns), beside)
+    write.write_log(frame.astype({name: float if name == "time_s" else np.float32 for name in frame}), path)
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
     """Write plain or numpy numbers as JSON; a key called ``traces`` is left out."""
-    write_text(path, json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n")
+    write.write_text(path, json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n")
 
 
 Job = Callable[[], tuple[pd.DataFrame, dict[str, Any]]]  # a log and its truth
@@ -162,7 +152,7 @@ def _write_rig(folder: Path, believed: Rig) -> str:
             return str(before)
         if sha256(path) != before:
             raise _not_ours(folder, path.name)
-    return sha256(write_text(path, rig_toml(believed)))
+    return sha256(write.write_text(path, rig_toml(believed)))
 
 
 def _not_ours(folder: Path, name: str) -> InputError:

@@ -100,7 +100,7 @@ class EhlTruth:
         """Both speeds as a share of what they were under load: one until the parting; ``t`` (N,) in s."""
         if self.brake_s is None:
             return np.ones_like(t)
-        return np.asarray(np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s))
+        return np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s)
 
     def film_share(self, t: Array) -> Array:
         """h of either disk as a share of what it was under load, h ~ u^n; ``t`` (N,) in s."""
@@ -164,7 +164,7 @@ def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOption
 def _first_order(t: Array, on_s: float, off_s: float, tau_s: float) -> Array:
     up = 1 - np.exp(-np.clip(t - on_s, 0, None) / tau_s)
     down = 1 - np.exp(-np.clip(t - off_s, 0, None) / tau_s)
-    return np.asarray(up - down)
+    return up - down
 
 
 def simulate_ehl(

@@ -50,4 +50,4 @@ def _middle(field: Array, z_m: Array) -> Array:
     middle = 0.5 * (z_m[0] + z_m[-1])
     k = int(np.clip(np.searchsorted(z_m, middle), 1, len(z_m) - 1))
     part = (middle - z_m[k - 1]) / (z_m[k] - z_m[k - 1])
-    return np.asarray((1 - part) * field[:, k - 1] + part * field[:, k])
+    return (1 - part) * field[:, k - 1] + part * field[:, k]

@@ -68,7 +68,7 @@ class Solution:
 def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Array:
     """The state that no longer changes under constant power and ambient temperature."""
     load, factor = _load(system, power_W, ambient_degC), _factorise(system.conductance)
-    state = np.asarray(factor.solve(load))
+    state = factor.solve(load)
     for _ in range(FILM_ROUNDS if system.steel.follows else 0):
         before, state = state, np.asarray(factor.solve(load + system.steel.conducted_W(state)))
         if np.abs(state - before).max() <= FILM_TOLERANCE * np.abs(state).max():
@@ -152,7 +152,7 @@ def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, signals: Arra
             if np.abs(rate - before).max() <= FILM_TOLERANCE * np.abs(rate).max():
                 break
         stages[i] = rate
-    return np.asarray(y + h * (_A[4] @ stages))
+    return y + h * (_A[4] @ stages)
 
 
 def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: float) -> Array:

@@ -92,7 +92,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
     skin = skin_m2K_W(disk, g)
     area, track = np.zeros(g.size), np.zeros(g.size)
-    area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
+    area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * g.dz
     track[g.cells[-1]] = track_shares(g.z_edges, half_width_m, s.flux)
 
     ends = g.shaft[[0, -1]]
@@ -108,7 +108,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         capacity=rho_c
         * np.concatenate(
             [
-                np.outer(g.face_area, np.diff(g.z_edges)).ravel(),
+                np.outer(g.face_area, g.dz).ravel(),
                 g.shaft_conductance / s.conductivity_W_mK * np.diff(g.shaft_edges),
             ]
         ),
@@ -123,7 +123,7 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         surface_air_m2=area,
         skin_m2K_W=skin,
         track=track,
-        steel=Steel(s.steel, laplacian(ring_links(*_ring(disk, g)), np.zeros(g.size), g.size), g.cells.ravel()[None]),
+        steel=Steel(s.steel, laplacian(disk_links(disk, g), np.zeros(g.size), g.size), g.cells.ravel()[None]),
         film_air_K=disk.film_air_K,
     )
 
@@ -142,6 +142,11 @@ class Grid:
     first_under: int  # of the shaft cells under the disk
     face_area: Array  # of one cell, seen along z [m2]
     shaft_conductance: float  # conductivity times section [W m/K]
+
+    @property
+    def dz(self) -> Array:
+        """Widths of the disk's cells (nz,) [m]."""
+        return np.diff(self.z_edges)
 
     @property
     def size(self) -> int:
@@ -179,11 +184,12 @@ def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
 def _links(disk: DiskTruth, g: Grid) -> list[Link]:
     """Conduction in r, in z, through the press fit into the shaft, and along the shaft."""
     s = disk.setup
-    k, dz, dzs = s.conductivity_W_mK, np.diff(g.z_edges), np.diff(g.shaft_edges)
-    fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m) + np.log(g.r[0] / s.bore_radius_m) / k
+    dzs = np.diff(g.shaft_edges)
+    fit = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m)
+    fit += np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     return [
-        *ring_links(*_ring(disk, g)),
-        (g.cells[0], g.under, 2 * np.pi * dz / fit),
+        *disk_links(disk, g),
+        (g.cells[0], g.under, 2 * np.pi * g.dz / fit),
         (g.shaft[:-1], g.shaft[1:], g.shaft_conductance * 2 / (dzs[1:] + dzs[:-1])),
     ]
 
@@ -197,8 +203,9 @@ def ring_links(cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, 
     ]
 
 
-def _ring(disk: DiskTruth, g: Grid) -> tuple[NDArray[np.int64], Array, Array, Array, float]:
-    return g.cells, g.r, g.face_area, np.diff(g.z_edges), disk.setup.conductivity_W_mK
+def disk_links(disk: DiskTruth, g: Grid) -> list[Link]:
+    """Conduction in r and in z within the disk."""
+    return ring_links(g.cells, g.r, g.face_area, g.dz, disk.setup.conductivity_W_mK)
 
 
 def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:
@@ -222,7 +229,7 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
     per_cell = disk.shaft_W_m2K * 2 * np.pi * s.bore_radius_m * np.diff(g.shaft_edges)
     per_cell[g.first_under : g.first_under + len(g.z)] = 0.0
     out[g.shaft] += per_cell
-    out[g.cells[-1]] += film_W_m2K(disk, g, h_W_m2K) * 2 * np.pi * s.outer_radius_m * np.diff(g.z_edges)
+    out[g.cells[-1]] += film_W_m2K(disk, g, h_W_m2K) * 2 * np.pi * s.outer_radius_m * g.dz
     return out
 
 

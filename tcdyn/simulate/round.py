@@ -24,6 +24,7 @@ from tcdyn.simulate.mesh import (
     DiskSystem,
     Grid,
     build_system,
+    disk_links,
     graded_edges,
     grid_of,
     laplacian,
@@ -95,16 +96,15 @@ def _steel_round(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
     size, blocks = g.cells.size, [even.conduction]
     for (n, _), (first, beyond) in zip(waves_of(disk), pairwise(starts[1:])):
         block = np.zeros(beyond - first)
-        block[:size] = _round_W_K(disk.setup.conductivity_W_mK, n, g.r_edges, np.diff(g.z_edges)).ravel()
-        links = ring_links(g.cells, g.r, g.face_area, np.diff(g.z_edges), disk.setup.conductivity_W_mK)
-        blocks.append(0.5 * laplacian(links, block, len(block)))
+        block[:size] = _round_W_K(disk.setup.conductivity_W_mK, n, g.r_edges, g.dz).ravel()
+        blocks.append(0.5 * laplacian(disk_links(disk, g), block, len(block)))
     cells = np.stack([start + g.cells.ravel() for start in starts[:-1]])
     return Steel(even.slopes, sparse.csc_matrix(sparse.block_diag(blocks, format="csc")), cells)
 
 
 def _round_W_K(conductivity_W_mK: float, n: int, edges: Array, dz: Array) -> Array:
     """What a cell's harmonic ``n`` loses to the cells beside it round the ring, (nr, nz) [W/K]."""
-    return np.asarray(2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz))
+    return 2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz)
 
 
 def _half_surface(even: DiskSystem, count: int) -> Array:
@@ -153,14 +153,13 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> tuple[Array, 
     z_edges = g.shaft_edges[first : beyond + 1]
     cells = g.cells.size + np.arange(SHAFT_CELLS * (beyond - first)).reshape(SHAFT_CELLS, -1)
     r, area = 0.5 * (r_edges[1:] + r_edges[:-1]), np.pi * np.diff(r_edges**2)
-    links = ring_links(g.cells, g.r, g.face_area, np.diff(g.z_edges), k)
-    links += ring_links(cells, r, area, np.diff(z_edges), k)
+    links = disk_links(disk, g) + ring_links(cells, r, area, np.diff(z_edges), k)
     even = to_ambient_W_K(disk, g, h_W_m2K)
     ground = np.append(even[: g.cells.size], np.zeros(cells.size))
     ground[cells[-1]] += even[g.shaft[first:beyond]]  # the shaft outside the disk
     for own, edges, along in ((g.cells, g.r_edges, g.z_edges), (cells, r_edges, z_edges)):
         ground[own] += _round_W_K(k, n, edges, np.diff(along))
-    volume = [np.outer(g.face_area, np.diff(g.z_edges)).ravel(), np.outer(area, np.diff(z_edges)).ravel()]
+    volume = [np.outer(g.face_area, g.dz).ravel(), np.outer(area, np.diff(z_edges)).ravel()]
     capacity = s.density_kg_m3 * s.specific_heat_J_kgK * np.concatenate(volume)
     return 0.5 * capacity, 0.5 * laplacian(links, ground, len(ground)), cells[-1, BESIDE : BESIDE + len(g.z)]
 
@@ -179,7 +178,7 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     shapes = np.stack([np.ones(ROUND), *(wave(n * psi) for n, wave in waves_of(disk))])
     pairs = shapes * (contact / (1 + contact * steel)) @ shapes.T / ROUND
     pairs[0, 0] -= even / (1 + even * steel)
-    area = 2 * np.pi * radius * np.diff(g.z_edges)
+    area = 2 * np.pi * radius * g.dz
     rows, cols, values = [], [], []
     for (i, one), (j, other) in product(enumerate(walls), repeat=2):
         for a, b, sign in zip((0, 0, 1, 1), (0, 1, 0, 1), (1, -1, -1, 1)):

@@ -47,7 +47,7 @@ class Steel:
         more[self.cells[0]] = 0.5 * hotter**2
         for rows, own in zip(self.cells[1:], harmonics):
             more[rows] = hotter * own
-        return np.asarray(-self.slopes.conductivity_per_K * (self.conduction @ more))
+        return -self.slopes.conductivity_per_K * (self.conduction @ more)
 
     def more_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
         """What a stage's right side has beyond that of the state ``guess``, if it stands at ``y`` and ``rate`` (n,)."""
@@ -58,7 +58,7 @@ class Steel:
         out, hotter = np.zeros_like(y), y[self.cells[0]] - self.slopes.reference_degC
         for n, rows in enumerate(self.cells):
             out[rows] = hotter * rate[rows] + (y[rows] * rate[self.cells[0]] if n else 0.0)
-        return np.asarray(self.slopes.specific_heat_per_K * capacity * out)
+        return self.slopes.specific_heat_per_K * capacity * out
 
     def rate(self, heat_W: Array, y: Array, capacity: Array) -> Array:
         """Rates (n,) [K/s] at which ``heat_W`` (n,) warms the unknowns at ``y``."""

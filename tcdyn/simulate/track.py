@@ -13,7 +13,7 @@ FINE = 2001  # cells across the track and along rolling
 def hertz_shares(edges: Array, half_width_m: float) -> Array:
     """Share of a parabolic track's heat that falls into each cell, by its exact integral; sums to one."""
     x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
-    return np.asarray(np.diff(0.75 * (x - x**3 / 3.0)))
+    return np.diff(0.75 * (x - x**3 / 3.0))
 
 
 def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
@@ -40,4 +40,4 @@ def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
         heat = np.where(inside, np.exp(flux.exponent * (np.sqrt(np.where(inside, left, 0.0)) - 1)), 0.0).sum(axis=1)
     below = np.concatenate([[0.0], np.cumsum(heat)]) / heat.sum()
     centre = 0.5 * (edges[0] + edges[-1]) + flux.shift_m
-    return np.asarray(np.diff(np.interp(edges - centre, strips, below)))
+    return np.diff(np.interp(edges - centre, strips, below))

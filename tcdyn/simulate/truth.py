@@ -82,7 +82,7 @@ class BoreContact:
     def relative(self, psi_rad: Array) -> Array:
         """Conductance over its mean at ``psi_rad`` (N,), evenly round from ``angle_deg``, (N,)."""
         if not self.sectors:
-            return np.asarray(1 + self.amplitude * np.cos(psi_rad))
+            return 1 + self.amplitude * np.cos(psi_rad)
         half = 180.0 / len(psi_rad)
         edges = np.append(np.rad2deg(psi_rad) - half, np.rad2deg(psi_rad[-1]) + half) + self.angle_deg
         return mean_shares(self.sectors, edges) / harmonics(self.sectors, 0)[0].real

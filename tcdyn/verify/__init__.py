@@ -61,6 +61,20 @@ def within(ours: Sequence[float], published: Sequence[float], relative: float = 
     return all(abs(a - b) <= relative * abs(b) + absolute for a, b in zip(ours, published, strict=True))
 
 
+def close(
+    kind: Kind, quantity: str, source: str, published: str, ours: Sequence[float], digits: int, why: str, *,
+    relative: float = 0.0, absolute: float = 0.0,
+) -> VerifyRow:  # fmt: skip
+    """A row of ``ours`` with so many digits, each of which must be as close as told to that in the text ``published``.
+
+    >>> close("physics", "order", "(3.22)", "2, 2", [2.0, 2.03], 2, "", absolute=0.05).verdict
+    'agrees'
+    """
+    printed = [float(text) for text in published.split(", ")]
+    ok = within(ours, printed, relative, absolute)
+    return row(kind, quantity, source, published, numbers(ours, digits), ok, why)
+
+
 def numbers(values: Iterable[float], digits: int) -> str:
     """Numbers with so many decimals, separated by commas."""
     return ", ".join(f"{v:.{digits}f}" for v in values)

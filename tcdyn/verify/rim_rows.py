@@ -11,7 +11,7 @@ from tcdyn.conduction.modal import flux_density, spectrum
 from tcdyn.conduction.referees import explicit_growth, explicit_limit_s, penetration_depth_m
 from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
 from tcdyn.contact import hertz_contact, surface_speed_m_s
-from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, numbers, row, studies, within
+from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, close, numbers, row, studies, within
 
 TABLE_3_2 = {"I": (0.567, 0.130, 0.024, 0.015), "II": (0.142, 0.046, 0.025, 0.021), "III": (0.078, 0.032, 0.021, 0.017)}
 TABLE_3_3 = {"I": (0.480, 0.112, 0.020, 0.012), "II": (0.121, 0.039, 0.021, 0.017), "III": (0.067, 0.027, 0.018, 0.014)}
@@ -128,15 +128,10 @@ def field_rows() -> Iterator[VerifyRow]:
     density = flux_density("hertz", b, rim.width_m, mesh.nz) * 2 * b
     outside = density[: middle - int(b / dz) - 1]
     flux = (float(density[middle]), float(density.sum() * dz / (2 * b)), float(np.abs(outside).max()))
-    yield row(
-        "physics",
-        "flux over its mean: in the middle of the track, its sum, beyond it",
-        "(3.32)",
-        "1.5, 1, 0",
-        numbers(flux, 4),
-        within(flux, (1.5, 1.0, 0.0), absolute=1e-3),
-        "mean of each cell of mesh IV, b = 1.75 mm",
-    )
+    yield close(
+        "physics", "flux over its mean: in the middle of the track, its sum, beyond it", "(3.32)", "1.5, 1, 0", flux, 4,
+        "mean of each cell of mesh IV, b = 1.75 mm", absolute=1e-3,
+    )  # fmt: skip
     z, readings = np.linspace(0.0, rim.width_m, mesh.nz), (82.0, 85.0, 80.0)
     imposed = [0.0, *readings, 60.0]  # no power; d, b, f; air
     lines = [spectrum(rim, 0.0, b, kind, "hertz", mesh).boundary.T @ imposed for kind in ("quadratic", "quartic")]
@@ -180,15 +175,11 @@ def mesh_rows() -> Iterator[VerifyRow]:
     yield from _ideal()
     for name, published in TABLE_3_4.items():
         ours = [correction_factor(b * 1e-3, MESHES[name].nz, 9.53e-3) for b in HALF_WIDTHS_mm]
-        yield row(
-            "rule",
-            f"heat correction, mesh {name}, at 850, 1460, 1850, 2320 N",
-            "table 3.4",
-            numbers(published, 4),
-            numbers(ours, 4),
-            within([round(x, 4) for x in ours], published, absolute=1e-9),
-            "N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from this table",
-        )
+        yield close(
+            "rule", f"heat correction, mesh {name}, at 850, 1460, 1850, 2320 N", "table 3.4", numbers(published, 4),
+            [round(x, 4) for x in ours], 4, absolute=1e-9,
+            why="N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from this table",
+        )  # fmt: skip
     yield from _real()
 
 

@@ -20,7 +20,7 @@ from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
 from tcdyn.conduction.rim import lag_bank
 from tcdyn.sensor.file import step_times
-from tcdyn.verify import VerifyRow, numbers, row, within
+from tcdyn.verify import VerifyRow, close, numbers, row, within
 
 TYPE_J_mV = {25: 1.27729, 50: 2.58532, 85: 4.45619, 100: 5.26892, 200: 10.77875, 760: 42.91864}  # NIST Monograph 175
 # laminar free convection on a vertical plate: Nu_x (Gr_x/4)^-0.25 by Prandtl number, Ostrach (1953), NACA report 1111
@@ -42,15 +42,15 @@ FINE_s = 1e-3
 
 def sensor_rows() -> Iterator[VerifyRow]:
     """Chapter 2: thermocouples, their conditioning, the transducer of friction."""
-    told, ours = list(TYPE_J_mV.values()), emf_mV(list(TYPE_J_mV)).tolist()
-    yield row(
+    yield close(
         "physics", f"emf of type J at {', '.join(map(str, TYPE_J_mV))} degC, mV", "section 5.4; ITS-90 (NIST)",
-        numbers(told, 5), numbers(ours, 5), within(ours, told, absolute=6e-6), "to the last digit of the table",
+        numbers(TYPE_J_mV.values(), 5), emf_mV([*TYPE_J_mV]).tolist(), 5, "to the last digit of the table",
+        absolute=6e-6,
     )  # fmt: skip
-    back = float(temperature_degC(TYPE_J_mV[100] - TYPE_J_mV[25], 25.0))
-    yield row(
+    back = temperature_degC(TYPE_J_mV[100] - TYPE_J_mV[25], 25.0)
+    yield close(
         "physics", "temperature of a junction that gives 5.26892 - 1.27729 mV beside a terminal at 25 degC, degC",
-        "ITS-90 (NIST)", "100", f"{back:.3f}", abs(back - 100) < 2e-3, "emf of the terminal's temperature added first",
+        "ITS-90 (NIST)", "100", [float(back)], 3, "emf of the terminal's temperature added first", absolute=2e-3,
     )  # fmt: skip
     filters = Conditioning(4.0, 1), Conditioning(4.0, 2), Conditioning(4.0, 2, "butterworth")
     gains = [float(abs(Chain(0.0, conditioning=c).frequency_response(4.0))) for c in filters]
@@ -82,10 +82,10 @@ def sensor_rows() -> Iterator[VerifyRow]:
     )  # fmt: skip
     load = np.array([800.0, 1500.0, 2300.0])
     both = fit_bearing_friction(load, 2 + 4e-3 * load, np.full(3, 774.0))
-    half = float(both.correction_N(1500.0, 774.0)[0])
-    yield row(
+    yield close(
         "arithmetic", "added to the transducer where both shafts' bearings take 8 N, N", "section 2.10", "4",
-        f"{half:.3f}", abs(half - 4) < 1e-9, "divided by two, since the bearings of both shafts are alike",
+        [float(both.correction_N(1500.0, 774.0)[0])], 3, "divided by two, since the bearings of both shafts are alike",
+        absolute=1e-9,
     )  # fmt: skip
 
 
@@ -96,11 +96,10 @@ def bath_rows() -> Iterator[VerifyRow]:
         c = CORRELATIONS[name]
         exact = [4 / 3 * local * (gr / 4) ** 0.25 for local in OSTRACH.values()]
         ours = [float(c.nusselt(gr * pr, pr)) for pr in OSTRACH]
-        yield row(
-            "physics", f"mean Nu of {c.title} at Gr = 1e8, Pr = 1, 10, 100, 1000", "Ostrach (1953)",
-            numbers(exact, 1), numbers(ours, 1), within(ours, exact, relative=WORST[name]),
-            f"exact laminar plate; agrees within {WORST[name]:.1%}: the first is an average over fluids, the second an "
-            "integral solution",
+        yield close(
+            "physics", f"mean Nu of {c.title} at Gr = 1e8, Pr = 1, 10, 100, 1000", "Ostrach (1953)", numbers(exact, 1),
+            ours, 1, f"exact laminar plate; agrees within {WORST[name]:.1%}: the first is an average over fluids, the "
+            "second an integral solution", relative=WORST[name],
         )  # fmt: skip
     start, oils = FIGURE_5_27
     rig = load_rig().disk_setup("fast")

@@ -27,6 +27,7 @@ POWER_W = 250.0  # heat into one disk, about that of test B3
 # mesh I has 14 nodes in z here, so that its nodes are nodes of the others, as section 3.6.1 did
 SETS = {"I": Mesh(9, 14), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": Mesh(65, 105)}
 STEP_S = {"I": 0.04, "II": 0.01, "III": 0.005, "IV": 0.001}  # table 3.1
+NODES = (9, 17, 33, 65)  # in r, of meshes whose cells halve
 IDEAL_TIMES_S = (2.0, 4.0, 8.0, 15.0)
 HALF_WIDTH_D4_m = 1.75e-3
 
@@ -44,7 +45,7 @@ class ClosedForm:
     @property
     def error_percent(self) -> Array:
         """(exact - scheme)/exact in percent, as (3.33) of section 3.6.2."""
-        return np.asarray((self.exact - self.scheme) / self.exact * 100)
+        return (self.exact - self.scheme) / self.exact * 100
 
 
 @dataclass(frozen=True)
@@ -67,21 +68,21 @@ def default_rim(washer: bool = True) -> Rim:
     return rim if washer else replace(rim, washer_W_m2K=0.0)
 
 
-def transient_check(nodes: int = 1313) -> ClosedForm:
+def transient_check() -> ClosedForm:
     """Figure 3.15: a 2 m disk whose surface jumps from 20 to 160 degC, 3 mm below it, up to 93 s."""
     rim = replace(default_rim(False), outer_radius_m=2.0)
     time = np.linspace(2.0, 93.0, 92)
-    mesh = Mesh(nodes, 7)
+    mesh = Mesh(1313, 7)
     jump = [0.0, 20.0, 20.0, 20.0, 160.0]
     fields = step_fields(rim, 1e9, rim.width_m / 2, [0.0, 20, 20, 20, 20], jump, time, flux="uniform", mesh=mesh)
-    ours = interp1d(np.linspace(rim.inner_radius_m, 2.0, nodes), fields[:, :, 3])(2.0 - 3e-3)
+    ours = interp1d(np.linspace(rim.inner_radius_m, 2.0, mesh.nr), fields[:, :, 3])(2.0 - 3e-3)
     exact = semi_infinite(3e-3, time, 20.0, 160.0, rim.diffusivity_m2_s)
     return ClosedForm("3 mm below a surface that jumps (figure 3.15)", "time [s]", time, exact, ours)
 
 
-def steady_check(mesh: Mesh | None = None) -> ClosedForm:
+def steady_check() -> ClosedForm:
     """Figure 3.16: uniform flux on the whole track, ideal washers, against (3.36) as corrected and (3.37)."""
-    rim, mesh = default_rim(False), mesh or Mesh()
+    rim, mesh = default_rim(False), Mesh()
     inputs = [POWER_W, 85.0, 85.0, 85.0, 60.0]
     field = step_fields(rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh)[0]
     r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
@@ -90,29 +91,29 @@ def steady_check(mesh: Mesh | None = None) -> ClosedForm:
     return ClosedForm("steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, field[:, mesh.nz // 2])
 
 
-def series_convergence(nodes: tuple[int, ...] = (9, 17, 33, 65)) -> Convergence:
+def series_convergence() -> Convergence:
     """Hollow cylinder, fixed inside, flux and film outside, against its Bessel series at 0.3 and 2 s."""
     rim, times, errors = default_rim(False), [0.3, 2.0], []
     ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
     before, after = [0.0, 20, 20, 20, 20], [POWER_W, 20.0, 20.0, 20.0, 10.0]
     flux = POWER_W / (2 * np.pi * ro * w)
-    for n in nodes:
+    for n in NODES:
         mesh = Mesh(n, 9)
         ours = step_fields(rim, FILM_W_m2K, w / 2, before, after, times, flux="uniform", mesh=mesh)
         exact = ring_transient_degC(rim, np.linspace(ri, ro, n), times, FILM_W_m2K, flux, 20.0, 10.0, 20.0)
         errors.append(float(np.abs(ours[:, :, 4] - exact).max()))
-    return Convergence("hollow cylinder series", nodes, tuple(errors))
+    return Convergence("hollow cylinder series", NODES, tuple(errors))
 
 
-def product_convergence(nodes: tuple[int, ...] = (9, 17, 33, 65), washer_W_m2K: float = 5000.0) -> Convergence:
+def product_convergence() -> Convergence:
     """A field that varies in z, after 1 s of decay from one kelvin; leaky washers make the variation large."""
-    rim, errors = replace(default_rim(), washer_W_m2K=washer_W_m2K), []
-    for n in nodes:
+    rim, errors = replace(default_rim(), washer_W_m2K=5000.0), []
+    for n in NODES:
         mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
         r, z = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr), np.linspace(0, rim.width_m, mesh.nz)
         start, later = (product_decay_K(rim, r, z, t, FILM_W_m2K) for t in (0.0, 1.0))
         errors.append(float(np.abs(free_decay(rim, FILM_W_m2K, start, 1.0, mesh) - later).max()))
-    return Convergence("product solution, varies in z", nodes, tuple(errors))
+    return Convergence("product solution, varies in z", NODES, tuple(errors))
 
 
 @dataclass(frozen=True)
@@ -181,7 +182,7 @@ def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
     z = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
     density = np.where(np.abs(z) <= b, 0.75 / b * (1 - (z / b) ** 2), 0.0)
     factor = correction_factor(b, 13 if name == "I" else mesh.nz, rim.width_m)
-    return np.asarray(density * factor / (2 * np.pi * rim.outer_radius_m))
+    return density * factor / (2 * np.pi * rim.outer_radius_m)
 
 
 def _common(field: Array, mesh: Mesh) -> Array:
@@ -198,9 +199,9 @@ def _errors(name: str, fields: list[Array], finest: list[Array]) -> MeshErrors:
     )
 
 
-def stepped_gap_K(h: float, share: float, steps: int = 150) -> float:
+def stepped_gap_K(h: float, share: float) -> float:
     """Largest difference [K] of the engine's field from Crank-Nicolson stepped on mesh II, heat that comes at once."""
-    rim, mesh, b, dt = default_rim(), SETS["II"], HALF_WIDTH_D4_m, 0.02
+    rim, mesh, b, dt, steps = default_rim(), SETS["II"], HALF_WIDTH_D4_m, 0.02, 150
     levels = np.tile([360.0, 84.0, 86.0, 85.0, 60.0], (steps, 1))
     levels[0, 0] = 0.0
     s, inner = scheme(rim, h, mesh), spectrum(rim, h, b, "modal", "hertz", mesh).boundary

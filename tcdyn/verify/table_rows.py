@@ -14,7 +14,7 @@ from calibration.rig import load_rig
 from tcdyn.contact import hertz_contact
 from tcdyn.partition.steady import speed_ratio_power
 from tcdyn.simulate.programme import PROGRAMME
-from tcdyn.verify import VerifyRow, numbers, published, row, within
+from tcdyn.verify import VerifyRow, close, numbers, published, row, within
 
 TESTS = tuple(PROGRAMME.values())
 FAMILIES = tuple(TESTS[k : k + 4] for k in range(0, 16, 4))  # A to D, four loads each
@@ -97,9 +97,9 @@ def _ratios() -> VerifyRow:
 def _means() -> Iterator[VerifyRow]:
     ours = np.array([(t.fast_a_degC, t.slow_a_degC, t.friction_N) for t in TESTS])
     fast, slow, friction = (ours - np.array(published.CLARKE_AT_REST)).mean(axis=0)
-    yield row(
+    yield close(
         "arithmetic", "a of the fast and slow disk, mean difference from Clarke's tests, K", "table 7.2", "-0.1, 7.3",
-        numbers((fast, slow), 2), within((fast, slow), (-0.1, 7.3), absolute=0.05), "to the printed digit",
+        (fast, slow), 2, "to the printed digit", absolute=0.05,
     )  # fmt: skip
     yield row(
         "arithmetic", "friction, mean difference from Clarke's tests, N", "table 7.2", "-0.3", f"{friction:.2f}",
@@ -140,7 +140,7 @@ def _trend_lines() -> Iterator[VerifyRow]:
         "least squares, tables 7.1 and 7.3",
     )  # fmt: skip
     chi = [speed_ratio_power(4.25, n) for n in (0.57, 0.8)]
-    yield row(
-        "arithmetic", "h_f/h_s at n = 0.57 and 0.8", "section 7.4", "2.3, 3.2", numbers(chi, 2),
-        within(chi, (2.3, 3.2), absolute=0.05), "4.25^n, to the printed digit",
+    yield close(
+        "arithmetic", "h_f/h_s at n = 0.57 and 0.8", "section 7.4", "2.3, 3.2", chi, 2,
+        "4.25^n, to the printed digit", absolute=0.05,
     )  # fmt: skip

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.rig import Rig, load_rig
 from tcdyn.campaign import KeptTest, compressed
@@ -63,7 +64,8 @@ def kept_of(name: str, test: EhlTest, rig: str = "drawn") -> tuple[KeptTest, tup
     at = at_one_radius(test)
     joint, both = joint_fits(at, steady_lines(at, stretch_of(at, 10.0))[1].starts)
     beta = both.estimates["beta"]
-    return compressed(name, rig, at, joint, both), (beta.value, beta.u)
+    sides = [joint[d].side for d in DISKS]
+    return compressed(name, rig, at, sides, both.optimum, both.uneven), (beta.value, beta.u)
 
 
 def drawn(

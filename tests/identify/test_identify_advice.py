@@ -21,8 +21,8 @@ from tcdyn.identify.models import process
 
 def row(model: str, bic: float, **other: Any) -> dict[str, Any]:
     plain = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
-    said = {"p_white": 0.5, "p_input": 0.5, "remark": "", "determined": "remark" not in other}
-    return {"model": model, **plain, "held_out_percent": 88.0, **said, **other}
+    said = {"p_white": 0.5, "p_input": 0.5, "remark": "", "determined": "remark" not in other, "refused": False}
+    return {"model": model, **plain, "held_out_percent": 88.0, "p_held_out": 0.0, **said, **other}
 
 
 def told(*rows: dict[str, Any], untried: tuple[str, ...] = ()) -> str:

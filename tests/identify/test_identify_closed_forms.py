@@ -12,7 +12,7 @@ from tcdyn.identify import Identified, IOData, Response, bode_band, fit_response
 from tcdyn.identify.choose.held_out import divide
 from tcdyn.identify.data import cut, input_noise_sd
 from tcdyn.identify.data.record import check_wrap
-from tcdyn.identify.frequency import levy, longest_s, posed, starts, values
+from tcdyn.identify.frequency import levy, longest_s, posed, starts
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.responses import slowest_s, step_band, step_times
 from tcdyn.identify.search import pose
@@ -40,10 +40,10 @@ def test_starts_from_a_response_are_the_same_in_seconds_and_minutes(name: str) -
     h = 3.0 * np.exp(-0.3 * S) / (1 + 1.5 * S) / (S if model.integrators else 1.0)
     plain, other = Response(F, h, 0.02 * np.abs(h)), Response(60 * F, 7 * h, 0.14 * np.abs(h))
     for x, z in zip(starts(plain, model), starts(other, model), strict=True):
-        for n, v in values(model, z).items():
+        for n, v in model.theta(z).items():
             power = int(n[1:]) if n[0] in "ab" else 1 if n[0] == "T" else 0
             gain = 7 * (60 if model.integrators else 1) if n[0] in "Kb" else 1.0
-            assert v == pytest.approx(gain * values(model, x)[n] / 60**power, rel=1e-4, abs=1e-9), n
+            assert v == pytest.approx(gain * model.theta(x)[n] / 60**power, rel=1e-4, abs=1e-9), n
     ends, moved = posed(plain, model), posed(other, model)
     for i, n in enumerate(model.free):
         for low, scaled in ((ends.lower[i], moved.lower[i]), (ends.upper[i], moved.upper[i])):
@@ -174,13 +174,13 @@ def test_a_record_is_cut_by_time_and_what_is_held_out_is_its_last_part() -> None
 def test_stretches_know_their_past_and_short_ones_are_passed_over() -> None:
     u, y = np.arange(60.0), np.arange(60.0)
     u[[20, 21, 22, 30, 38]] = np.nan  # 0..19, 23..29 (seven samples), 31..37 (seven), 39..59
-    found = cut(IOData.from_arrays(u, y, 0.5, start_s=2.0).runs[0], 0, 0.5)
+    found = cut(IOData.from_arrays(u, y, 0.5, start_s=2.0))
     assert [(s.start_s, len(s.y), s.resumed) for s in found] == [(2.0, 20, False), (21.5, 21, True)]
     assert found[1].history(3).tolist() == [36.0, 37.0, 38.0]  # gaps by straight lines
     assert found[1].history(41)[:3].tolist() == [0.0, 0.0, 0.0]
     assert found[0].history(2).tolist() == [0.0, 0.0]
     u[[30, 38]] = (30.0, 38.0)
-    whole = cut(IOData.from_arrays(u, y, 0.5).runs[0], 0, 0.5)
+    whole = cut(IOData.from_arrays(u, y, 0.5))
     assert [len(s.y) for s in whole] == [20, 37]
 
 
@@ -189,7 +189,7 @@ def test_noise_of_an_input_is_told_by_its_fourth_differences_within_limits(sd: f
     """White noise has 70 times its variance in them; a swing of 2 leaves none; above a tenth of it, it is the input."""
     t = np.arange(2000) * 0.01
     u = np.sin(t) + sd * np.random.default_rng(1).normal(size=2000) + (t > 10)
-    segments = cut(IOData.from_arrays(u, u, 0.01).runs[0], 0, 0.01)
+    segments = cut(IOData.from_arrays(u, u, 0.01))
     found = input_noise_sd(segments)
     assert found == (pytest.approx(sd, rel=0.08) if told else 0.0)
 

@@ -186,8 +186,8 @@ def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
     x, size = posed.vector(theta), posed.size
     nothing = np.zeros((0, size))
     ended = Optimum(posed.core(), x, np.zeros(0), nothing, 0.0, np.eye(size), np.eye(size), Status.CONVERGED, 1)
-    u = {n: moved.get(f"u_{n}", 0.01 * abs(v)) for n, v in theta.items()}
-    said = noticed(posed, ended, theta, u)
+    u = np.array([moved.get(f"u_{n}", 0.01 * abs(theta[n])) for n in posed.model.free])
+    said = noticed(ended, Identified.of(posed.model, theta, np.diag(u**2)))
     return {f.subject: f.code for f in said}, [str(f.numbers.get("end", "")) for f in said]
 
 

@@ -79,6 +79,8 @@ def test_a_smaller_model_with_nearly_the_same_bic_is_preferred():
             "BIC": [100.0, 101.0],
             "held_out_rms": [1.0, 1.0],
             "determined": [True, True],
+            "p_input": [0.5, 0.5],
+            "refused": [False, False],
         }
     )
     assert recommend(table)[0] == "P1D"
@@ -245,7 +247,7 @@ def test_narx_says_whether_the_lag_depends_on_temperature():
     assert "No sign" in constant.sentence
     assert varying.depends
     # truth at the levels used: 0.5 + 0.5 (level - 20)/160
-    for level, lag in zip(varying.levels, (varying.lag_low_s, varying.lag_high_s)):
+    for level, lag in zip(varying.lag.levels, (varying.lag.low.value, varying.lag.high.value)):
         assert lag == pytest.approx(0.5 + 0.5 * (level - 20) / 160, rel=0.08)  # quadratic stand-in for 1/tau(T)
     # one step ahead everything looks perfect: the reason why scores are of simulation
     assert constant.linear.one_step_percent > 97

@@ -31,10 +31,9 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     held-out error is better by more than 5 %. ``left_out`` are names that are not considered, nor are rows that a
     growing search has refused.
     """
-    refused = table["refused"] if "refused" in table else pd.Series(False, table.index)
-    good = table[table["BIC"].notna() & ~table["model"].isin(list(left_out)) & ~refused.eq(True)]
-    sound = good[good["determined"]]
-    following = good.get("p_input", pd.Series(1.0, good.index)) < ALARM
+    refused, out = table["refused"].eq(True), table["model"].isin(list(left_out))
+    good = table[table["BIC"].notna() & ~out & ~refused]
+    sound, following = good[good["determined"]], good["p_input"] < ALARM
     passing, explaining = sound[~following[sound.index]], good[~following]
     known = sound if len(sound) and not refused.any() else good  # a search's steps are held against colour already
     limit = known["BIC"].min() + DECISIVE
@@ -53,8 +52,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         "ties": ties[:0] if len(near) else ties,
         "undetermined": good[~good["determined"].astype(bool) & better[good.index]],
         "missing": sound[~sound["model"].isin(pool["model"]) & better[sound.index]],
-        "pairs": table[table["model"].isin(list(left_out)) & ~refused.eq(True) & (table["BIC"] < best["BIC"] + 2)],
-        "refused": table[refused.eq(True) & better],
+        "pairs": table[out & ~refused & (table["BIC"] < best["BIC"] + 2)],
+        "refused": table[refused & better],
     }
     told: dict[str, Any] = {group: list(rows["model"]) for group, rows in groups.items()}
     why = note(
@@ -84,11 +83,11 @@ def verdict(
         troubles: codes of what to do about the record, as its residuals say (``Validation.troubles``).
     """
     row = table[table["model"] == recommended].iloc[0]
-    coloured, percent = bool(row.get("p_white", 1.0) < ALARM), float(row["fit_percent"])
+    coloured, percent = bool(row["p_white"] < ALARM), float(row["fit_percent"])
     held_out = float(row["held_out_percent"])  # not a number where the output of that part never moves
-    held_out_against = held_out < 0 and row.get("p_held_out", 0.0) < ALARM  # a plateau of noise is no reproach
+    held_out_against = held_out < 0 and row["p_held_out"] < ALARM  # a plateau of noise is no reproach
     against = None
-    if row.get("p_input", 1.0) < ALARM:
+    if row["p_input"] < ALARM:
         against = "dynamics"
     elif held_out_against and row["held_out_rms"] > 2 * row["rms"]:
         against = "held out"

@@ -15,14 +15,14 @@ from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.choose.advice import COLUMNS, as_chain, order_table, recommend, verdict
-from tcdyn.identify.choose.grow import Entry, Progress, Way, listed, not_worse, off_equilibrium
-from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.choose.grow import Entry, Way, listed, not_worse, off_equilibrium
+from tcdyn.identify.choose.held_out import Progress, Task
 from tcdyn.identify.choose.shared import rival
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit, noted
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
-from tcdyn.identify.validate import ALARM, Validation, coloured, validate
+from tcdyn.identify.validate import Validation, clean, coloured, validate
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -123,45 +123,34 @@ def compare(
     for m in models:
         entries += [m] if isinstance(m, Entry) else m
 
-    def tried(progress: Progress, options: Mapping[str, Any]) -> Comparison:
-        way = listed(data, entries, like or process("P1"), held_out, progress, options)
-        return compared(data, way, held_out, progress, options)
-
-    found = tried(progress, options)
+    task, like = Task(data, held_out, progress, options), like or process("P1")
+    found = compared(task, listed(task, entries, like))
     at_once = "record.off_equilibrium" in found.validation.troubles
     if "initial" not in options and (at_once or off_equilibrium(data, found.best, options)):
-        with_state = {**options, "initial": "estimated"}
-        freed = tried(told_with(progress, "initial state estimated"), with_state)
+        with_state = task.but("initial state estimated", initial="estimated")
+        freed = compared(with_state, listed(with_state, entries, like))
         if freed.table["BIC"].min() < found.table["BIC"].min():
             why = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
-            found, options = replace(freed, reason=why), with_state
-    found = with_disturbance(data, held_out, progress, options, found)
-    return with_rival(data, held_out, progress, options, found, like or process("P1")) if found.grown else found
+            found, task = replace(freed, reason=why), replace(task, options=with_state.options)
+    found = with_disturbance(task, found)
+    return with_rival(task, found, like) if found.grown else found
 
 
-def with_rival(
-    data: IOData,
-    held_out: IOData | float,
-    progress: Progress,
-    options: Mapping[str, Any],
-    found: Comparison,
-    like: Model,
-) -> Comparison:
+def with_rival(task: Task, found: Comparison, like: Model) -> Comparison:
     """``found``, or where the residuals of its best model are coloured or follow the input, and a transfer function
     whose inputs share their poles foresees better, that one beside the others (:func:`rival`)."""
-    best, row = found.best, found.best_row
-    clean = not coloured(best) and row["p_input"] >= ALARM
-    if clean or options.get("loss", "linear") != "linear":
+    best, row, options = found.best, found.best_row, task.options
+    if clean(best) or options.get("loss", "linear") != "linear":
         return found
-    progress("common poles", len(found.table) + 1, len(found.table) + 1)
-    better = rival(data, best, row["held_out_rms"], held_out, options, like)
+    task.progress("common poles", len(found.table) + 1, len(found.table) + 1)
+    better = rival(task, best, row["held_out_rms"], like)
     if better is None:
         return found
     other = better[0].problem.model
     if other.name in found.fits:
         other = replace(other, name=f"{other.name}, 2")
     same = {**options, "initial": better[0].problem.initial}
-    alone = compared(data, [(other, better[0].identified.theta, False)], held_out, progress, same)
+    alone = compared(replace(task, options=same), [(other, better[0].identified.theta, False)])
     table = pd.concat([alone.table, found.table], ignore_index=True)
     freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get("initial", "equilibrium")
     told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
@@ -169,36 +158,24 @@ def with_rival(
     return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
 
 
-def told_with(progress: Progress, what: str) -> Progress:
-    """``progress`` that says with each name ``what`` is done to it."""
-    return lambda name, number, count: progress(f"{name}, {what}", number, count)
-
-
-def with_disturbance(
-    data: IOData,
-    held_out: IOData | float,
-    progress: Progress,
-    options: Mapping[str, Any],
-    found: Comparison,
-) -> Comparison:
+def with_disturbance(task: Task, found: Comparison) -> Comparison:
     """``found``, or the comparison anew with the noise and the baseline that the residuals of its best model ask for.
 
     Only where they are coloured and, but for a drift, do not follow the input. Where the disturbance is modelled all
     models get the same, and where that costs held-out error none.
     """
-    best = found.best
+    best, options = found.best, task.options
     if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
         return found
     asked = {**options, "check": False, "noise": "auto", "baseline": "auto", "intervals": "quadratic"}
     if found.grown:
         asked["start"] = best.identified.theta
-    given = fit(data, best.problem.model, **asked).disturbance
+    given = fit(task.data, best.problem.model, **asked).disturbance
     if given == best.disturbance:
         return found
 
-    again = told_with(progress, "disturbance modelled")
     way = [(f.problem.model, f.identified.theta if found.grown else None, False) for f in found.fits.values()]
-    anew = compared(data, way, held_out, again, {**options, **given})
+    anew = compared(task.but("disturbance modelled", **given), way)
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
         return found
@@ -207,33 +184,24 @@ def with_disturbance(
     told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
     told["freed"] = found.reason.numbers.get("freed", False)
     if noise.averaged:
-        told["memory_s"] = noise.memory * data.dt_s if noise.memory < len(anew.best.residual) else None
+        told["memory_s"] = noise.memory * task.data.dt_s if noise.memory < len(anew.best.residual) else None
         told["p_walk"] = anew.best.identified.statistics["p_walk"]
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
 
-def compared(
-    data: IOData,
-    models: Way,
-    held_out: IOData | float,
-    progress: Progress,
-    options: Mapping[str, Any],
-) -> Comparison:
-    """:func:`compare` with the fit's ``options`` as they are."""
+def compared(task: Task, models: Way) -> Comparison:
+    """:func:`compare` with the fit's options as they are."""
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
     first: InputError | None = None
-    noticed, data = data.findings, replace(data, findings=())
-    train, test, from_s = divide(data, held_out)
+    noticed, data, options = task.data.findings, replace(task.data, findings=()), task.options
     for number, (model, start, refused) in enumerate(models, 1):
-        progress(model.name, number, len(models))
+        task.progress(model.name, number, len(models))
         try:
             first_to_check = {} if not fits or start is None else {"check": False}
             whole = fit(data, model, **{**options, "start": start, **first_to_check})
             whole = whole if start is not None else not_worse(whole, fits, data, options)
-            quick = {**options, "intervals": "quadratic", "check": False, "start": start}  # a score needs no profiles
-            score = whole if train is None else fit(train, model, **quick)
-            rms, percent, p_held_out = judged(score, test, from_s)
+            rms, percent, p_held_out = task.unseen(whole, start=start)
         except InputError as error:
             first = first or error
             rows.append({"model": model.name, "remark": str(error), "determined": False})

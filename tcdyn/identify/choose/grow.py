@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -14,14 +15,14 @@ from calibration.errors import InputError
 from tcdyn.chain.rational import product
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.choose.advice import DECISIVE
-from tcdyn.identify.choose.held_out import divide, judged
+from tcdyn.identify.choose.held_out import Task
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import SILENT, Model, as_model, as_template, bare, process, several, transfer
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import rest, starts
-from tcdyn.identify.validate import ALARM, coloured
+from tcdyn.identify.validate import clean
 
 WORTH = 2.0  # BIC that a step must gain
 UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
@@ -31,7 +32,6 @@ SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
 Way = Sequence[tuple[Model, Mapping[str, float] | None, bool]]  # models, where their searches begin, whether refused
-Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 def grown(
@@ -90,8 +90,7 @@ def gain(smaller: Fit, larger: Fit) -> float:
 def off_equilibrium(data: IOData, found: Fit, options: Mapping[str, Any]) -> bool:
     """Whether residuals that are coloured or follow the input decisively ask for an initial state other than the
     equilibrium of ``found``; the first ones alone need not tell: what rings may pass through its level just then."""
-    clean = not coloured(found) and found.identified.statistics["p_input"] >= ALARM
-    if clean or found.problem.initial != "equilibrium":
+    if clean(found) or found.problem.initial != "equilibrium":
         return False
     free = {"initial": "estimated", "start": found.identified.theta, "intervals": "quadratic", "check": False}
     try:
@@ -246,35 +245,23 @@ def entry(given: Entry, data: IOData) -> Model:
     return model if model.parts or len(names) == 1 else several([model] * len(names), names)
 
 
-def listed(
-    data: IOData,
-    models: Sequence[Entry],
-    like: Model,
-    held_out: IOData | float,
-    progress: Progress,
-    options: Mapping[str, Any],
-) -> Way:
+def listed(task: Task, models: Sequence[Entry], like: Model) -> Way:
     """The ``models`` under a name each, begun nowhere, or where there are none those of the way from one lag on."""
     if models:
         named: dict[str, Model] = {}
-        for model in (entry(m, data) for m in models):
+        for model in (entry(m, task.data) for m in models):
             like_it = [n for n in named if re.fullmatch(re.escape(model.name) + r"(, \d+)?", n)]
             if all(replace(named[n], name=model.name) != model for n in like_it):
                 name = f"{model.name}, {len(like_it) + 1}" if like_it else model.name
                 named[name] = replace(model, name=name)
         return [(m, None if m.free else {}, False) for m in named.values()]
-    train, test, from_s = divide(data, held_out)
-    quick = {**options, "intervals": "quadratic", "check": False}
-
-    told: list[str] = []
+    number = count(1)
 
     def score(found: Fit) -> float:
-        told.append(found.problem.model.name)
-        progress(told[-1], len(told), len(told))
+        task.progress(found.problem.model.name, k := next(number), k)
         try:
-            model, start = found.problem.model, found.identified.theta
-            return judged(found if train is None else fit(train, model, **quick, start=start), test, from_s)[0]
+            return task.unseen(found, start=found.identified.theta)[0]
         except InputError:  # too little is left of the record
             return np.inf
 
-    return grown(data, like, score, options)
+    return grown(task.data, like, score, task.options)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import fdtrc
@@ -10,10 +12,12 @@ from scipy.special import fdtrc
 from calibration.errors import InputError
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.data import SHORTEST, IOData, cut
+from tcdyn.identify.fit import fit
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
 
 LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
+Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
 def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
@@ -35,6 +39,36 @@ def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[
     return judged(result, test, from_s)[:2]
 
 
+@dataclass(frozen=True)
+class Task:
+    """What is asked of every model of a comparison: to be fitted to ``data`` with the ``options``, and to foresee what
+    is ``held_out``; ``progress`` is told."""
+
+    data: IOData
+    held_out: IOData | float
+    progress: Progress
+    options: Mapping[str, Any]
+
+    def but(self, what: str, **options: Any) -> Task:
+        """With other options; ``progress`` is told with each name ``what`` is done to it."""
+
+        def told(name: str, number: int, count: int) -> None:
+            self.progress(f"{name}, {what}", number, count)
+
+        return replace(self, progress=told, options={**self.options, **options})
+
+    def unseen(self, found: Fit, **options: Any) -> tuple[float, float, float]:
+        """:func:`judged` of the model of ``found``, fitted anew where a part of the data is held out.
+
+        Raises InputError where too little is left of the record.
+        """
+        train, test, from_s = divide(self.data, self.held_out)
+        if train is not None:  # a score needs no profiles
+            quick = {**self.options, **options, "intervals": "quadratic", "check": False}
+            found = fit(train, found.problem.model, **quick)
+        return judged(found, test, from_s)
+
+
 def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float, float]:
     """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
     error no smaller from the noise of the fit alone.
@@ -45,28 +79,24 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
     """
     model = result.identified
-    segments, scored = [], []
-    for s in (s for k, run in enumerate(test.runs) for s in cut(run, k, test.dt_s)):
-        late = s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s)
-        before = s.seen & ~late
-        segments.append(replace(s, y=s.y - model.offset, seen=before if before.sum() >= SHORTEST else s.seen))
-        scored.append(late)
+    cuts = [replace(s, y=s.y - model.offset) for s in cut(test)]
+    scored = [s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s) for s in cuts]
+    before = [s.seen & ~late for s, late in zip(cuts, scored)]
+    begun = tuple(replace(s, seen=seen) if seen.sum() >= SHORTEST else s for s, seen in zip(cuts, before))
     known = replace(model.model, fixed=model.theta, offset="none")
-    posed = replace(result.problem, model=known, segments=tuple(segments), dt_s=test.dt_s, hold=test.hold, trend=False)
+    posed = replace(result.problem, model=known, segments=begun, dt_s=test.dt_s, hold=test.hold, trend=False)
     answers = posed.outputs(polished(posed, {})[1])
     assert answers is not None
-    whole = replace(posed, segments=tuple(replace(s, seen=np.isfinite(s.y)) for s in segments))
-    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(whole.segments, answers)])
-    late = np.concatenate([late[s.seen] for s, late in zip(whole.segments, scored)])
+    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(cuts, answers)])
+    late = np.concatenate([late[s.seen] for s, late in zip(cuts, scored)])
+    whole = replace(posed, segments=tuple(cuts)).parts
     if result.problem.trend and not late.all():
         since = np.cumsum(late)[late]
         all_of_it[late] -= since * (since @ all_of_it[late]) / (since @ since)
-    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole.parts)[late]
+    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole)[late]
     if result.noise.memory > LASTING * len(error) and not late.all():  # from the level at which a walk is by then
         error = error - np.mean(all_of_it[~late][-SHORTEST:])
-    spread = np.concatenate(
-        [s.y[late] - np.mean(s.y[late]) for s, late in zip(segments, scored) if late.any()] or [error]
-    )
+    spread = np.concatenate([s.y[late] - np.mean(s.y[late]) for s, late in zip(cuts, scored) if late.any()] or [error])
     if len(error) == 0:
         return np.nan, np.nan, np.nan
     top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))

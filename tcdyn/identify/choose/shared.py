@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from tcdyn.identify.choose.held_out import blocks_out, divide, judged
+from tcdyn.identify.choose.held_out import Task, blocks_out
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, as_template, bare, several, transfer
@@ -26,35 +26,31 @@ LATEST = 4  # samples of dead time that regressions ask for
 SEEN = 0.97  # times the errors in data kept from the fit, below which a model of coloured residuals is worth while
 
 
-def rival(
-    data: IOData, now: Fit, held_out_rms: float, held_out: IOData | float, options: Mapping[str, Any], like: Model
-) -> tuple[Fit, float] | None:
+def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, float] | None:
     """The transfer function, of one to five poles that all inputs share, that foresees best, and its error over that of
     ``now``; None where none foresees 3 % better or, with white residuals where those of ``now`` are coloured, at most
     5 % worse.
 
-    Each is fitted by output error, unless ``options`` state how the runs begin also with their initial states
+    Each is fitted by output error, unless the options state how the runs begin also with their initial states
     estimated, and, unless they state a noise, by equation error, which holds where the disturbances come in before the
     poles. What counts is simulation of data kept from the fit: the geometric mean of
-    that of ``held_out``, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
+    what is held out, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
     worse. ``like`` holds what all have.
     """
     best, least, before = None, 1.0, blocks_out(now)
-    quick = {**options, "intervals": "quadratic", "check": False}
-    train, test, from_s = divide(data, held_out)
-    kinds = [False] if {"noise", "baseline"} & set(options) else [False, True]
+    quick = {**task.options, "intervals": "quadratic", "check": False}
+    kinds = [False] if {"noise", "baseline"} & set(quick) else [False, True]
     for order, arx in product(range(1, MOST_POLES + 1), kinds):
-        for found in candidates(data, order, arx, quick, like):
+        for found in candidates(task.data, order, arx, quick, like):
             if (blocks := blocks_out(found) / before) > UNSEEN:
                 continue
-            same = {**quick, "initial": found.problem.initial, "start": found.identified.theta}
             try:
-                last = found if train is None else fit(train, found.problem.model, **same)
+                last = task.unseen(found, initial=found.problem.initial, start=found.identified.theta)
+                rest = last[0] / held_out_rms
             except InputError:  # too little is left of the record
                 continue
-            unseen = judged(last, test, from_s)[0] / held_out_rms
             asked = UNSEEN if coloured(now) and not coloured(found) else SEEN
-            if unseen <= UNSEEN and (both := float(np.sqrt(blocks * unseen))) < asked * least:
+            if rest <= UNSEEN and (both := float(np.sqrt(blocks * rest))) < asked * least:
                 best, least = (found, both), both / asked
     return best
 

@@ -94,8 +94,8 @@ class IOData(Result):
             runs=(Run(ua, ya, float(start_s), name),),
             dt_s=float(dt_s),
             hold=hold,
-            input_names=tuple(input_names) or (("u",) if ni == 1 else tuple(f"u{i + 1}" for i in range(ni))),
-            output_names=tuple(output_names) or (("y",) if no == 1 else tuple(f"y{i + 1}" for i in range(no))),
+            input_names=tuple(input_names) or numbered("u", ni),
+            output_names=tuple(output_names) or numbered("y", no),
             input_units=tuple(input_units) or ("",) * ni,
             output_units=tuple(output_units) or ("",) * no,
             name=name,
@@ -187,6 +187,11 @@ class IOData(Result):
     def times_s(self, index: int = 0) -> Array:
         """Time of every sample of one run [s]."""
         return np.asarray(self.runs[index].start_s + np.arange(self.runs[index].n) * self.dt_s)
+
+
+def numbered(letter: str, count: int) -> tuple[str, ...]:
+    """Names of columns that have none: u, or u1, u2, .."""
+    return (letter,) if count == 1 else tuple(f"{letter}{k}" for k in range(1, count + 1))
 
 
 def check_hold(hold: Hold, where: str) -> Hold:

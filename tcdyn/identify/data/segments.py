@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.noise import MAD_TO_SD
-from tcdyn.identify.data.record import Run
+from tcdyn.identify.data.record import IOData
 
 REPEATED = 0.4  # share of samples that equal the one before, from which an input was set and not measured
 MOST_NOISE = 0.1  # of the standard deviation of the input, beyond which it is no noise
@@ -55,21 +55,22 @@ class Segment:
         """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
         first = np.concatenate([self.past, self.u])[0]
         padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
-        return np.asarray(padded[len(padded) - count :])
+        return padded[len(padded) - count :]
 
 
-def cut(run: Run, index: int, dt_s: float) -> list[Segment]:
-    """The run in stretches without missing input; a stretch shorter than 8 samples is dropped."""
-    known = np.asarray(np.isfinite(run.u).all(axis=1))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
+def cut(data: IOData) -> tuple[Segment, ...]:
+    """The runs in stretches without missing input; a stretch shorter than 8 samples is dropped."""
     pieces = []
-    for a, b in edges.reshape(-1, 2):
-        y = run.y[a:b, 0]
-        if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
-            t = np.flatnonzero(known[:b])
-            past = np.array([np.interp(np.arange(t[0], a), t, u[t]) for u in run.u.T]).T
-            pieces.append(Segment(run.u[a:b], y, np.isfinite(y), index, run.start_s + a * dt_s, past))
-    return pieces
+    for index, run in enumerate(data.runs):
+        known = np.asarray(np.isfinite(run.u).all(axis=1))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
+        for a, b in edges.reshape(-1, 2):
+            y = run.y[a:b, 0]
+            if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
+                t = np.flatnonzero(known[:b])
+                past = np.array([np.interp(np.arange(t[0], a), t, u[t]) for u in run.u.T]).T
+                pieces.append(Segment(run.u[a:b], y, np.isfinite(y), index, run.start_s + a * data.dt_s, past))
+    return tuple(pieces)
 
 
 def input_noise_sd(segments: Sequence[Segment]) -> float:

@@ -63,13 +63,7 @@ def from_frame(
         raise InputError("no input or no output is named", where=where, expected="at least one of each")
     for role, column in (*roles, ("time", time), ("run", run)):
         if column is not None and column not in frame.columns:
-            near = get_close_matches(column, map(str, frame.columns), n=1, cutoff=0.6)
-            raise InputError(
-                f"{role} column {column!r} is missing",
-                where=where,
-                expected=f"one of {', '.join(map(str, frame))}",
-                remedy=f"did you mean {near[0]!r}?" if near else "",
-            )
+            raise missing(f"{role} column", column, [*map(str, frame)], where)
     if time is None and dt_s is None:
         time = next((c for c in TIMES if c in frame.columns), None)
         if time is None:
@@ -115,6 +109,15 @@ def from_frame(
         if step
     ]
     return replace(data, hold=kind, findings=tuple(told))
+
+
+def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:
+    """The error of a column that is not among ``names``."""
+    near = get_close_matches(name, names, n=1, cutoff=0.6)
+    return InputError(
+        f"{what} {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
+        remedy=f"did you mean {near[0]!r}?" if near else "",
+    )  # fmt: skip
 
 
 def was_set(u: Array) -> tuple[bool, float]:
