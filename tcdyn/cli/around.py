@@ -13,6 +13,7 @@ from tcdyn.cli.simulate import RigPath, Seed, Uneven
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from calibration.disk import DiskSetup
 
@@ -49,10 +50,8 @@ def simulate_round(
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
     from calibration.disk import DISKS
-    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
-    from tcdyn.plots.around import draw_round, draw_round_surface
-    from tcdyn.plots.style import figure
+    from tcdyn.plots.around import round_figure
     from tcdyn.simulate.ehl import EhlOptions
     from tcdyn.simulate.field import around_disks
     from tcdyn.simulate.truth import draw_truth
@@ -60,12 +59,7 @@ def simulate_round(
     _check_picture(out, rig)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for d, whole, surface in zip(DISKS, axes[:2], axes[2:]):
-        draw_round(disks[d], whole)
-        draw_round_surface(disks[d], surface)
-    with atomic_path(out) as beside:
-        picture.savefig(beside, dpi=150)
+    _save(round_figure([disks[d] for d in DISKS]), out)
     told = {d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC} for d in DISKS}
     if json_:
         print(dump({"picture": out, **told}), end="")
@@ -93,11 +87,12 @@ def fit_round(
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
+    from functools import partial
+
     from calibration.disk import DISKS
-    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_fit
-    from tcdyn.plots.style import figure
+    from tcdyn.plots.style import pictured
 
     if disk is not None:
         check_choice("--disk", disk, DISKS)
@@ -108,11 +103,8 @@ def fit_round(
     stated = [s for s in setups if s.fit.stated] or setups[:1]
     told = {s.name: _told(s) for s in stated}
     if out is not None:
-        picture, axes = figure(len(stated), 1, width_in=7.0, height_in=3.2 * len(stated))
-        for s, ax in zip(stated, axes):
-            draw_fit(s, ax)
-        with atomic_path(out) as beside:
-            picture.savefig(beside, dpi=150)
+        draws, rows = [partial(draw_fit, s) for s in stated], len(stated)
+        _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
     if json_:
         print(dump({"picture": out, **told}), end="")
         return
@@ -147,6 +139,13 @@ def _check_picture(out: Path, rig: Path | None) -> None:
     if out.suffix.lower() not in PICTURES:
         raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
     spare_inputs([rig], out=out)
+
+
+def _save(picture: Figure, out: Path) -> None:
+    from calibration.files.write import atomic_path
+
+    with atomic_path(out) as beside:
+        picture.savefig(beside, dpi=150)
 
 
 def _ends(x: np.ndarray) -> tuple[float, float]:

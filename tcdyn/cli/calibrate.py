@@ -138,14 +138,15 @@ def hole(
     if out is not None:
         write_text(out, dump(content))
     if report is not None:
+        from functools import partial
+
         from tcdyn.plots.plunge import draw_holes
-        from tcdyn.plots.style import figure
+        from tcdyn.plots.style import pictured
         from tcdyn.report.page import Section, write_page
         from tcdyn.report.sources import log_row
         from tcdyn.report.sources import table as made_of
 
-        picture, (ax,) = figure(height_in=4.5)
-        draw_holes(found, ax)
+        picture = pictured(partial(draw_holes, found), height_in=4.5)
         told = (
             "Dots: readings; lines: the fit. Every junction sees one temperature, so a curve that runs behind the "
             "clamped ones (ideal) is late by its hole and cement."

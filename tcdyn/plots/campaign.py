@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,8 +13,6 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.pipeline.campaign.table import done_rows, speed_groups, trend
 from tcdyn.plots.style import DARK, GREY, PALE, SERIES_COLOURS, SERIES_LINES, SERIES_MARKERS, TRUTH, dressed, figure
-
-SPEED = "sliding speed"
 
 
 def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure:
@@ -28,24 +26,19 @@ def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure
 
 def draw_temperature(table: pd.DataFrame, disk: str, quantity: str, label: str, ax: Axes) -> Axes:
     """``<disk>_<quantity>`` [degC] over load, a marker and a least-squares line for each sliding speed."""
-    _by_speed(table, f"{disk}_{quantity}", ax)
-    ax.set_ylabel(f"{label} [°C]")
-    ax.set_title(f"{disk} disk", loc="left", fontsize=10)
-    return ax
+    return _by_speed(table, f"{disk}_{quantity}", ax, f"{label} [°C]", f"{disk} disk")
 
 
 def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
     """Traction force over load, a marker and a least-squares line for each sliding speed (figure 6.33)."""
-    _by_speed(table, "friction_N", ax)
-    ax.set_ylabel("traction force [N]")
-    return ax
+    return _by_speed(table, "friction_N", ax, "traction force [N]")
 
 
 def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
     """Friction coefficient over sliding speed, a marker and a least-squares line for each load (figure 6.34)."""
     good = done_rows(table)
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
-    for part, k in _parts(good):
+    for k, (_, part) in enumerate(good.groupby("group")):
         _series(ax, part, "sliding_speed_m_s", "friction_coefficient", k, f"{part['load_N'].mean():.0f} N")
     return dressed(ax, "sliding speed [m/s]", "coefficient of friction [1]", title="load", title_fontsize=8)
 
@@ -95,16 +88,10 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
         )  # fmt: skip
 
 
-def _by_speed(table: pd.DataFrame, column: str, ax: Axes) -> None:
-    for part, k in _parts(done_rows(table)):
+def _by_speed(table: pd.DataFrame, column: str, ax: Axes, label: str, head: str = "") -> Axes:
+    for k, (_, part) in enumerate(done_rows(table).groupby("group")):
         _series(ax, part, "load_N", column, k, f"{part['sliding_speed_m_s'].mean():.1f} m/s")
-    ax.set_xlabel("load [N]")
-    ax.legend(frameon=False, fontsize=8, title=SPEED, title_fontsize=8)
-
-
-def _parts(good: pd.DataFrame) -> Iterator[tuple[pd.DataFrame, int]]:
-    for k, (_, part) in enumerate(good.groupby("group")):
-        yield part, k
+    return dressed(ax, "load [N]", label, head=head, title="sliding speed", title_fontsize=8)
 
 
 def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:

@@ -45,8 +45,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
     """n of every test over the entraining speed, 95 % bars against each other, and n of all with its 95 % band."""
     law = joined.law
-    x = np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests])
-    n = law.exponent
+    x, n = np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests]), law.exponent
     ax.axhspan(n.low95, n.high95, color=PALE, zorder=0, label="all tests, 95 %")
     ax.axhline(n.value, color=TRUTH, linestyle="--", linewidth=1)
     ax.errorbar(

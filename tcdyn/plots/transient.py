@@ -52,9 +52,7 @@ def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
             ax.plot(end, LEVEL, mark, color=colour, markersize=8)
     ax.set_ylim(0, TOP)
     ax.locator_params(axis="x", nbins=4)
-    ax.set_xlabel(LABELS[parameter])
-    ax.set_title(TITLES[fit], loc="left", fontsize=9)
-    return ax
+    return dressed(ax, LABELS[parameter], "", head=TITLES[fit])
 
 
 def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
@@ -102,28 +100,23 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
-    return dressed(
-        ax,
-        "window after the parting [s]",
-        "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]",
-        legend=True,
-    )
+    y = "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]"
+    return dressed(ax, "window after the parting [s]", y, legend=True)
 
 
 def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
-    names = [f"{r['disk']} {'β' if r['quantity'] == 'beta' else 'h'}" for _, r in table.iterrows()]
-    y = list(range(len(names)))[::-1]
+    names = [f"{disk} {'β' if what == 'beta' else 'h'}" for disk, what in zip(table["disk"], table["quantity"])]
     ax.axvspan(-2, 2, color=PALE, zorder=0)
-    for at, (_, r) in zip(y, table.iterrows()):
-        ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
+    y = range(len(names) - 1, -1, -1)
+    for at, disk, z in zip(y, table["disk"], table["z"]):
+        ax.plot(z, at, DISK_MARKER[disk], color=DISK_COLOUR[disk])
     ax.axvline(0, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
     reach = max(3.0, 1.2 * float(table["z"].abs().max()))
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("compensated less commuted,\nin standard uncertainties of the difference [1]")
-    return ax
+    return dressed(ax, "compensated less commuted,\nin standard uncertainties of the difference [1]", "")
 
 
 def draw_structures(found: Alternatives, ax: Axes) -> Axes:
@@ -137,9 +130,8 @@ def draw_structures(found: Alternatives, ax: Axes) -> Axes:
     names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
     ax.set_yticks(list(y), names, fontsize=8)
     ax.set_ylim(-0.7, len(found.tried) - 0.3)
-    return dressed(
-        ax, "heat partition β by the joint fit of both disks [1]", "", loc="lower left", bbox_to_anchor=(0, 1)
-    )
+    x = "heat partition β by the joint fit of both disks [1]"
+    return dressed(ax, x, "", loc="lower left", bbox_to_anchor=(0, 1))
 
 
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:

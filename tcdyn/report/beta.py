@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -26,7 +27,7 @@ from tcdyn.pipeline.tables import (
     ways_table,
 )
 from tcdyn.plots import partition as draw
-from tcdyn.plots.style import TRUTH, figure
+from tcdyn.plots.style import figure, pictured
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
 from tcdyn.report.around import around_section, uneven_section
 from tcdyn.report.page import Answer, Section, write_page
@@ -57,8 +58,7 @@ def beta_sections(p: Partition, name: str, truth: float | None = None) -> list[S
 
 def lead(p: Partition, truth: float | None) -> Section:
     """The one picture of a page's head: beta by every way."""
-    ways, (ax,) = figure(height_in=2.8)
-    draw.draw_ways(p, ax, truth)
+    ways = pictured(partial(draw.draw_ways, p, truth=truth), height_in=2.8)
     return Section("β by every way", figure=ways, caption="β by every way, the recommended one on top; 95 % intervals.")
 
 
@@ -79,14 +79,6 @@ def answer(p: Partition, name: str) -> Answer:
 
 def answer_sections(p: Partition, name: str, truth: float | None) -> list[Section]:
     """Every way to beta, the traces at the unloading, and the steady lines with the points on them."""
-    unloading, axes = figure(1, 2, height_in=4.6)
-    for disk, ax in zip(DISKS, axes):
-        draw.draw_unloading(p, disk, ax)
-    lines, (ax,) = figure(height_in=4.8)
-    draw.draw_lines(p, ax)
-    if truth is not None:
-        ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation")
-        ax.legend(frameon=False, fontsize=8, ncols=2)
     lag = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
     return [
         Section(
@@ -98,12 +90,12 @@ def answer_sections(p: Partition, name: str, truth: float | None) -> list[Sectio
         Section(
             f"{name}: the unloading, as logged and compensated",
             f"Common lag of each disk from the unloading, the record as prior: {lag}.",
-            figure=unloading,
+            figure=pictured(*(partial(draw.draw_unloading, p, d) for d in DISKS), height_in=4.6),
             caption="Noisy grey: readings after the static line. Smooth: junction temperature with its 95 % band.",
         ),
         Section(
             f"{name}: steady lines and the points on them",
-            figure=lines,
+            figure=pictured(partial(draw.draw_lines, p, truth=truth), height_in=4.8),
             caption="Steady running leaves a line for each disk; each way picks a point on it. Bars are 95 %. Markers "
             "of different size, so that equal answers stay visible.",
             folded=True,
@@ -131,27 +123,18 @@ def fit_section(p: Partition | OneDisk, name: str, disks: Sequence[str] = DISKS)
 
 def structure_section(p: Partition, name: str) -> Section:
     """The fit of both disks if the test were built otherwise."""
-    picture, (ax,) = figure(height_in=5.2)
-    draw_structures(p.structures, ax)
     return Section(
         f"{name}: does β hold if the test is built otherwise?",
         "The joint fit of both disks again, each time with one departure that the fits do not assume; the probability "
         "weighs how well it explains both disks and whether the exponent that it implies is the speed law's.",
         table=structures_table(p),
-        figure=picture,
+        figure=pictured(partial(draw_structures, p.structures), height_in=5.2),
         caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over all of them.",
     )
 
 
 def uncertainty_sections(p: Partition, name: str) -> list[Section]:
     """Budget, influence of the exponent, and the error maps that the steady lines come from."""
-    budget, (ax,) = figure(height_in=3.8)
-    draw.draw_budget(p, ax)
-    exponent, (ax,) = figure(height_in=3.4)
-    draw.draw_exponent(p, ax)
-    maps, axes = figure(1, 2, height_in=4.0)
-    for disk, ax in zip(DISKS, axes):
-        draw.draw_map(p, disk, ax)
     most = ", ".join(list(both_budget(p))[:3])
     draws = len(next(iter(p.budget.draws.values())))
     return [
@@ -161,18 +144,18 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
             "last row is all together, the root of the sum of squares. That of speed law and cooling fit is by Monte "
             f"Carlo of {draws} draws.",
             table=budget_table(p),
-            figure=budget,
+            figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
             caption="The first column of the table; a longer bar is a source better worth measuring.",
         ),
         Section(
             f"{name}: how much the exponent matters",
-            figure=exponent,
+            figure=pictured(partial(draw.draw_exponent, p), height_in=3.4),
             caption="The joint fit of both disks assumes no speed law and so estimates the exponent. Bars are 95 %.",
             folded=True,
         ),
         Section(
             f"{name}: error maps of the steady stretch",
-            figure=maps,
+            figure=pictured(*(partial(draw.draw_map, p, d) for d in DISKS), height_in=4.0),
             caption="Along the steady line (black) the misfit is least: steady running tells no point on it.",
             folded=True,
         ),
@@ -181,8 +164,7 @@ def uncertainty_sections(p: Partition, name: str) -> list[Section]:
 
 def test_sections(p: Partition | OneDisk, name: str) -> list[Section]:
     """The sensors' readings against each other, the conditions, and the whole record."""
-    whole, (ax,) = figure(height_in=3.8)
-    draw.draw_temperatures(p, ax)
+    whole = pictured(partial(draw.draw_temperatures, p), height_in=3.8)
     return [
         *sensor_sections(p, name),
         Section(f"{name}: the test", table=test_table(p), figure=whole, caption="Upright lines: load on, unloading."),
@@ -191,14 +173,11 @@ def test_sections(p: Partition | OneDisk, name: str) -> list[Section]:
 
 def transient_sections(p: Partition, name: str) -> list[Section]:
     """The cooling fit against the length of its window, and the compensated form against the commuted one."""
-    study = cooling_by_window(p)
-    picture, axes = figure(1, 2, height_in=3.8)
-    draw_window_study(study, axes[0])
-    draw_referee(referee_table(p), axes[1])
+    draws = partial(draw_window_study, cooling_by_window(p)), partial(draw_referee, referee_table(p))
     return [
         Section(
             f"{name}: does the cooling fit depend on its window, or on the inverse?",
-            figure=picture,
+            figure=pictured(*draws, height_in=3.8),
             caption="Left: beta by the cooling fit against the cooling used. Right: the cooling fit on compensated "
             "traces against the joint fit on lagged ones, which needs no inverse.",
         )
@@ -236,8 +215,7 @@ def sensor_sections(p: Partition | OneDisk, name: str) -> list[Section]:
         )
         out.append(Section(f"{name}: sensor map of the {disk} disk, steady running", words, table=matrix))
     if p.sensors.depths:
-        whole, (ax,) = figure(height_in=3.4)
-        draw_junctions(p.sensors.depths, ax)
+        whole = pictured(partial(draw_junctions, p.sensors.depths), height_in=3.4)
         words = (
             "The steady pattern and the first seconds after loading and unloading place each junction by themselves. "
             "A bar outside the grey band is a junction to measure again; what counts as a contradiction is judged over "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +16,9 @@ from calibration.finding import sentences
 from calibration.lines.static import OvenFit, whole_u
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
-from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
-from tcdyn.plots.plunge import plunge_figure, standardised
-from tcdyn.plots.plunge import residual_figure as left_over_figure
+from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
+from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
+from tcdyn.plots.style import pictured
 from tcdyn.plunge.fit import moved_lines
 from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
 from tcdyn.report.page import Section, write_page
@@ -118,10 +119,8 @@ def certificate_sections(
         )
         title = "Lags" if ratio < 1.5 else f"Lags: their differences are known {ratio:.0f} times better than their mean"
         caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
-        note = INTERVAL_NOTE.strip("()")
-        sections.append(
-            Section(title, f"{note[:1].upper()}{note[1:]}.", figure=lag_figure(record.chain), caption=caption)
-        )
+        note, shown = INTERVAL_NOTE.strip("()"), pictured(partial(draw_lags, record.chain), height_in=3.4)
+        sections.append(Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption))
     sections += list(traces)
     if oven is not None:
         sections += oven_sections(oven)
@@ -141,7 +140,7 @@ def oven_sections(oven: OvenFit) -> list[Section]:
         ),
         Section(
             "Oven: what the lines leave, against temperature",
-            figure=residual_figure(oven),
+            figure=pictured(partial(draw_residuals, oven), height_in=3.2),
             caption="A column of markers that moves as one is an error of the PRT in that hold; a curve that repeats "
             "would be one of the lines.",
         ),
@@ -180,7 +179,7 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
     told = Section(
         "What limits the lags",
         fit.sentence,
-        figure=budget_figure(fit.budget),
+        figure=pictured(partial(draw_lag_budget, fit.budget)),
         caption="Variance that goes when a source is known, as a standard uncertainty. Sources stand in for each "
         "other, so they do not add up to all of the fit.",
     )
@@ -240,7 +239,7 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
             "Plunges: what the model leaves",
             "Left over in a single sample of each channel (root mean square):",
             table=pd.DataFrame(rows),
-            figure=left_over_figure(fit),
+            figure=residual_figure(fit),
             caption="Readings minus model over their expected noise. Were it all noise, 95 % would lie between the "
             "dashed lines and the mean would wander about zero.",
         ),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pandas as pd
 
 from calibration.estimate import rounded, with_u
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
 from tcdyn.plots import joined as draw
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import pictured
 from tcdyn.report.page import Answer, Section, pm
 
 BOTH = (
@@ -39,13 +41,12 @@ N_CAPTION = (
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
     """Table of beta with both uncertainties, trend, exponent, models and junctions, of two tests or more."""
-    fig, (ax,) = figure(height_in=4.4)
-    draw.draw_joined_beta(joined, ax)
+    shown = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
     caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
     sections = [
         Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
         Section(
-            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=fig, caption=caption
+            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=shown, caption=caption
         ),
     ]
     if joined.trends:
@@ -54,9 +55,7 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
             "their uncertainties; where it is not zero, the line alone does not tell β."
         )
         sections.append(Section("Trends of β", told, trend_words(joined)))
-    both, axes = figure(1, 2, height_in=3.6)
-    draw.draw_exponent(joined, axes[0])
-    draw.draw_junctions(joined, axes[1])
+    both = pictured(partial(draw.draw_exponent, joined), partial(draw.draw_junctions, joined), height_in=3.6)
     last = Section(
         "Exponent of the speed law, and the junctions", exponent_words(joined), figure=both, caption=N_CAPTION
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +13,7 @@ from calibration.estimate import rounded
 from tcdyn.partition.one_disk import OneDisk
 from tcdyn.pipeline.one_disk import ways_of
 from tcdyn.plots import partition as draw
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import pictured
 from tcdyn.report.beta import assumed, fit_section, test_sections, verdict
 from tcdyn.report.page import Answer, Section, write_page
 
@@ -25,8 +26,7 @@ def one_disk_sections(p: OneDisk, name: str) -> list[Section]:
 
 def lead(p: OneDisk) -> Section:
     """The one picture of a page's head: beta by the ways that one disk allows."""
-    ways, (ax,) = figure(height_in=1.8)
-    draw.draw_ways(p, ax)
+    ways = pictured(partial(draw.draw_ways, p), height_in=1.8)
     return Section("β by every way", figure=ways, caption="β by each way, the recommended one on top; 95 % intervals.")
 
 
@@ -40,8 +40,6 @@ def answer(p: OneDisk, name: str) -> Answer:
 
 
 def _answers(p: OneDisk, name: str) -> list[Section]:
-    unloading, (ax,) = figure(height_in=4.6)
-    draw.draw_unloading(p, p.disk, ax)
     return [
         Section(
             f"{name}: the ways to β",
@@ -53,15 +51,13 @@ def _answers(p: OneDisk, name: str) -> list[Section]:
         Section(
             f"{name}: the unloading, as logged and compensated",
             f"Common lag from the unloading, the record as prior: {p.answers['lag_s'].text('s')}.",
-            figure=unloading,
+            figure=pictured(partial(draw.draw_unloading, p, p.disk), height_in=4.6),
             caption="Noisy grey: readings after the static line. Smooth: junction temperature with its 95 % band.",
         ),
     ]
 
 
 def _budget(p: OneDisk, name: str) -> Section:
-    picture, (ax,) = figure(height_in=3.8)
-    draw.draw_budget(p, ax)
     rows = [(source, *map(_u, parts)) for source, parts in p.budget.items()]
     rows.append(("all together", _u(p.answers["joint"].u), _u(p.answers["cooling"].u)))
     return Section(
@@ -69,28 +65,25 @@ def _budget(p: OneDisk, name: str) -> Section:
         f"Most of β's uncertainty by the joint fit comes from {', '.join(list(p.budget)[:3])}. Each row is one source "
         "alone; the last row is all together, the root of the sum of squares.",
         table=pd.DataFrame(rows, columns=["source", "u(β) [1], joint fit", "u(β) [1], cooling fit"]),
-        figure=picture,
+        figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
         caption="The first column of the table; a longer bar is a source better worth measuring.",
     )
 
 
 def _line(p: OneDisk, name: str) -> Section:
-    picture, (ax,) = figure(height_in=4.2)
-    draw.draw_line(p, ax)
     return Section(
-        f"{name}: the steady line and the points on it", figure=picture,
+        f"{name}: the steady line and the points on it",
+        figure=pictured(partial(draw.draw_line, p)),
         caption="Steady running leaves a line; each way picks a point on it. Bars are 95 %.",
-    )  # fmt: skip
+    )
 
 
 def _round(p: OneDisk, name: str) -> Section:
-    picture, (ax,) = figure(width_in=5.0, height_in=4.0)
-    draw.draw_uneven(p, p.disk, ax)
     found = p.uneven.finding(p.disk)
     return Section(
         f"{name}: is the disk even round its bore?",
         f"{found.sentence}." if found else "Yes, as far as two groups of junctions can tell.",
-        figure=picture,
+        figure=pictured(partial(draw.draw_uneven, p, p.disk), width_in=5.0, height_in=4.0),
         caption="The disk seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
     )
 
