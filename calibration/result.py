@@ -6,7 +6,7 @@ import dataclasses
 import html
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from datetime import date
 from os import PathLike, fspath
 from typing import Any
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
-from calibration.finding import Finding
+from calibration.finding import Finding, sentences
 
 MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
 
@@ -37,6 +37,11 @@ class Result(ABC):
     @abstractmethod
     def summary(self) -> str:
         """The result in a few lines of words, units included."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What was noticed (``findings``) in words, each once; nothing where a result keeps none."""
+        return sentences(getattr(self, "findings", ()))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, texts, lists and dicts, ready for ``json.dumps``; keys carry units."""

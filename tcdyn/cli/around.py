@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, check_choice, contacts, dump, say, spare_inputs, within
+from tcdyn.cli.common import Told, check_choice, contacts, grouped, spare_inputs, within
 from tcdyn.cli.simulate import RigPath, Seed, Uneven
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def round_() -> None:
 
 
 @app.command("simulate")
+@grouped
 def simulate_round(
     out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
     test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
@@ -40,8 +41,8 @@ def simulate_round(
     beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
     uneven: Uneven = None,
     rig: RigPath = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """The synthetic disks in (r, z, angle) at the end of the load, drawn from bore to running surface.
 
@@ -61,22 +62,21 @@ def simulate_round(
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
     _save(round_figure([disks[d] for d in DISKS]), out)
     told = {d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC} for d in DISKS}
-    if json_:
-        print(dump({"picture": out, **told}), end="")
-        return
+    tell.json(lambda: {"picture": out, **told})
     for d in DISKS:
         low, high = told[d]["surface_degC"]
-        say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft", quiet)
-    say(f"picture: {out}", quiet)
+        tell.say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
+    tell.files(picture=out)
 
 
 @app.command("fit")
+@grouped
 def fit_round(
     rig: RigPath = None,
     disk: Annotated[str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")] = None,
     out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """The press fit that table fit of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
 
@@ -105,19 +105,15 @@ def fit_round(
     if out is not None:
         draws, rows = [partial(draw_fit, s) for s in stated], len(stated)
         _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
-    if json_:
-        print(dump({"picture": out, **told}), end="")
-        return
+    tell.json(lambda: {"picture": out, **told})
     for name, x in told.items():
-        say(
+        tell.say(
             f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance {1e-3 * x['bearing_W_m2K']:.2f} kW/m2K "
             f"where the fit bears, {1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
             f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
-            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}",
-            quiet,
+            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}"
         )
-    if out is not None:
-        say(f"picture: {out}", quiet)
+    tell.files(picture=out)
 
 
 def _told(setup: DiskSetup) -> dict[str, Any]:

@@ -1,18 +1,18 @@
-"""What the commands share: options, progress and how numbers are printed."""
+"""What the commands share: options, and how numbers are printed."""
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, is_dataclass
+from functools import wraps
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from calibration.errors import InputError, printable
 
@@ -42,55 +42,59 @@ OptionalRecordFiles = Annotated[
     list[Path] | None, typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 ]
 
-TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
-    "calibrate": {"static lines": 0.1, "plunge": 0.2, "grey-box fit": 7.5, "other chain": 11.0},
-    "compensate": {"reading": 1.3, "common lags": 4.4, "junctions": 4.5, "writing": 1.4, "report": 2.2},
-    "deconvolve": {"reading": 1.7, "common lags": 4.5, "junctions": 70, "writing": 0.6, "report": 2.2},
-    "beta": {"reading": 5.0, "sensor map": 4.6, "steady": 0.3, "joint fits": 2.2, "other structures": 0.6,
-             "compensation": 0.9, "cooling fit, fast": 0.9, "cooling fit, slow": 4.0, "writing the report": 15.0},
-    "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
-    "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
-}  # fmt: skip
-LEAST_DONE = 0.05  # share of a command that must be done before the rest can be told from it
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the fields of those of its parameters that are dataclasses of options as options of its own."""
+    own = inspect.signature(command, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    fields = {n: inspect.signature(group, eval_str=True).parameters for n, group in groups.items()}
+
+    @wraps(command)
+    def called(*arguments: Any, **options: Any) -> None:
+        for name, group in groups.items():
+            options[name] = group(**{f: options.pop(f) for f in fields[name] if f in options})
+        command(*arguments, **options)
+
+    spread = [f.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in fields.values() for f in each.values()]
+    signature = inspect.Signature([*(p for p in own if p.name not in groups), *spread])
+    called.__signature__ = signature  # type: ignore[attr-defined]
+    return called
 
 
-class TimeLeft:
-    """What a command still takes, by what its stages ``typically`` take [s] against what those done took here.
+@dataclass(frozen=True)
+class Told:
+    """How a command answers: in words, as JSON, or not at all."""
 
-    Stages are known by how their names begin; ``test 2 of 3: joint fits`` tells that one more test follows. Of a log
-    with several tests the others are not yet known during the first.
-    """
+    json_: Json = False
+    quiet: Quiet = False
 
-    def __init__(self, typically: Mapping[str, float], clock: Callable[[], float] = monotonic) -> None:
-        self.typically, self.clock = typically, clock
-        self.stage, self.begun, self.took, self.worth, self.tests = "", clock(), 0.0, 0.0, 0
+    @property
+    def silent(self) -> bool:
+        """Whether no words are printed."""
+        return self.json_ or self.quiet
 
-    def begin(self, what: str) -> None:
-        """Tell that the stage ``what`` begins."""
-        test = re.match(r"test (\d+) of (\d+): ", what)
-        name = what[test.end() :] if test else what
-        stage = next((s for s in self.typically if name.startswith(s)), self.stage)
-        self.tests = int(test[2]) - int(test[1]) if test else self.tests
-        if stage != self.stage:
-            if self.stage:
-                self.took, self.worth = self.took + self.clock() - self.begun, self.worth + self.typically[self.stage]
-            self.stage, self.begun = stage, self.clock()
+    def say(self, text: str) -> None:
+        """Print plain words."""
+        if not self.silent:
+            print("\n".join(map(printable, text.split("\n"))))
 
-    def left_s(self) -> float | None:
-        """Seconds that are left; None while too little is done to tell."""
-        if self.worth <= LEAST_DONE * sum(self.typically.values()):
-            return None
-        rate, names = self.took / self.worth, list(self.typically)
-        ahead = sum(self.typically[s] for s in names[names.index(self.stage) + 1 :])
-        again = self.tests * sum(t for s, t in self.typically.items() if "report" not in s)
-        return rate * (ahead + again) + max(rate * self.typically[self.stage] - self.clock() + self.begun, 0.0)
+    def json(self, data: Callable[[], Any]) -> None:
+        """Print what ``data`` gives, where JSON was asked for."""
+        if self.json_:
+            print(dump(data()), end="")
 
-    def __str__(self) -> str:
-        """What is left in words, to five seconds; empty while nothing can be told."""
-        left = self.left_s()
-        if left is None:
-            return ""
-        return f"about {left / 60:.0f} min left" if left > 100 else f"about {max(5 * round(left / 5), 5)} s left"
+    def warn(self, findings: Iterable[Finding]) -> None:
+        """Print each finding on standard error, its grade in front: note, look or refuse."""
+        from calibration.finding import once
+
+        for found in () if self.silent else once(findings):
+            print(f"{found.grade.value}: {printable(in_options(found.sentence))}", file=sys.stderr)
+
+    def files(self, **written: Path | None) -> None:
+        """Name the files that were written, by what they hold."""
+        for what, path in written.items():
+            if path is not None:
+                self.say(f"{what}: {path}")
 
 
 def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
@@ -138,68 +142,6 @@ def contacts(said: list[str] | None) -> dict[str, BoreContact]:
     return contacts
 
 
-@contextmanager
-def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = True) -> Iterator[Callable[[str], None]]:
-    """A function to call with each stage's name; on a terminal it shows as a spinner with time gone by and time left.
-
-    With ``verbose`` every stage stays on a line of its own, and the last one says how long all took. ``command``: whose
-    stages these are, of ``TYPICAL``; ``page``: whether it writes a report.
-    """
-    console = Console(stderr=True, quiet=quiet)
-    left = TimeLeft({s: t for s, t in TYPICAL.get(command, {}).items() if page or "report" not in s})
-    if verbose and not quiet:
-        begin = monotonic()
-
-        def line(what: str) -> None:
-            left.begin(what)
-            said = ", ".join(x for x in (what, str(left)) if x)
-            print(f"... {monotonic() - begin:6.1f} s  {printable(said)}", file=sys.stderr)
-
-        yield line
-        print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
-        return
-    if quiet or not console.is_terminal:
-        yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
-        return
-    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("{task.fields[left]}"), console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, left=left)  # asked anew at each refresh
-
-        def shown(what: str) -> None:
-            left.begin(what)
-            bar.update(task, description=what)
-
-        yield shown
-
-
-@contextmanager
-def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
-    """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
-    console = Console(stderr=True, quiet=quiet)
-    if quiet or not console.is_terminal:
-        yield (
-            (lambda *_: None)
-            if quiet
-            else (lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr))
-        )
-        return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )  # fmt: skip
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=total)
-        yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
-
-
 def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
     """Refuse, before anything is done, an output that is an input under any name, or another output.
 
@@ -243,21 +185,6 @@ def in_options(text: str, parameters: Iterable[str] | None = None) -> str:
         alone = rf"(?<![\w/.-]){re.escape(parameter)}" + ("" if parameter.endswith("=") else r"(?!\w)")  # not of a path
         text = re.sub(alone, lambda _, told=told: told, text)  # type: ignore[misc]
     return text
-
-
-def say(text: str, quiet: bool = False) -> None:
-    """Print plain words unless quiet."""
-    if not quiet:
-        print("\n".join(map(printable, text.split("\n"))))
-
-
-def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
-    """Print each finding on standard error, its grade in front: note, look or refuse."""
-    from calibration.finding import once
-
-    for found in () if quiet else once(findings):
-        sentence = printable(in_options(found.sentence))
-        print(f"{found.grade.value}: {sentence}", file=sys.stderr)
 
 
 def in_one_line(what: str, findings: Iterable[Finding]) -> None:

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, rich_table, say, spare_inputs
+from tcdyn.cli.common import Json, Told, bounded, check_choice, dump, end, grouped, rich_table, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -89,7 +89,8 @@ def diff(
 
 
 @app.command()
-def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None:
+@grouped
+def check(record: RecordPath, *, tell: Told) -> None:
     """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything).
 
     Example: tcdyn record check fast.disk.json
@@ -99,22 +100,19 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
     from calibration.record import read_record
 
     doubts = sentences(check_record(read_record(record)))
-    if json_:
-        print(dump({"sound": not doubts, "doubts": doubts}), end="")
-    else:
-        for doubt in doubts:
-            say(f"- {doubt}", quiet)
-        verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
-        say(verdict, quiet)
+    tell.json(lambda: {"sound": not doubts, "doubts": doubts})
+    verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
+    tell.say("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
     if doubts:
         raise typer.Exit(1)
 
 
+@grouped
 def rig(
     show: Annotated[bool, typer.Option("--show", help="print the rig file, every key with its value")] = True,
     file: Annotated[Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Check a rig file and print every key with the value in force.
 
@@ -123,11 +121,12 @@ def rig(
     from calibration.rig import load_rig, rig_toml
 
     found = load_rig(file)
-    text = dump(found.to_dict()) if json_ else rig_toml(found)
-    if show and not quiet:
-        print(text, end="")
+    if show and not tell.quiet:
+        tell.json(found.to_dict)
+        tell.say(rig_toml(found).rstrip())
 
 
+@grouped
 def transducer(
     table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
@@ -135,8 +134,8 @@ def transducer(
     weights_rel: Annotated[
         float, bounded("--weights-rel", "relative standard uncertainty of all weights and the lever in common", 0, 0.5)
     ] = 0.001,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
@@ -159,7 +158,8 @@ def transducer(
     if out is not None:
         write_text(out, dump(line.to_dict()))
     if of is None:
-        say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+        tell.json(line.to_dict)
+        tell.say(line.summary())
     else:
         u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
         keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
@@ -169,7 +169,8 @@ def transducer(
         else:
             said += [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
             lines = [f"# {each}" for each in said]
-        say(dump(keys).rstrip() if json_ else "\n".join(lines), quiet)
+        tell.json(lambda: keys)
+        tell.say("\n".join(lines))
     end(table.name, line.findings)
 
 
@@ -206,16 +207,14 @@ def spot(
 
 def chain_rows(record: DiskRecord) -> pd.DataFrame:
     """Lags, one row a channel, the common lag last."""
-    from calibration.estimate import with_u
-
-    assert record.chain is not None
-    apart = {c: with_u(e.value, e.u) for c, e in record.chain.differential_lag_s.items()}
-    rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
-    rows.append(("common", record.chain.common_lag_s, ""))
     import pandas as pd
 
+    assert record.chain is not None
+    apart = {c: e.plain() for c, e in record.chain.differential_lag_s.items()}
+    rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
+    rows.append(("common", record.chain.common_lag_s, ""))
     return pd.DataFrame(
-        [(name, with_u(e.value, e.u), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
+        [(name, e.plain(), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
         columns=["channel", "lag s", "95 %", "minus common s"],
     )
 

@@ -141,11 +141,10 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     channels = sorted({c for t in tests.values() for c in (*t.deeper_m, *t.left_out)})
     for k, (disk, test) in enumerate(tests.items()):
         at = [channels.index(c) + 0.24 * (k - 0.5) for c in test.deeper_m]  # side by side
-        mm = [1e3 * e.value for e in test.deeper_m.values()]
-        bars = [Z95 * 1e3 * e.u for e in test.deeper_m.values()]
+        deeper = [e.times(1e3) for e in test.deeper_m.values()]
         ax.errorbar(
-            at, mm, yerr=bars, fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2, linewidth=0.9,
-            label=f"{disk} disk, by this test alone, 95 %",
+            at, [e.value for e in deeper], yerr=[Z95 * e.u for e in deeper], fmt=DISK_MARKER[disk],
+            color=DISK_COLOUR[disk], capsize=2, linewidth=0.9, label=f"{disk} disk, by this test alone, 95 %",
         )  # fmt: skip
     ax.set_xticks(range(len(channels)), channels)
     ax.axhline(0, color=TRUTH, linewidth=0.8)

@@ -17,7 +17,7 @@ from tcdyn.plots.style import pictured
 from tcdyn.report.page import Section
 
 
-def uneven_section(p: Partition, name: str) -> Section:
+def uneven_section(p: Partition) -> Section:
     """What the bore contact makes of the temperature round each disk, and what was subtracted."""
     found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
     rows = [
@@ -29,7 +29,7 @@ def uneven_section(p: Partition, name: str) -> Section:
         )
     ]
     return Section(
-        f"{name}: are the disks even round their bores?",
+        "are the disks even round their bores?",
         (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
         + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
         "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
@@ -40,10 +40,10 @@ def uneven_section(p: Partition, name: str) -> Section:
     )
 
 
-def around_section(p: Partition, name: str) -> Section:
+def around_section(p: Partition) -> Section:
     """The temperature round each disk at the end of the load."""
     return Section(
-        f"{name}: the temperature round the disks",
+        "the temperature round the disks",
         "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
         "first harmonic that was found. Nothing is measured deeper than the inner row.",
         figure=round_figure([around_disk(p, disk) for disk in DISKS]),

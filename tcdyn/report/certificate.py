@@ -20,7 +20,7 @@ from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, 
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
 from tcdyn.plots.style import pictured
 from tcdyn.plunge.fit import moved_lines
-from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
+from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.signed import in_oven, signed_sections
 
@@ -72,19 +72,18 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         u = whole_u(line, np.linspace(low, high, 50))
-        gain, offset = line.gain_estimate, line.offset_estimate
         row = {
             "channel": name,
             "verdict": verdicts[name].replace(" ", NO_BREAK) if verdicts[name] == FIT else verdicts[name],
-            "gain": with_u(gain.value, gain.u),
-            "offset [degC]": with_u(offset.value, offset.u),
+            "gain": line.gain_estimate.plain(),
+            "offset [degC]": line.offset_estimate.plain(),
             "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
         }
         if record.chain is not None and name in record.chain.channels:
             lag, apart = record.chain.channels[name].lag_s, record.chain.differential_lag_s[name]
-            row["lag [s]"] = with_u(lag.value, lag.u)
-            row["95 % [s]"] = interval(lag)
-            row["minus common lag [s]"] = with_u(apart.value, apart.u)
+            row["lag [s]"] = lag.plain()
+            row["95 % [s]"] = lag.interval
+            row["minus common lag [s]"] = apart.plain()
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -98,7 +97,7 @@ def certificate_verdict(record: DiskRecord) -> str:
     if record.chain is not None:
         common = record.chain.common_lag_s
         apart = max(d.u for d in record.chain.differential_lag_s.values())
-        text += f"; common lag {with_u(common.value, common.u, 's')} (95 %: {interval(common)} s)"
+        text += f"; common lag {common.plain('s')} (95 %: {common.interval} s)"
         text += f", each channel's difference from it to {apart:.2g} s"
         found = record.fit.get("structures") or {}
         if found.get("contradicted"):

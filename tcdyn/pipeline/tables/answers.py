@@ -11,7 +11,7 @@ import pandas as pd
 
 from calibration.disk import DISKS, LEFT_OUT
 from calibration.errors import InputError
-from calibration.estimate import Estimate, rounded, with_u
+from calibration.estimate import Estimate, with_u
 from calibration.words.base import as_known
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
@@ -48,10 +48,9 @@ def ways_table(p: Partition) -> pd.DataFrame:
     def way(
         key: str, word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None
     ) -> None:
-        low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
-        row = {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}"}
+        row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
         more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
-        row |= {key: with_u(e.value, e.u) if e else "" for key, e in more.items()}
+        row |= {key: e.plain() if e else "" for key, e in more.items()}
         table.append(row if key not in gone else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"})
 
     a, gone = p.answers, p.withheld
@@ -72,10 +71,8 @@ def structures_table(p: Partition) -> pd.DataFrame:
     """The fit of both disks under every other structure, best supported first."""
     rows = []
     for a, likely in zip(p.structures.tried, p.structures.probability):
-        implied = with_u(a.exponent.value, a.exponent.u)
-        rows.append(
-            (structure(a.name), with_u(a.beta.value, a.beta.u), f"{a.delta_chi2:.1f}", percent(likely), implied)
-        )
+        implied = a.exponent.plain()
+        rows.append((structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied))
     columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -91,10 +88,11 @@ def budget_table(p: Partition) -> pd.DataFrame:
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
     rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
-    return pd.DataFrame([(source, *map(_u, parts)) for source, parts in zip(rows, table)], columns=columns)
+    return pd.DataFrame([(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns)
 
 
-def _u(u: float) -> str:
+def u_of_beta(u: float) -> str:
+    """A standard uncertainty of beta in a table."""
     return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
@@ -125,7 +123,7 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
     rows = []
     for disk, test in tests.items():
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
-            mm = with_u(1e3 * deeper.value, 1e3 * deeper.u)
+            mm = deeper.times(1e3).plain()
             rows.append((disk, channel, mm, f"{1e3 * test.stated_u_m:.2f}", f"{round(float(pull), 1) + 0.0:+.1f}"))
         rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
     columns = [
@@ -285,9 +283,6 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 def junctions(found: SensorCheck | None) -> dict[str, Any]:
     """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
     return {
-        d: {
-            c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
-            for (c, e), z in zip(t.deeper_m.items(), t.pull)
-        }
+        d: {c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)} for (c, e), z in zip(t.deeper_m.items(), t.pull)}
         for d, t in ({} if found is None else found.depths).items()
     }
