@@ -21,7 +21,7 @@ from calibration.files.seal import SEAL, altered, sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.static import StaticLine, lines_table
-from calibration.result import Result
+from calibration.result import Result, json_text
 from calibration.rig import RigTables
 from calibration.stated import STRICT
 
@@ -72,6 +72,12 @@ class ChainRecord(RecordPart):
     covariance: list[list[float]]
     common_lag_s: Estimate
     differential_lag_s: dict[str, Estimate]
+
+    def table(self) -> pd.DataFrame:
+        """One row a channel: lag with uncertainty and 95 % interval, and how far it is off the common lag."""
+        apart = self.differential_lag_s
+        rows = [(c, x.lag_s.plain(), x.lag_s.interval, apart[c].plain()) for c, x in sorted(self.channels.items())]
+        return pd.DataFrame(rows, columns=["channel", "lag [s]", "95 % [s]", "minus common lag [s]"])
 
     @model_validator(mode="after")
     def _sound(self) -> ChainRecord:
@@ -165,10 +171,7 @@ class DiskRecord(Result, RecordPart):
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""
         table = lines_table(self.static)
-        if self.chain is not None:
-            lags = {c: str(channel.lag_s) for c, channel in self.chain.channels.items()}
-            table["lag [s]"] = [lags.get(c, "") for c in table["channel"]]
-        return table
+        return table if self.chain is None else table.merge(self.chain.table(), "left", "channel").fillna("")
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the record's file, with its checksum."""
@@ -176,7 +179,7 @@ class DiskRecord(Result, RecordPart):
 
     def to_json(self) -> str:
         """The record as JSON text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        return json_text(self.to_dict())
 
 
 def now_utc() -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence, Set
@@ -59,6 +60,11 @@ class Result(ABC):
         shown = "" if table is None else table.to_html(index=False, max_rows=MOST_ROWS, border=0)
         name = html.escape(type(self).__name__)
         return f'<div class="tcdyn-result"><b>{name}</b><pre>{html.escape(self.summary())}</pre>{shown}</div>'
+
+
+def json_text(value: Any) -> str:
+    """``value`` as the text of a JSON file: what is not a number is null."""
+    return json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def jsonable(value: Any) -> Any:

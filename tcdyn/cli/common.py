@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import re
 import sys
 from collections.abc import Callable, Iterable
@@ -36,11 +35,9 @@ Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="each stage on a line of its own, with the time gone by")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
-RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
-
-OptionalRecordFiles = Annotated[
-    list[Path] | None, typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
-]
+RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
+RecordFiles = Annotated[list[Path], RECORD]
+OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -209,9 +206,9 @@ def end(what: str, findings: Iterable[Finding]) -> None:
 
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
-    from calibration.result import jsonable
+    from calibration.result import json_text
 
-    return json.dumps(jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(data)
 
 
 def rich_table(rows: pd.DataFrame, title: str = "") -> Table:

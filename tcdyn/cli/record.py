@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from calibration.compare import RecordDiff
-    from calibration.record import DiskRecord
+    from calibration.record import ChainRecord, DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
@@ -54,7 +54,7 @@ def _show(found: DiskRecord) -> None:
     lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
     console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
     if found.chain is not None:
-        console.print(rich_table(chain_rows(found), f"Chain ({found.chain.structure})"))
+        console.print(rich_table(chain_rows(found.chain), f"Chain ({found.chain.structure})"))
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
     for noticed in once(found.findings):
@@ -205,18 +205,11 @@ def spot(
     print("\n".join([f"[{disk}.surface]", *(f"{name} = {value}" for name, value in keys.items())]))
 
 
-def chain_rows(record: DiskRecord) -> pd.DataFrame:
+def chain_rows(chain: ChainRecord) -> pd.DataFrame:
     """Lags, one row a channel, the common lag last."""
-    import pandas as pd
-
-    assert record.chain is not None
-    apart = {c: e.plain() for c, e in record.chain.differential_lag_s.items()}
-    rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
-    rows.append(("common", record.chain.common_lag_s, ""))
-    return pd.DataFrame(
-        [(name, e.plain(), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
-        columns=["channel", "lag s", "95 %", "minus common s"],
-    )
+    table = chain.table()
+    table.loc[len(table)] = ["common", chain.common_lag_s.plain(), chain.common_lag_s.interval, ""]
+    return table
 
 
 def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:

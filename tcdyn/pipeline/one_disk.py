@@ -24,7 +24,7 @@ from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import prepare, without_lost
-from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions
+from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions, way_row
 from tcdyn.traces import rig_of
 
 
@@ -114,10 +114,9 @@ def ways_of(p: OneDisk) -> pd.DataFrame:
     """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true is withheld."""
     rows, a = [], p.answers
     for way in WAYS:
-        lag = a["lag_s"].plain() if way == "joint" else ""
-        said = (str(a[way]), a[way].interval, str(a[f"h {way}"]), lag)
-        rows.append((f"{way} fit, {p.disk} disk", *(("withheld", "", "", "") if way in p.withheld else said)))
-    return pd.DataFrame(rows, columns=["way", "β [1]", "95 % of β", "h [W/m²K]", "lag [s]"])
+        lag = a["lag_s"] if way == "joint" else None
+        rows.append(way_row(f"{way} fit, {p.disk} disk", a[way], a[f"h {way}"], lag, shown=way not in p.withheld))
+    return pd.DataFrame(rows).drop(columns="exponent n [1]")
 
 
 def estimate_one_disk(

@@ -19,9 +19,11 @@ from tcdyn.chain import Chain
 from tcdyn.plots.style import DARK, GREY, PALE, SERIES_LINES, SERIES_MARKERS, SLOW, TRUTH, dressed, figure, thinned
 from tcdyn.plunge.result import LagShare
 
+LEAST_BINS = 12
 
-def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
-    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``least`` bins or more.
+
+def bin_width(errors_K: ArrayLike) -> float:
+    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``LEAST_BINS`` bins or more.
 
     >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
     (0.01, 0.2)
@@ -30,11 +32,11 @@ def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
     span = float(np.nanmax(e) - np.nanmin(e)) if e.size else 0.0
     if not span > 0.0:
         return 0.1
-    power = 10.0 ** np.floor(np.log10(span / least))
-    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / least * (1 + 1e-9)), 12))
+    power = 10.0 ** np.floor(np.log10(span / LEAST_BINS))
+    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12))
 
 
-def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None) -> Axes:
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, width_K: float | None = None) -> Axes:
     """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
 
     The dashed lines hold 95 % of the errors between them.
@@ -42,7 +44,7 @@ def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", widt
     e = np.asarray(errors_K, dtype=float)
     width = bin_width(e) if width_K is None else width_K
     counts, edges = error_histogram(e, width)
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white", label=label or None)
+    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     for end in np.nanquantile(e, [0.025, 0.975]):
         ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")

@@ -81,9 +81,9 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
     return dressed(ax, "real part [1/s]", "imaginary part [1/s]", legend=len(model.parts) > 1)
 
 
-def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
+def draw_band(band: Band, ax: Axes) -> Axes:
     """A curve and its 95 % band."""
-    ax.plot(band.x, band.value, color=SLOW, linewidth=1.3, label=text or None)
+    ax.plot(band.x, band.value, color=SLOW, linewidth=1.3)
     ax.fill_between(band.x, band.low95, band.high95, color=SLOW, alpha=BAND, linewidth=0)
     return ax
 

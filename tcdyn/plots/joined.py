@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from calibration.disk import DISKS
 from calibration.estimate import Z95
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.plots.campaign import name_points
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, SERIES_LINES, TRUTH, dressed
+from tcdyn.plots.style import DISK_COLOUR, GREY, PALE, SERIES_LINES, TRUTH, dressed
+from tcdyn.plots.transient import draw_deeper
 
 OVER = {
     "delta_T_us_K_m_s": "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]",
@@ -57,14 +57,5 @@ def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
 
 def draw_junctions(joined: JoinedCampaign, ax: Axes) -> Axes:
     """How much deeper than stated all tests together place each junction, 95 % bars."""
-    names = sorted({c for own in joined.deeper_mm.values() for c in own})
-    for d, aside in zip(DISKS, (-0.1, 0.1)):
-        own = joined.deeper_mm[d]
-        x = [names.index(c) + aside for c in own]
-        ax.errorbar(
-            x, [e.value for e in own.values()], yerr=[Z95 * e.u for e in own.values()], fmt=DISK_MARKER[d],
-            color=DISK_COLOUR[d], capsize=2, linewidth=0.9, label=f"{d} disk",
-        )  # fmt: skip
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
-    ax.set_xticks(range(len(names)), names)
+    draw_deeper(joined.deeper_mm, ax, "{} disk")
     return dressed(ax, "junction", "deeper than stated [mm]", legend=True)

@@ -31,6 +31,7 @@ from tcdyn.plots.style import (
 
 STYLES = ("-", "--", ":")
 CLEAR: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}  # a legend over lines
+LITERATURE = 0.571, 0.8  # exponents of the speed law
 COURSE_S = 0.5  # of the running mean of residuals
 LEAST_SHOWN = 5e-5  # a source of less is in the table only
 LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
@@ -184,8 +185,9 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     return dressed(ax, f"h of the {disk} disk [W/m²K]", y, head=head, loc="upper left", **CLEAR)
 
 
-def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8) -> Axes:
+def draw_exponent(p: Partition, ax: Axes) -> Axes:
     """beta by the speed law against its exponent (figure 4.17), and the exponent that the two disks imply."""
+    low, high = LITERATURE
     n = np.linspace(low - 0.05, high + 0.05, 60)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")

@@ -19,7 +19,7 @@ from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, block_sd
 
 HOLES_S = 10.0  # after the entry, in which holes differ
-_LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
+_LINES = tuple(CHANNEL_STYLE.values())
 
 
 def draw_holes(result: HoleComparison, ax: Axes) -> Axes:

@@ -25,7 +25,6 @@ WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
     "fast_surface_max_degC": "hottest surface, fast disk [°C]",
     "slow_surface_max_degC": "hottest surface, slow disk [°C]", "friction_N": "traction force [N]",
-    "beta": "β by the speed law [1]", "load_N": "load [N]", "delta_T_us_K_m_s": "ΔT u_s [K m/s]",
 }  # fmt: skip
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast less slow, at the end of "
@@ -181,8 +180,8 @@ def trend_words(table: pd.DataFrame) -> pd.DataFrame:
     rows = [
         {
             "quantity": WORDS[r["quantity"]],
-            "over": WORDS[r["over"]],
-            "tests": f"{r['number']} at {r['tests']}" if r["tests"] != "all" else f"all {r['number']}",
+            "over": "load [N]",
+            "tests": f"{r['number']} at {r['tests']}",
             "slope": pm([r["slope"]], [r["u_slope"]])[0],
             "95 % interval of the slope": " to ".join(
                 rounded(r[end], r["u_slope"])[0] for end in ("low95_slope", "high95_slope")

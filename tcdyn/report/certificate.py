@@ -72,20 +72,15 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         u = whole_u(line, np.linspace(low, high, 50))
-        row = {
+        rows.append({
             "channel": name,
             "verdict": verdicts[name].replace(" ", NO_BREAK) if verdicts[name] == FIT else verdicts[name],
             "gain": line.gain_estimate.plain(),
             "offset [degC]": line.offset_estimate.plain(),
             "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
-        }
-        if record.chain is not None and name in record.chain.channels:
-            lag, apart = record.chain.channels[name].lag_s, record.chain.differential_lag_s[name]
-            row["lag [s]"] = lag.plain()
-            row["95 % [s]"] = lag.interval
-            row["minus common lag [s]"] = apart.plain()
-        rows.append(row)
-    return pd.DataFrame(rows)
+        })  # fmt: skip
+    table = pd.DataFrame(rows)
+    return table if record.chain is None else table.merge(record.chain.table(), "left", "channel").fillna("")
 
 
 def certificate_verdict(record: DiskRecord) -> str:

@@ -43,7 +43,7 @@ def write_compensation_report(
     sections: list[Section] = []
     for disk, result in done.disks.items():
         sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
-    notes = pd.DataFrame([{"key": k, "value": v} for k, v in done.metadata.items()])
+    notes = pd.DataFrame(done.metadata.items(), columns=["key", "value"])
     sections.append(Section("The output's own notes", table=notes, folded=True))
     return write_page(
         path,
@@ -99,7 +99,7 @@ def write_follow_report(
     picture = pictured(partial(draw_before_use, report), height_in=3.6)
     followed, rows = _followed(plan, log, out)
     step = "Noisiest channel: a step at the junction through the chain alone, and as it comes out of the live smoother."
-    notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
+    notes = pd.DataFrame(plan.notes().items(), columns=["key", "value"])
     return write_page(
         path,
         f"Followed: {log.name}",

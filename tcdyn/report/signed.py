@@ -167,7 +167,7 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
     found = budget_of(record, channel, at)
     _, why = next_calibration(record, earlier)
     changed = " Where the disk, a junction, a cable or the logger is changed, it ends that day."
-    files = pd.DataFrame([{"file": i.file, "sha256": i.sha256} for i in record.inputs])
+    files = pd.DataFrame([file.model_dump() for file in record.inputs])
     by = pd.DataFrame(
         {
             "": ["Calibrated by", "Authorised by"],

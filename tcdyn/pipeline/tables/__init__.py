@@ -13,6 +13,7 @@ from tcdyn.pipeline.tables.answers import (
     structures_table,
     test_table,
     u_of_beta,
+    way_row,
     ways_table,
 )
 from tcdyn.pipeline.tables.both import both_budget, met, residuals_table
@@ -20,5 +21,5 @@ from tcdyn.pipeline.tables.both import both_budget, met, residuals_table
 __all__ = [
     "NOTHING", "SCHEMA", "beta_file", "both_budget", "budget_table", "cooling_by_window", "interval_table", "junctions",
     "junctions_table", "met", "referee_table", "residuals_table", "structures_table", "test_table", "u_of_beta",
-    "ways_table",
+    "way_row", "ways_table",
 ]  # fmt: skip

@@ -41,30 +41,29 @@ BY_WAY = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0
 
 
+def way_row(
+    word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None, shown: bool = True
+) -> dict[str, str]:
+    """One way to beta in a table, empty where it is withheld."""
+    row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
+    more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
+    row |= {key: e.plain() if e else "" for key, e in more.items()}
+    return row if shown else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
+
+
 def ways_table(p: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
-    table = []
-
-    def way(
-        key: str, word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None
-    ) -> None:
-        row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
-        more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
-        row |= {key: e.plain() if e else "" for key, e in more.items()}
-        table.append(row if key not in gone else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"})
-
-    a, gone = p.answers, p.withheld
-    both = p.both.estimates
-    for d in DISKS:
-        n = both["exponent"] if "both exponent" not in gone else None
-        way("both beta", f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n)
-    for d in DISKS:
-        way("speed law", f"speed law, {d} disk", a["speed law"], a[f"h_{d}"])
-    for kind, lag in (("cooling", False), ("joint", True)):
-        for d in DISKS:
-            lag_s = p.joint[d].estimates["lag_s"] if lag else None
-            way(f"{kind} {d}", f"{kind} fit, {d} disk", a[f"{kind} {d}"], a[f"h {kind} {d}"], lag_s)
-    return pd.DataFrame(table)
+    a, gone, both = p.answers, p.withheld, p.both.estimates
+    n = None if "both exponent" in gone else both["exponent"]
+    shown = "both beta" not in gone
+    rows = [way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown) for d in DISKS]
+    shown = "speed law" not in gone
+    rows += [way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS]
+    for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
+        kind, disk = way.split()
+        lag = p.joint[disk].estimates["lag_s"] if kind == "joint" else None
+        rows.append(way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone))
+    return pd.DataFrame(rows)
 
 
 def structures_table(p: Partition) -> pd.DataFrame:
