@@ -150,15 +150,19 @@ class DiskRecord(Result, RecordPart):
         """The findings as sentences, notes among them."""
         return list(sentences(self.findings))
 
+    @property
+    def made(self) -> str:
+        """When it was made and, where that is known, by whom."""
+        return f"{self.created} by {self.created_by}" if self.created_by else self.created
+
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
         return self.setup.setup(self.disk)
 
     def summary(self) -> str:
         """Disk, day, files, common lag and warnings, in a few lines."""
-        by = f" by {self.created_by}" if self.created_by else ""
         files = ", ".join(item.file for item in self.inputs) or "no files named"
-        lines = [f"disk {self.disk}, calibrated {self.created}{by}, from {files}"]
+        lines = [f"disk {self.disk}, calibrated {self.made}, from {files}"]
         if self.chain is None:
             lines.append("no chain: it can correct steady readings only")
         else:

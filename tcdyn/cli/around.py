@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, check_choice, contacts, grouped, spare_inputs, within
-from tcdyn.cli.simulate import RigPath, Seed, Uneven
+from tcdyn.cli.common import Told, check_choice, grouped, spare_inputs
+from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, contacts
 
 if TYPE_CHECKING:
     import numpy as np
@@ -27,18 +27,13 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def round_() -> None:
-    """The temperature round the disks."""
-
-
 @app.command("simulate")
 @grouped
 def simulate_round(
     out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
-    test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
+    test: Test = "B3",
     seed: Seed = 0,
-    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
+    beta: Beta = None,
     uneven: Uneven = None,
     rig: RigPath = None,
     *,

@@ -9,8 +9,19 @@ from typing import Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import OwnRigFile, RecordFiles, Told, Verbose, bounded, dump, grouped, in_one_line, spare_inputs
-from tcdyn.cli.progress import counted, stages
+from tcdyn.cli.common import (
+    OwnRigFile,
+    RecordFiles,
+    Told,
+    Verbose,
+    bounded,
+    counted,
+    dump,
+    grouped,
+    in_one_line,
+    spare_inputs,
+    stages,
+)
 
 Bearing = Annotated[
     Path | None,

@@ -8,8 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs
-from tcdyn.cli.progress import stages
+from tcdyn.cli.common import RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs, stages
 
 
 @grouped

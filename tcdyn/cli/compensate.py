@@ -19,8 +19,8 @@ from tcdyn.cli.common import (
     end,
     grouped,
     spare_inputs,
+    stages,
 )
-from tcdyn.cli.progress import stages
 from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, of_table, only_with_records
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import RigFile, Told, bounded, check_choice, grouped, spare_inputs
+from tcdyn.cli.common import Disk, RigFile, Told, bounded, grouped, spare_inputs
 
 if TYPE_CHECKING:
     from tcdyn.campaign.planned import PlannedCampaign
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @grouped
 def design(
     rig: RigFile = None,
-    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    disk: Disk = "fast",
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
     bath_degC: Annotated[
         list[float] | None,
@@ -64,7 +64,6 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
-    from calibration.disk import DISKS
     from calibration.rig import load_rig
     from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests
@@ -74,7 +73,6 @@ def design(
     if campaign is not None:
         _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, tell)
         return
-    check_choice("--disk", disk, DISKS)
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
         raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")

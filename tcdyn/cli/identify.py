@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, bounded, check_choice, dump, end, grouped, in_options, spare_inputs, within
-from tcdyn.cli.progress import counted
+from tcdyn.cli.common import Told, bounded, check_choice, counted, dump, end, grouped, in_options, spare_inputs, within
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model

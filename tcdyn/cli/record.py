@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Told, bounded, check_choice, dump, end, grouped, rich_table, spare_inputs
+from tcdyn.cli.common import Disk, Json, Told, bounded, check_choice, dump, end, grouped, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -21,6 +21,7 @@ app = typer.Typer(
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.table import Table
 
     from calibration.compare import RecordDiff
     from calibration.record import ChainRecord, DiskRecord
@@ -50,7 +51,7 @@ def _show(found: DiskRecord) -> None:
     from calibration.lines.static import lines_table
 
     console = Console()
-    console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
+    console.print(f"disk {found.disk}, made {found.made}")
     lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
     console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
     if found.chain is not None:
@@ -176,7 +177,7 @@ def transducer(
 
 def spot(
     table: Annotated[Path, typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)")],
-    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    disk: Disk = "fast",
     power_rel: Annotated[
         float, bounded("--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1)
     ] = 0.02,
@@ -188,11 +189,9 @@ def spot(
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
-    from calibration.disk import DISKS
     from calibration.files import read_numbers
     from calibration.stated.surface import fit_surface_flux
 
-    check_choice("--disk", disk, DISKS)
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
         found = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
@@ -219,3 +218,16 @@ def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
     shown = table.assign(**{name: [format(v, how) for v in table[name]] for name, how in formats.items()})
     shown["significant"] = ["drifted" if yes else "" for yes in table["significant"]]
     return shown.rename(columns={"significant": ""})
+
+
+def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
+    """A table for the terminal: words left, numbers right."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for k, name in enumerate(rows.columns):
+        table.add_column(escape(str(name)), justify="left" if k == 0 else "right")
+    for row in rows.itertuples(index=False):
+        table.add_row(*(escape(str(v)) for v in row))
+    return table

@@ -22,8 +22,32 @@ app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a 
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
 Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]
-Out = Annotated[Path, typer.Option(help="*.sensor.json to write")]
-Name = Annotated[str | None, typer.Option("--name", help="what the sensor is called; default: the file's name")]
+
+
+@dataclass(frozen=True)
+class Made:
+    """The file of the sensor that was found."""
+
+    out: Annotated[Path, typer.Option(help="*.sensor.json to write")]
+    name: Annotated[str | None, typer.Option(help="what the sensor is called; default: the file's name")] = None
+
+    @property
+    def called(self) -> str:
+        """The sensor's name, by its file's where none was given."""
+        return self.name or self.out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
+
+    def finish(self, sensor: SensorFile, tell: Told, log: Path | None = None) -> None:
+        """Write the file, say what it holds; exit 1 where something asks to be looked at."""
+        from tcdyn.sensor import read_sensor, write_sensor
+
+        spare_inputs([log], out=self.out)
+        write_sensor(sensor, self.out)
+        read_sensor(self.out)
+        tell.json(sensor.to_dict)
+        tell.say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0])
+        tell.warn(sensor.findings)
+        tell.say(f"wrote {self.out}")
+        end(str(self.out), sensor.findings)
 
 
 @dataclass(frozen=True)
@@ -48,11 +72,6 @@ class Filter:
         return Conditioning(self.cutoff_hz, self.poles, self.shape)  # type: ignore[arg-type]
 
 
-@app.callback()
-def _sensor() -> None:
-    """The lag of any thermocouple, as a file that compensate and follow take."""
-
-
 @app.command()
 @grouped
 def new(
@@ -60,10 +79,9 @@ def new(
         list[str], typer.Option("--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each")
     ],
     column: Columns,
-    out: Out,
     delay_s: Annotated[str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")] = "0",
-    name: Name = None,
     *,
+    to: Made,
     behind: Filter,
     tell: Told,
 ) -> None:
@@ -74,10 +92,10 @@ def new(
     from tcdyn.sensor import stated
 
     made = stated(
-        name or named(out), column, [value_and_u(text, "--tau-s") for text in tau_s],
+        to.called, column, [value_and_u(text, "--tau-s") for text in tau_s],
         behind.conditioning(), value_and_u(delay_s, "--delay-s"),
     )  # fmt: skip
-    finish(made, out, tell)
+    to.finish(made, tell)
 
 
 @app.command()
@@ -103,7 +121,6 @@ def show(
 def plunge(
     log: Log,
     column: OneColumn,
-    out: Out,
     entry_s: Annotated[
         str | None,
         typer.Option("--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"),
@@ -117,8 +134,8 @@ def plunge(
     ] = None,
     diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")] = None,
     speed_m_s: Annotated[float | None, typer.Option("--speed-m-s", help="with --medium: another speed")] = None,
-    name: Name = None,
     *,
+    to: Made,
     behind: Filter,
     reading: TableReading,
     tell: Told,
@@ -135,11 +152,11 @@ def plunge(
     film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
     t, values, found, names = read(log, [column], reading)
     made = plunge_sensor(
-        t, values[0], names[0], sensor=name or named(out), conditioning=behind.conditioning(),
+        t, values[0], names[0], sensor=to.called, conditioning=behind.conditioning(),
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
         medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
     )  # fmt: skip
-    finish(with_findings(made, found), out, tell, (log,))
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
@@ -147,7 +164,6 @@ def plunge(
 def pair(
     log: Log,
     columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
-    out: Out,
     speed: Annotated[
         str | None, typer.Option("--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5")
     ] = None,
@@ -158,8 +174,8 @@ def pair(
         list[float] | None,
         typer.Option("--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"),
     ] = None,
-    name: Name = None,
     *,
+    to: Made,
     reading: TableReading,
     tell: Told,
 ) -> None:
@@ -174,10 +190,10 @@ def pair(
         raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
     t, values, found, names = read(log, wanted, reading, (speed,) if speed else ())
     made = pair_sensor(
-        t, values[0], values[1], (names[0], names[1]), sensor=name or named(out), speed=values[2] if speed else None,
+        t, values[0], values[1], (names[0], names[1]), sensor=to.called, speed=values[2] if speed else None,
         changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
     )  # fmt: skip
-    finish(with_findings(made, found), out, tell, (log,))
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
@@ -186,12 +202,11 @@ def current(
     log: Log,
     column: OneColumn,
     current: Annotated[str, typer.Option("--current", help="column of the heating current; its unit does not matter")],
-    out: Out,
     off_only: Annotated[
         bool, typer.Option("--off-only", help="use rows without current only: a thermocouple is not read while heated")
     ] = False,
-    name: Name = None,
     *,
+    to: Made,
     reading: TableReading,
     tell: Told,
 ) -> None:
@@ -202,10 +217,8 @@ def current(
     from tcdyn.sensor.current import current_sensor
 
     t, values, found, names = read(log, [column], reading, (current,))
-    made = current_sensor(
-        t, values[0], values[1], names[0], sensor=name or named(out), off_only=off_only, inputs=[source(log)]
-    )
-    finish(with_findings(made, found), out, tell, (log,))
+    made = current_sensor(t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)])
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
@@ -213,9 +226,8 @@ def current(
 def noise(
     log: Log,
     column: OneColumn,
-    out: Out,
-    name: Name = None,
     *,
+    to: Made,
     reading: TableReading,
     tell: Told,
 ) -> None:
@@ -226,8 +238,8 @@ def noise(
     from tcdyn.sensor.fluctuations import noise_sensor
 
     t, values, found, names = read(log, [column], reading)
-    made = noise_sensor(t, values[0], names[0], sensor=name or named(out), inputs=[source(log)])
-    finish(with_findings(made, found), out, tell, (log,))
+    made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
+    to.finish(with_findings(made, found), tell, log)
 
 
 def read(
@@ -265,22 +277,3 @@ def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
     from tcdyn.sensor.table import once_each
 
     return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
-
-
-def named(out: Path) -> str:
-    """A sensor's name by its file's."""
-    return out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
-
-
-def finish(sensor: SensorFile, out: Path, tell: Told, inputs: tuple[Path, ...] = ()) -> None:
-    """Write the file, say what it holds; exit 1 where something asks to be looked at."""
-    from tcdyn.sensor import read_sensor, write_sensor
-
-    spare_inputs(inputs, out=out)
-    write_sensor(sensor, out)
-    read_sensor(out)
-    tell.json(sensor.to_dict)
-    tell.say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0])
-    tell.warn(sensor.findings)
-    tell.say(f"wrote {out}")
-    end(str(out), sensor.findings)

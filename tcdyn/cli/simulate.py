@@ -10,14 +10,13 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, Verbose, bounded, check_choice, contacts, grouped, rich_table, spare_inputs, within
-from tcdyn.cli.progress import counted, stages
+from tcdyn.cli.common import Disk, Told, Verbose, bounded, check_choice, counted, grouped, spare_inputs, stages, within
+from tcdyn.cli.record import rich_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tcdyn.simulate.bath import FluidName
-    from tcdyn.simulate.truth import RigTruth
+    from tcdyn.simulate.truth import BoreContact, RigTruth
 
 app = typer.Typer(
     name="simulate",
@@ -28,7 +27,8 @@ app = typer.Typer(
 
 Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
 Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig and the same file")]
-Disk = Annotated[str, typer.Option(help="fast or slow")]
+Test = Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")]
+Beta = Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
 Uneven = Annotated[
     list[str] | None,
@@ -77,7 +77,7 @@ def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, tell: Told) -> None:
     from tcdyn.simulate.measure import simulate_oven
 
     truth = drawn.for_log(out)
-    _write(out, tell, *simulate_oven(_disk(disk), drawn.seed, truth))
+    _write(out, tell, *simulate_oven(disk, drawn.seed, truth))
 
 
 @app.command()
@@ -97,10 +97,12 @@ def immersion(
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
     """
+    from tcdyn.simulate.bath import FLUIDS
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
+    check_choice("--fluid", fluid, FLUIDS)
     truth, options = drawn.for_log(out), PlungeOptions(after_s=duration_s)
-    _write(out, tell, *simulate_plunge(_disk(disk), drawn.seed, _fluid(fluid), bath_degC, run, truth, options))
+    _write(out, tell, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
 
 
 @app.command()
@@ -119,8 +121,8 @@ def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, tell: Told) -> None:
 @grouped
 def ehl(
     out: Out,
-    test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
-    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
+    test: Test = "B3",
+    beta: Beta = None,
     brake: Annotated[
         float | None, bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6)
     ] = None,
@@ -232,13 +234,6 @@ def _write(out: Path, tell: Told, frame: pd.DataFrame, truth: dict[str, Any]) ->
     tell.say(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
 
 
-def _disk(name: str) -> str:
-    from calibration.disk import DISKS
-
-    check_choice("--disk", name, DISKS)
-    return name
-
-
 def _again(said: str) -> tuple[float, float]:
     """Length and time after the parting [s] of a contact given as 0.2@1."""
     import numpy as np
@@ -257,10 +252,22 @@ def _again(said: str) -> tuple[float, float]:
     return out
 
 
-def _fluid(name: str) -> FluidName:
-    from tcdyn.simulate.bath import FLUIDS
+def contacts(said: list[str] | None) -> dict[str, BoreContact]:
+    """What ``--uneven`` says of each disk's bore."""
+    from calibration.disk import DISKS
+    from tcdyn.simulate.truth import BoreContact
 
-    for fluid in FLUIDS:
-        if name == fluid:
-            return fluid
-    raise InputError(f"--fluid {name!r}", expected=" or ".join(FLUIDS), remedy="the rig has no other bath")
+    contacts: dict[str, BoreContact] = {}
+    for text in said or ():
+        name, _, numbers = text.rpartition(":")
+        amplitude, _, angle = numbers.partition("@")
+        try:
+            size, at = float(amplitude), float(angle)
+        except ValueError:
+            raise InputError(
+                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
+            ) from None
+        if name:
+            check_choice("the disk of --uneven", name, DISKS)
+        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
+    return contacts

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, end, spare_inputs
-from tcdyn.cli.progress import stages
+from tcdyn.cli.common import Told, end, spare_inputs, stages
 
 SensorFiles = Annotated[
     list[Path] | None,

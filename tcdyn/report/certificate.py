@@ -44,13 +44,8 @@ def write_certificate(path: str | Path, run: CalibrationRun, earlier: Sequence[D
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
-        footer=made(record),
+        footer=f"Made {record.made}.",
     )
-
-
-def made(record: DiskRecord) -> str:
-    """When the record was made and by whom."""
-    return f"Made {record.created}" + (f" by {record.created_by}" if record.created_by else "") + "."
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:

@@ -9,7 +9,7 @@ import pandas as pd
 from calibration.estimate import rounded
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
-from tcdyn.plots import joined as draw
+from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import pictured
 from tcdyn.report.page import Answer, Section, pm, typeset
 

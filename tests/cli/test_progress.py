@@ -7,8 +7,7 @@ from time import sleep
 import pytest
 
 from calibration.finding import look
-from tcdyn.cli.common import in_one_line
-from tcdyn.cli.progress import TYPICAL, TimeLeft, stages
+from tcdyn.cli.common import TYPICAL, TimeLeft, in_one_line, stages
 
 TYPICALLY = {"reading": 2.0, "fit": 6.0, "report": 2.0}
 
