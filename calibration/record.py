@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
 from calibration.disk import Conditioning, DiskSetup
-from calibration.errors import InputError
+from calibration.errors import InputError, first_wrong
 from calibration.estimate import Estimate
 from calibration.files.seal import SEAL, altered, sealed
 from calibration.files.write import write_text
@@ -258,12 +258,7 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
     try:
         return model.model_validate(plain)
     except ValidationError as problem:
-        first = problem.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
-        what = f"{key + ': ' if key else ''}{message}{got}"
-        raise InputError(what, where=where, expected=expected, remedy=remedy) from None
+        raise InputError(first_wrong(problem), where=where, expected=expected, remedy=remedy) from None
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
