@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
 
 def printable(text: str) -> str:
     """The text on one line, signs that steer a terminal spelt out.
@@ -42,3 +47,16 @@ class InputError(ValueError):
             self.what, where=self.where or where, expected=self.expected, remedy=self.remedy,
             parameters=self.parameters, column=self.column,
         )  # fmt: skip
+
+
+def first_wrong(problem: ValidationError, table: str = "common") -> str:
+    """The first thing that is wrong in a file of known keys, its key in front, behind that of its ``table``."""
+    first = problem.errors()[0]
+    place = ".".join([*([] if table == "common" else [table]), *map(str, first["loc"])])
+    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+        said = "there is no such key"
+    elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
+        said = str(first["ctx"]["error"])
+    else:
+        said = first["msg"] + ("" if first["type"] == "missing" else f" (got {first['input']!r:.60})")
+    return f"{place}: {said}" if place else said

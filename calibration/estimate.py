@@ -94,19 +94,36 @@ class Estimate(BaseModel):
         """
         return with_u(self.value, self.u, unit, self.low95, self.high95)
 
+    def plain(self, unit: str = "") -> str:
+        """Value and standard uncertainty, without the interval, with ``unit`` behind them."""
+        return with_u(self.value, self.u, unit)
+
+    @property
+    def interval(self) -> str:
+        """The 95 % interval with the decimals of the uncertainty.
+
+        >>> Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857).interval
+        '0.593 to 0.857'
+        """
+        return f"{rounded(self.low95, self.u)[0]} to {rounded(self.high95, self.u)[0]}"
+
+    def times(self, factor: float) -> Estimate:
+        """The estimate of a multiple of the quantity; ``factor`` above zero."""
+        return Estimate(**{name: factor * x for name, x in self})
+
     def __str__(self) -> str:
         return self.text()
 
 
-def mixture_range(parts: Sequence[Estimate], weights: Sequence[float], level: float = 0.95) -> tuple[float, float]:
-    """The central range of a mixture of normal distributions of ``weights`` that add to one.
+def mixture_range(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[float, float]:
+    """The central 95 % of a mixture of normal distributions of ``weights`` that add to one.
 
     >>> [round(x, 3) for x in mixture_range([Estimate.normal(0.0, 1.0)], [1.0])]
     [-1.96, 1.96]
     """
     normal = [NormalDist(e.value, e.u) for e in parts]
     ends = []
-    for share in (0.5 * (1 - level), 0.5 * (1 + level)):
+    for share in (0.025, 0.975):
         low, high = (pick(n.inv_cdf(share) for n in normal) for pick in (min, max))
         for _ in range(60):  # halvings
             middle = 0.5 * (low + high)

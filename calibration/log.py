@@ -22,7 +22,7 @@ from calibration.errors import InputError
 from calibration.files import Table, read_whole, sha256
 from calibration.files.table import PIECE_ROWS, Columns, in_pieces, joined
 from calibration.files.write import write_log
-from calibration.finding import Finding, Place, graded, sentences
+from calibration.finding import Finding, Place, graded
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
 from calibration.opened import COMPENSATED, missing_and_unused, open_log
@@ -49,11 +49,6 @@ class Log(Result):
     dt_s: float | None
     metadata: dict[str, str] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return sentences(self.findings)
 
     @property
     def channels(self) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution ove
 COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
 MOST_MISSING = 0.05  # fraction of a channel
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
+NOT_TOLD = 1e-6  # noise of a trace that does not tell its own
 LEAST_TOLD = 15  # samples that tell the noise
 MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
 
@@ -91,20 +92,20 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     return np.asarray(np.maximum(sd, np.reshape(columns, x.shape[1:])))
 
 
-def trace_noise_sd(y: Array, fallback: float = 1e-6) -> float:
+def trace_noise_sd(y: Array) -> float:
     """Standard deviation [same unit] of white noise on a smooth trace ``y (N,)``, NaN for missing.
 
     sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling rate leaves less
     than 2 % of its amplitude. A trace that rests on one step of its logger gets a quarter of that step.
     """
     if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
-        return fallback
+        return NOT_TOLD
     sd = float(white_noise_sd(y, 4, centred=False))
     if sd > 0:
         return sd
     steps = np.abs(np.diff(y[np.isfinite(y)]))
     steps = steps[steps > 0]
-    return float(np.min(steps)) / 4 if len(steps) else fallback
+    return float(np.min(steps)) / 4 if len(steps) else NOT_TOLD
 
 
 def rounding_sd(x: Array) -> float:

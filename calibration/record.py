@@ -15,13 +15,13 @@ import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
 from calibration.disk import Conditioning, DiskSetup
-from calibration.errors import InputError
+from calibration.errors import InputError, first_wrong
 from calibration.estimate import Estimate
 from calibration.files.seal import SEAL, altered, sealed
 from calibration.files.write import write_text
 from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.static import StaticLine, lines_table
-from calibration.result import Result
+from calibration.result import Result, json_text
 from calibration.rig import RigTables
 from calibration.stated import STRICT
 
@@ -72,6 +72,12 @@ class ChainRecord(RecordPart):
     covariance: list[list[float]]
     common_lag_s: Estimate
     differential_lag_s: dict[str, Estimate]
+
+    def table(self) -> pd.DataFrame:
+        """One row a channel: lag with uncertainty and 95 % interval, and how far it is off the common lag."""
+        apart = self.differential_lag_s
+        rows = [(c, x.lag_s.plain(), x.lag_s.interval, apart[c].plain()) for c, x in sorted(self.channels.items())]
+        return pd.DataFrame(rows, columns=["channel", "lag [s]", "95 % [s]", "minus common lag [s]"])
 
     @model_validator(mode="after")
     def _sound(self) -> ChainRecord:
@@ -144,15 +150,19 @@ class DiskRecord(Result, RecordPart):
         """The findings as sentences, notes among them."""
         return list(sentences(self.findings))
 
+    @property
+    def made(self) -> str:
+        """When it was made and, where that is known, by whom."""
+        return f"{self.created} by {self.created_by}" if self.created_by else self.created
+
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
         return self.setup.setup(self.disk)
 
     def summary(self) -> str:
         """Disk, day, files, common lag and warnings, in a few lines."""
-        by = f" by {self.created_by}" if self.created_by else ""
         files = ", ".join(item.file for item in self.inputs) or "no files named"
-        lines = [f"disk {self.disk}, calibrated {self.created}{by}, from {files}"]
+        lines = [f"disk {self.disk}, calibrated {self.made}, from {files}"]
         if self.chain is None:
             lines.append("no chain: it can correct steady readings only")
         else:
@@ -165,10 +175,7 @@ class DiskRecord(Result, RecordPart):
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""
         table = lines_table(self.static)
-        if self.chain is not None:
-            lags = {c: str(channel.lag_s) for c, channel in self.chain.channels.items()}
-            table["lag [s]"] = [lags.get(c, "") for c in table["channel"]]
-        return table
+        return table if self.chain is None else table.merge(self.chain.table(), "left", "channel").fillna("")
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the record's file, with its checksum."""
@@ -176,7 +183,7 @@ class DiskRecord(Result, RecordPart):
 
     def to_json(self) -> str:
         """The record as JSON text."""
-        return json.dumps(self.to_dict(), indent=2, ensure_ascii=False) + "\n"
+        return json_text(self.to_dict())
 
 
 def now_utc() -> str:
@@ -251,12 +258,7 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
     try:
         return model.model_validate(plain)
     except ValidationError as problem:
-        first = problem.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        got = f" (got {repr(first['input'])[:60]})" if first["type"] not in ("value_error", "missing") else ""
-        what = f"{key + ': ' if key else ''}{message}{got}"
-        raise InputError(what, where=where, expected=expected, remedy=remedy) from None
+        raise InputError(first_wrong(problem), where=where, expected=expected, remedy=remedy) from None
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:

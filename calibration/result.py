@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from datetime import date
 from os import PathLike, fspath
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
-from calibration.finding import Finding
+from calibration.finding import Finding, sentences
 
 MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
 
@@ -38,6 +39,11 @@ class Result(ABC):
     def summary(self) -> str:
         """The result in a few lines of words, units included."""
 
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What was noticed (``findings``) in words, each once; nothing where a result keeps none."""
+        return sentences(getattr(self, "findings", ()))
+
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, texts, lists and dicts, ready for ``json.dumps``; keys carry units."""
         plain = jsonable(self)
@@ -54,6 +60,11 @@ class Result(ABC):
         shown = "" if table is None else table.to_html(index=False, max_rows=MOST_ROWS, border=0)
         name = html.escape(type(self).__name__)
         return f'<div class="tcdyn-result"><b>{name}</b><pre>{html.escape(self.summary())}</pre>{shown}</div>'
+
+
+def json_text(value: Any) -> str:
+    """``value`` as the text of a JSON file: what is not a number is null."""
+    return json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def jsonable(value: Any) -> Any:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serial
 
 from calibration.columns import couples
 from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
-from calibration.errors import InputError
+from calibration.errors import InputError, first_wrong
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.layout import CHANNELS, DEFAULT_LAYOUT, NAME, OWN_LAYOUT, inner_row, layout_junctions
@@ -224,19 +224,8 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         try:
             built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
-            first = problem.errors()[0]
-            place = [*([] if name == "common" else [name]), *(str(part) for part in first["loc"])]
-            if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-                message = "there is no such key"
-            elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
-                message = str(first["ctx"]["error"])
-            else:
-                message = f"{first['msg']} (got {first['input']!r:.60})"
-            raise InputError(
-                f"{'.'.join(place)}: {message}" if place else message,
-                where=where,
-                remedy="`tcdyn rig --show` lists every key with its default",
-            ) from None
+            said, remedy = first_wrong(problem, name), "`tcdyn rig --show` lists every key with its default"
+            raise InputError(said, where=where, remedy=remedy) from None
     return Rig(**built)
 
 

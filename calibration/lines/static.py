@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from calibration.columns import couples_in
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.finding import Finding, look, note, sentences
+from calibration.finding import Finding, look, note
 from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
 from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
@@ -85,11 +86,6 @@ class OvenFit(Result):
     calibrated_errors_K: Array
     findings: tuple[Finding, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return sentences(self.findings)
-
     def summary(self) -> str:
         """The lines as people write them."""
         return "\n".join(
@@ -138,12 +134,8 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
 
 def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tuple[StaticLine, list[Finding]]:
     within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
-    found, variance = list[Finding](), 0.0
-    if shift_p is not None and shift_p < SIGNIFICANT:
-        variance = shift_u**2
-        found.append(
-            (look if shift_p < CLEARLY else note)("line.repeats_shift", subject=channel, u_degC=shift_u, p=shift_p)
-        )
+    found = _failed(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
+    variance = shift_u**2 if found else 0.0
     for i in outlying(fit):
         repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
         off_K = fit.residuals[i]
@@ -182,14 +174,15 @@ def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, Stat
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
     """What the tests of a line say against it, at the 1 % level: see ``fit_static_lines``."""
-    found = list[Finding]()
-    if line.lack_of_fit_p is not None and line.lack_of_fit_p < SIGNIFICANT:
-        found.append(
-            (look if line.lack_of_fit_p < CLEARLY else note)("line.lack_of_fit", subject=channel, p=line.lack_of_fit_p)
-        )
-    if line.quadratic_p is not None and line.quadratic_p < SIGNIFICANT:
-        found.append((look if line.quadratic_p < CLEARLY else note)("line.curved", subject=channel, p=line.quadratic_p))
-    return found
+    fit = _failed(line.lack_of_fit_p, "line.lack_of_fit", channel)
+    return fit + _failed(line.quadratic_p, "line.curved", channel)
+
+
+def _failed(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
+    """What a test says that fails at the 1 % level: a note, from 0.1 % on to be looked at."""
+    if p is None or p >= SIGNIFICANT:
+        return []
+    return [(look if p < CLEARLY else note)(code, subject=channel, **numbers, p=p)]
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, check_choice, contacts, dump, say, spare_inputs, within
-from tcdyn.cli.simulate import RigPath, Seed, Uneven
+from tcdyn.cli.common import Told, check_choice, grouped, spare_inputs
+from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, contacts
 
 if TYPE_CHECKING:
     import numpy as np
+    from matplotlib.figure import Figure
 
     from calibration.disk import DiskSetup
 
@@ -26,21 +27,17 @@ app = typer.Typer(
 )
 
 
-@app.callback()
-def round_() -> None:
-    """The temperature round the disks."""
-
-
 @app.command("simulate")
+@grouped
 def simulate_round(
     out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
-    test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
+    test: Test = "B3",
     seed: Seed = 0,
-    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
+    beta: Beta = None,
     uneven: Uneven = None,
     rig: RigPath = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """The synthetic disks in (r, z, angle) at the end of the load, drawn from bore to running surface.
 
@@ -49,10 +46,8 @@ def simulate_round(
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
     from calibration.disk import DISKS
-    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
-    from tcdyn.plots.around import draw_round, draw_round_surface
-    from tcdyn.plots.style import figure
+    from tcdyn.plots.around import round_figure
     from tcdyn.simulate.ehl import EhlOptions
     from tcdyn.simulate.field import around_disks
     from tcdyn.simulate.truth import draw_truth
@@ -60,29 +55,23 @@ def simulate_round(
     _check_picture(out, rig)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for d, whole, surface in zip(DISKS, axes[:2], axes[2:]):
-        draw_round(disks[d], whole)
-        draw_round_surface(disks[d], surface)
-    with atomic_path(out) as beside:
-        picture.savefig(beside, dpi=150)
+    _save(round_figure([disks[d] for d in DISKS]), out)
     told = {d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC} for d in DISKS}
-    if json_:
-        print(dump({"picture": out, **told}), end="")
-        return
+    tell.json(lambda: {"picture": out, **told})
     for d in DISKS:
         low, high = told[d]["surface_degC"]
-        say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft", quiet)
-    say(f"picture: {out}", quiet)
+        tell.say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
+    tell.files(picture=out)
 
 
 @app.command("fit")
+@grouped
 def fit_round(
     rig: RigPath = None,
     disk: Annotated[str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")] = None,
     out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """The press fit that table fit of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
 
@@ -93,11 +82,12 @@ def fit_round(
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
+    from functools import partial
+
     from calibration.disk import DISKS
-    from calibration.files.write import atomic_path
     from calibration.rig import load_rig
     from tcdyn.plots.around import draw_fit
-    from tcdyn.plots.style import figure
+    from tcdyn.plots.style import pictured
 
     if disk is not None:
         check_choice("--disk", disk, DISKS)
@@ -108,24 +98,17 @@ def fit_round(
     stated = [s for s in setups if s.fit.stated] or setups[:1]
     told = {s.name: _told(s) for s in stated}
     if out is not None:
-        picture, axes = figure(len(stated), 1, width_in=7.0, height_in=3.2 * len(stated))
-        for s, ax in zip(stated, axes):
-            draw_fit(s, ax)
-        with atomic_path(out) as beside:
-            picture.savefig(beside, dpi=150)
-    if json_:
-        print(dump({"picture": out, **told}), end="")
-        return
+        draws, rows = [partial(draw_fit, s) for s in stated], len(stated)
+        _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
+    tell.json(lambda: {"picture": out, **told})
     for name, x in told.items():
-        say(
+        tell.say(
             f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance {1e-3 * x['bearing_W_m2K']:.2f} kW/m2K "
             f"where the fit bears, {1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
             f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
-            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}",
-            quiet,
+            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}"
         )
-    if out is not None:
-        say(f"picture: {out}", quiet)
+    tell.files(picture=out)
 
 
 def _told(setup: DiskSetup) -> dict[str, Any]:
@@ -147,6 +130,13 @@ def _check_picture(out: Path, rig: Path | None) -> None:
     if out.suffix.lower() not in PICTURES:
         raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
     spare_inputs([rig], out=out)
+
+
+def _save(picture: Figure, out: Path) -> None:
+    from calibration.files.write import atomic_path
+
+    with atomic_path(out) as beside:
+        picture.savefig(beside, dpi=150)
 
 
 def _ends(x: np.ndarray) -> tuple[float, float]:

@@ -10,19 +10,17 @@ from typing import Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
-    Json,
     OwnRigFile,
-    Quiet,
     RecordFiles,
+    Told,
     Verbose,
     bounded,
     counted,
     dump,
+    grouped,
     in_one_line,
-    say,
     spare_inputs,
     stages,
-    warn,
 )
 
 Bearing = Annotated[
@@ -36,6 +34,7 @@ WindowS = Annotated[float, bounded("--window-s", "cooling used by the h-only fit
 Seed = Annotated[int, typer.Option(min=0, help="seed of the budget's Monte Carlo")]
 
 
+@grouped
 def beta(
     log: Annotated[Path, typer.Argument(help="EHL log as it was recorded (not compensated)")],
     record: RecordFiles,
@@ -52,9 +51,9 @@ def beta(
     stage: Annotated[
         int | None, typer.Option(min=1, help="one of several loadings in the log, from 1 (default: all of them)")
     ] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
     verbose: Verbose = False,
+    *,
+    tell: Told,
 ) -> None:
     """Heat partition by the speed law, the cooling fits and the joint fits, cross-checked, with an uncertainty budget.
 
@@ -79,7 +78,7 @@ def beta(
     own_rig = load_rig(rig) if rig else None
     refuse_spare_records(log, own_rig or rig_of(records), records)
     estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
-    with stages(quiet or json_, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
+    with stages(tell.silent, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
         options = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
             "without": without or (), "progress": progress,
@@ -88,10 +87,10 @@ def beta(
             runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:
             runs = (estimate(log, own_rig, records, stage=stage, **options),)
-        texts = [dump(run.to_dict()) for run in runs]
+        data = [run.to_dict() for run in runs]
         files = [] if out is None else [out] if len(runs) == 1 else [numbered(out, k) for k in range(1, len(runs) + 1)]
-        for file, text in zip(files, texts):
-            write_text(file, text)
+        for file, content in zip(files, data):
+            write_text(file, dump(content))
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
@@ -101,19 +100,15 @@ def beta(
             tests: Any = {run.log.path.stem: run.partition for run in runs}
             write: Any = write_one_disk_report if len(records) == 1 else write_beta_report
             write(report, tests, sources=sources_of(runs, record, rig))
-    if json_:
-        data = [run.to_dict() for run in runs]
-        print(texts[0] if len(runs) == 1 else dump(data), end="")
-    else:
-        for run in runs:
-            if len(runs) > 1:
-                say(f"{run.log.path.stem}:", quiet)
-            warn(run.partition.noticed, quiet)  # the summary ends with the verdict
-            say(run.summary(), quiet)
-        for file in files:
-            say(f"numbers: {file}", quiet)
-        if report is not None:
-            say(f"report: {report}", quiet)
+    tell.json(lambda: data[0] if len(data) == 1 else data)
+    for run in runs:
+        if len(runs) > 1:
+            tell.say(f"{run.log.path.stem}:")
+        tell.warn(run.partition.noticed)  # the summary ends with the verdict
+        tell.say(run.summary())
+    for file in files:
+        tell.files(numbers=file)
+    tell.files(report=report)
     doubtful = [run for run in runs if run.partition.status != "sound"]
     for run in doubtful:
         in_one_line(run.log.path.name, run.partition.findings)
@@ -130,6 +125,7 @@ def numbered(path: Path, number: int) -> Path:
     return path.with_name(f"{path.stem}.{number}{path.suffix}")
 
 
+@grouped
 def campaign(
     logs: Annotated[list[Path], typer.Argument(help="EHL logs as they were recorded")],
     record: RecordFiles,
@@ -151,8 +147,8 @@ def campaign(
     ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Heat partition of every log of a campaign, in one table with the thesis's figures, and as one measurement.
 
@@ -181,7 +177,7 @@ def campaign(
     left_out_of(without or (), own_rig.setups)
     settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
     count = workers or min(2, os.cpu_count() or 1)
-    with counted(len(logs), quiet or json_) as progress:
+    with counted(len(logs), tell.silent) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
@@ -189,13 +185,10 @@ def campaign(
     report = write_campaign_report(out / PAGE_FILE, run, record_rows(records, record))
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)
-    if json_:
-        print(dump(run.table), end="")
-    else:
-        warn(run.findings, quiet)
-        say(run.summary(), quiet)
-        say(f"table: {out / TABLE_FILE}", quiet)
-        say(f"report: {report}", quiet)
+    tell.json(run.card)
+    tell.warn(run.findings)
+    tell.say(run.summary())
+    tell.files(table=out / TABLE_FILE, report=report)
     in_one_line("campaign", run.findings)
     if run.failed or doubts(run.findings):
         raise typer.Exit(2 if len(run.failed) == len(run.outcomes) else 1)

@@ -8,34 +8,22 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import (
-    Json,
-    Quiet,
-    RigFile,
-    Verbose,
-    bounded,
-    dump,
-    end,
-    in_options,
-    say,
-    spare_inputs,
-    stages,
-    warn,
-    within,
-)
+from tcdyn.cli.common import RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs, stages
 
 
+@grouped
 def calibrate(
     disk: Annotated[str, typer.Option(help="fast or slow")],
     immersion: Annotated[list[Path], typer.Option(help="plunge log; give it once for each plunge")],
     oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
     line_u_k: Annotated[
         float | None,
-        typer.Option(
+        bounded(
             "--line-u-K",
-            help="without an oven log: standard uncertainty of a reading as it was logged, such as 0.9 for a tolerance "
+            "without an oven log: standard uncertainty of a reading as it was logged, such as 0.9 for a tolerance "
             "of 1.5 K",
-            callback=within(0, 50),
+            0,
+            50,
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="record to write (default DISK.disk.json)")] = None,
@@ -58,9 +46,9 @@ def calibrate(
     earlier: Annotated[
         list[Path] | None, typer.Option(help="earlier record of this disk, for its drift on the certificate")
     ] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
     verbose: Verbose = False,
+    *,
+    tell: Told,
 ) -> None:
     """Calibrate a disk: static lines from its oven log, measurement chain from its plunges.
 
@@ -76,7 +64,7 @@ def calibrate(
     before = [read_record(path) for path in earlier or []]
     if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
         raise InputError(f"--earlier is a record of another disk ({other[0]})", expected=f"records of the {disk} disk")
-    with stages(quiet or json_, verbose, "calibrate") as progress:
+    with stages(tell.silent, verbose, "calibrate") as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluids, structure=structure,
             correlation=correlation, line_u_K=line_u_k, progress=progress,
@@ -86,15 +74,14 @@ def calibrate(
         from tcdyn.report.certificate import write_certificate
 
         write_certificate(report, run, before)
-    if json_:
-        print(run.record.to_json(), end="")
-    else:
-        warn(run.findings, quiet)
-        say(in_options(run.summary()), quiet)
-        say(f"record: {target}" + (f"\ncertificate: {report}" if report else ""), quiet)
+    tell.json(run.record.to_dict)
+    tell.warn(run.findings)
+    tell.say(in_options(run.summary()))
+    tell.files(record=target, certificate=report)
     end(f"the {disk} disk", run.findings)
 
 
+@grouped
 def hole(
     log: Annotated[Path, typer.Argument(help="log of several thermocouples at one depth, some clamped as ideal")],
     rig: RigFile = None,
@@ -106,8 +93,8 @@ def hole(
     depth_u_mm: Annotated[float, bounded("--depth-u-mm", "its standard uncertainty", 0, 100)] = 0.05,
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones, with a verdict.
 
@@ -138,14 +125,15 @@ def hole(
     if out is not None:
         write_text(out, dump(content))
     if report is not None:
+        from functools import partial
+
         from tcdyn.plots.plunge import draw_holes
-        from tcdyn.plots.style import figure
+        from tcdyn.plots.style import pictured
         from tcdyn.report.page import Section, write_page
         from tcdyn.report.sources import log_row
         from tcdyn.report.sources import table as made_of
 
-        picture, (ax,) = figure(height_in=4.5)
-        draw_holes(found, ax)
+        picture = pictured(partial(draw_holes, found), height_in=4.5)
         told = (
             "Dots: readings; lines: the fit. Every junction sees one temperature, so a curve that runs behind the "
             "clamped ones (ideal) is late by its hole and cement."
@@ -159,12 +147,8 @@ def hole(
             findings=noticed, sources=made_of([log_row(table)]),
             assumptions=[f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep and see one temperature"],
         )  # fmt: skip
-    if json_:
-        print(dump(content), end="")
-    else:
-        warn(noticed, quiet)
-        say(found.summary(), quiet)
-        for what, path in (("numbers", out), ("report", report)):
-            if path is not None:
-                say(f"{what}: {path}", quiet)
+    tell.json(lambda: content)
+    tell.warn(noticed)
+    tell.say(found.summary())
+    tell.files(numbers=out, report=report)
     end(log.name, noticed)

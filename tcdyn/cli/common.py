@@ -1,12 +1,14 @@
-"""What the commands share: options, progress and how numbers are printed."""
+"""What the commands share: options, answers, and how far a command is."""
 
 from __future__ import annotations
 
-import json
+import inspect
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass
+from functools import wraps
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
@@ -17,30 +19,111 @@ from rich.console import Console
 from calibration.errors import InputError, printable
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from rich.table import Table
-
     from calibration.finding import Finding
-    from tcdyn.simulate.truth import BoreContact
 
 OPTIONS = {  # of parameters, where it is not the name with dashes
     "records": "--record", "dt_s": "--dt", "resample_s": "--resample", "start_s": "--covariance-from-s",
     "loss=huber": "--robust",
 }  # fmt: skip
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
-OwnRigFile = Annotated[
-    Path | None, typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
-]
+OWN_RIG = typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
+OwnRigFile = Annotated[Path | None, OWN_RIG]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
-Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="each stage on a line of its own, with the time gone by")
-]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="a line for each stage, with the time gone by")]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
-RecordFiles = Annotated[list[Path], typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")]
+RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
+RecordFiles = Annotated[list[Path], RECORD]
+OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
 
-OptionalRecordFiles = Annotated[
-    list[Path] | None, typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
-]
+
+def grouped(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the fields of those of its parameters that are dataclasses of options as options of its own."""
+    own = inspect.signature(command, eval_str=True).parameters.values()
+    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
+    fields = {n: inspect.signature(group, eval_str=True).parameters for n, group in groups.items()}
+
+    @wraps(command)
+    def called(*arguments: Any, **options: Any) -> None:
+        for name, group in groups.items():
+            options[name] = group(**{f: options.pop(f) for f in fields[name] if f in options})
+        command(*arguments, **options)
+
+    spread = [f.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in fields.values() for f in each.values()]
+    signature = inspect.Signature([*(p for p in own if p.name not in groups), *spread])
+    called.__signature__ = signature  # type: ignore[attr-defined]
+    return called
+
+
+@dataclass(frozen=True)
+class Told:
+    """How a command answers: in words, as JSON, or not at all."""
+
+    json_: Json = False
+    quiet: Quiet = False
+
+    @property
+    def silent(self) -> bool:
+        """Whether no words are printed."""
+        return self.json_ or self.quiet
+
+    def say(self, text: str) -> None:
+        """Print plain words."""
+        if not self.silent:
+            print("\n".join(map(printable, text.split("\n"))))
+
+    def json(self, data: Callable[[], Any]) -> None:
+        """Print what ``data`` gives, where JSON was asked for."""
+        if self.json_:
+            print(dump(data()), end="")
+
+    def warn(self, findings: Iterable[Finding]) -> None:
+        """Print each finding on standard error, its grade in front: note, look or refuse."""
+        from calibration.finding import once
+
+        for found in () if self.silent else once(findings):
+            print(f"{found.grade.value}: {printable(in_options(found.sentence))}", file=sys.stderr)
+
+    def files(self, **written: Path | None) -> None:
+        """Name the files that were written, by what they hold."""
+        for what, path in written.items():
+            if path is not None:
+                self.say(f"{what}: {path}")
+
+
+def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
+    """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
+
+    def check(param: typer.CallbackParam, value: Any) -> Any:
+        for number in value if isinstance(value, list | tuple) else [value]:
+            if number is not None and not (low <= number <= high if ends else low < number < high):
+                expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
+                raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
+        return value
+
+    return check
+
+
+def bounded(option: str, help_: str, low: float, high: float, *, ends: bool = True) -> Any:
+    """An option whose numbers lie from ``low`` to ``high``."""
+    return typer.Option(option, help=help_, callback=within(low, high, ends=ends))
+
+
+def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
+    """Refuse a value that is none of ``allowed``."""
+    if value not in allowed:
+        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
+
+
+def one_disk(value: str) -> str:
+    """Callback of an option that names a disk of the rig."""
+    from calibration.disk import DISKS
+
+    check_choice("--disk", value, DISKS)
+    return value
+
+
+Disk = Annotated[str, typer.Option(help="fast or slow", callback=one_disk)]
+
 
 TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
     "calibrate": {"static lines": 0.1, "plunge": 0.2, "grey-box fit": 7.5, "other chain": 11.0},
@@ -93,51 +176,6 @@ class TimeLeft:
         return f"about {left / 60:.0f} min left" if left > 100 else f"about {max(5 * round(left / 5), 5)} s left"
 
 
-def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
-
-    def check(param: typer.CallbackParam, value: Any) -> Any:
-        for number in value if isinstance(value, list | tuple) else [value]:
-            if number is not None and not (low <= number <= high if ends else low < number < high):
-                expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
-                raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
-        return value
-
-    return check
-
-
-def bounded(option: str, help_: str, low: float, high: float, *, ends: bool = True) -> Any:
-    """An option whose numbers lie from ``low`` to ``high``."""
-    return typer.Option(option, help=help_, callback=within(low, high, ends=ends))
-
-
-def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    """Refuse a value that is none of ``allowed``."""
-    if value not in allowed:
-        raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
-
-
-def contacts(said: list[str] | None) -> dict[str, BoreContact]:
-    """What ``--uneven`` says of each disk's bore."""
-    from calibration.disk import DISKS
-    from tcdyn.simulate.truth import BoreContact
-
-    contacts: dict[str, BoreContact] = {}
-    for text in said or ():
-        name, _, numbers = text.rpartition(":")
-        amplitude, _, angle = numbers.partition("@")
-        try:
-            size, at = float(amplitude), float(angle)
-        except ValueError:
-            raise InputError(
-                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
-            ) from None
-        if name:
-            check_choice("the disk of --uneven", name, DISKS)
-        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
-    return contacts
-
-
 @contextmanager
 def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = True) -> Iterator[Callable[[str], None]]:
     """A function to call with each stage's name; on a terminal it shows as a spinner with time gone by and time left.
@@ -159,7 +197,7 @@ def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = T
         print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
         return
     if quiet or not console.is_terminal:
-        yield (lambda what: None) if quiet else (lambda what: print(f"... {printable(what)}", file=sys.stderr))
+        yield lambda what: None if quiet else print(f"... {printable(what)}", file=sys.stderr)
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -179,23 +217,13 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
     console = Console(stderr=True, quiet=quiet)
     if quiet or not console.is_terminal:
-        yield (
-            (lambda *_: None)
-            if quiet
-            else (lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr))
-        )
+        yield lambda name, n, m: None if quiet else print(f"... {n} of {m}: {printable(name)}", file=sys.stderr)
         return
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )  # fmt: skip
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import TimeRemainingColumn as Remaining
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), TimeRemainingColumn(), console=console, transient=True) as bar:
+    with Progress(*columns, TextColumn("left"), Remaining(), console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
 
@@ -245,21 +273,6 @@ def in_options(text: str, parameters: Iterable[str] | None = None) -> str:
     return text
 
 
-def say(text: str, quiet: bool = False) -> None:
-    """Print plain words unless quiet."""
-    if not quiet:
-        print("\n".join(map(printable, text.split("\n"))))
-
-
-def warn(findings: Iterable[Finding], quiet: bool = False) -> None:
-    """Print each finding on standard error, its grade in front: note, look or refuse."""
-    from calibration.finding import once
-
-    for found in () if quiet else once(findings):
-        sentence = printable(in_options(found.sentence))
-        print(f"{found.grade.value}: {sentence}", file=sys.stderr)
-
-
 def in_one_line(what: str, findings: Iterable[Finding]) -> None:
     """One line on standard error that tells of the first finding above a note, also under --quiet and --json."""
     from calibration.finding import doubts, once
@@ -282,19 +295,6 @@ def end(what: str, findings: Iterable[Finding]) -> None:
 
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
-    from calibration.result import jsonable
+    from calibration.result import json_text
 
-    return json.dumps(jsonable(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
-    """A table for the terminal: words left, numbers right."""
-    from rich.markup import escape
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    for k, name in enumerate(rows.columns):
-        table.add_column(escape(str(name)), justify="left" if k == 0 else "right")
-    for row in rows.itertuples(index=False):
-        table.add_row(*(escape(str(v)) for v in row))
-    return table
+    return json_text(data)

@@ -9,37 +9,26 @@ import typer
 
 from calibration.errors import InputError
 from tcdyn.cli.common import (
-    Json,
     OptionalRecordFiles,
     OwnRigFile,
-    Quiet,
+    Told,
     Verbose,
+    bounded,
     check_choice,
     dump,
     end,
-    say,
+    grouped,
     spare_inputs,
     stages,
-    warn,
-    within,
 )
-from tcdyn.cli.tables import (
-    ColdJunction,
-    SensorFiles,
-    TableColumns,
-    TableCouple,
-    TableUnits,
-    TimeColumn,
-    of_table,
-    only_with_records,
-    units,
-)
+from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, of_table, only_with_records
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.compensate import CompensatedLog
     from tcdyn.pipeline.stretches import Way
 
 
+@grouped
 def compensate(
     log: Annotated[Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")],
     record: OptionalRecordFiles = None,
@@ -60,9 +49,7 @@ def compensate(
     criterion: Annotated[
         str | None, typer.Option(help="of deconvolve: gcv (default), discrepancy or l-curve chooses its weight")
     ] = None,
-    bandwidth_hz: Annotated[
-        float | None, typer.Option("--bandwidth-Hz", help="of inverse [Hz], default 0.5", callback=within(0, 1e4))
-    ] = None,
+    bandwidth_hz: Annotated[float | None, bounded("--bandwidth-Hz", "of inverse [Hz], default 0.5", 0, 1e4)] = None,
     report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
     covariance: Annotated[
         Path | None,
@@ -72,9 +59,7 @@ def compensate(
         float | None,
         typer.Option("--covariance-from-s", help="where it begins, as time_s; default the last event, the unloading"),
     ] = None,
-    covariance_s: Annotated[
-        float, typer.Option("--covariance-s", help="how long it is, in seconds", callback=within(0, 60))
-    ] = 1.0,
+    covariance_s: Annotated[float, bounded("--covariance-s", "how long it is, in seconds", 0, 60)] = 1.0,
     parts: Annotated[
         bool, typer.Option("--parts", help="columns _noise_u_K and _common_u_K, what each _u_K is made of")
     ] = False,
@@ -84,13 +69,10 @@ def compensate(
     ] = False,
     follow: Annotated[bool, typer.Option("--follow", hidden=True, help="now tcdyn follow")] = False,
     column: TableColumns = None,
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
-    json_: Json = False,
-    quiet: Quiet = False,
     verbose: Verbose = False,
+    *,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """Undo static errors and lag of every logged thermocouple; a standard deviation stands beside each sample.
 
@@ -108,8 +90,7 @@ def compensate(
                  "--method": None if method == "smoother" else method}  # fmt: skip
         only_with_records([option for option, value in asked.items() if value])
         target = out or log.with_name(f"{log.stem}.compensated.csv")
-        table_options = {"columns": column or (), "time": time, **units(unit, couple, cold_junction)}
-        return of_table(log, sensor, target, table_options, json_, quiet, verbose)
+        return of_table(log, sensor, target, {"columns": column or (), **reading.options()}, tell, verbose)
     if not record:
         raise InputError(
             "no record and no sensor was given", remedy="add --record DISK.disk.json or --sensor S.sensor.json"
@@ -129,7 +110,7 @@ def compensate(
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
     timed = "deconvolve" if method == "deconvolve" else "compensate"
-    with stages(quiet or json_, verbose, timed, report is not None) as progress:
+    with stages(tell.silent, verbose, timed, report is not None) as progress:
         done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         written, noticed = done.write(target, progress)
@@ -142,28 +123,26 @@ def compensate(
             write_compensation_report(report, done, records, record)
     before = [done.before_use(disk) for disk in done.disks] if way.method == "inverse" else []
     found = [*noticed, *(f for one in before for f in one.findings)]
-    if json_:
-        print(dump({**_numbers(done), "out": written, "report": report}), end="")
-    else:
-        warn(found, quiet)
-        _tell(done, quiet)
-        files = {"compensated" if way.removes_lag else "without noise, lag left in": written}
-        for what, path in {**files, "report": report, "covariance": covariance}.items():
-            if path is not None:
-                say(f"{what}: {path}", quiet)
+    tell.json(lambda: {**_numbers(done), "out": written, "report": report})
+    tell.warn(found)
+    tell.say(_words(done))
+    what = "compensated" if way.removes_lag else "without noise, lag left in"
+    tell.files(**{what: written}, report=report, covariance=covariance)
     end(log.name, found)
 
 
-def _tell(done: CompensatedLog, quiet: bool) -> None:
-    """What was done to each disk, in words."""
+def _words(done: CompensatedLog) -> str:
+    """What was done to each disk."""
+    said: list[str] = []
     for disk, one in done.disks.items():
         if done.way.method == "inverse":
             before = done.before_use(disk)
-            say("\n".join([f"{disk}, noisiest channel, {one.method}:", *(f"  {x}" for x in before.lines())]), quiet)
+            said += [f"{disk}, noisiest channel, {one.method}:", *(f"  {x}" for x in before.lines())]
         if done.way.removes_lag:
-            say(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}", quiet)
+            said.append(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}")
         else:
-            say("\n".join(one.lines(done.channels(disk))), quiet)
+            said += one.lines(done.channels(disk))
+    return "\n".join(said)
 
 
 def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool) -> Way:

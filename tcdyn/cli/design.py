@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, RigFile, bounded, check_choice, dump, say, spare_inputs
+from tcdyn.cli.common import Disk, RigFile, Told, bounded, grouped, spare_inputs
 
 if TYPE_CHECKING:
+    from tcdyn.campaign.planned import PlannedCampaign
     from tcdyn.design.compare import Design
 
 
+@grouped
 def design(
     rig: RigFile = None,
-    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    disk: Disk = "fast",
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
     bath_degC: Annotated[
         list[float] | None,
@@ -52,8 +54,8 @@ def design(
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """What planned plunges, a soldering-iron touch, a loading and an unloading will tell of the lags.
 
@@ -62,7 +64,6 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
-    from calibration.disk import DISKS
     from calibration.rig import load_rig
     from tcdyn.chain.noise import passed_share
     from tcdyn.design.compare import compare_tests
@@ -70,9 +71,8 @@ def design(
 
     spare_inputs([rig, fluid, campaign], out=out)
     if campaign is not None:
-        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, json_, quiet)
+        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, tell)
         return
-    check_choice("--disk", disk, DISKS)
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
         raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
@@ -97,17 +97,17 @@ def design(
                 f"before the unloading {power_W:g} W enter this disk",
             ],
         )
-    if json_:
-        print(dump(result.to_dict()), end="")
-        return
-    say(result.summary(), quiet)
+    _answer(result, out, tell)
+
+
+def _answer(result: Design | PlannedCampaign, out: Path | None, tell: Told) -> None:
+    tell.json(result.to_dict)
+    tell.say(result.summary())
     if out is not None:
-        say(f"\nwrote {out}", quiet)
+        tell.say(f"\nwrote {out}")
 
 
-def _campaign(
-    plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, json_: bool, quiet: bool
-) -> None:
+def _campaign(plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, tell: Told) -> None:
     from calibration.files.write import write_text
     from calibration.rig import load_rig
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
@@ -117,12 +117,7 @@ def _campaign(
     found = predict_campaign(read_plan(plan), load_rig(rig), Logging(rate_Hz=rate_Hz, noise_K=noise_K))
     if out is not None:
         write_text(out, found.table().to_csv(index=False))
-    if json_:
-        print(dump(found.to_dict()), end="")
-        return
-    say(found.summary(), quiet)
-    if out is not None:
-        say(f"\nwrote {out}", quiet)
+    _answer(found, out, tell)
 
 
 def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:

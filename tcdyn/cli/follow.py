@@ -12,34 +12,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, OptionalRecordFiles, OwnRigFile, Quiet, dump, end, say, spare_inputs, warn, within
-from tcdyn.cli.tables import ColdJunction, SensorFiles, TableCouple, TableUnits, TimeColumn, only_with_records, units
+from tcdyn.cli.common import OptionalRecordFiles, OwnRigFile, Told, bounded, end, grouped, spare_inputs, within
+from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
 
 if TYPE_CHECKING:
     from tcdyn.pipeline.causal import Causal
 
 
+@grouped
 def follow(
     log: Annotated[Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")],
     out: Annotated[Path, typer.Option(help="output that is appended to: .csv")],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: OwnRigFile = None,
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
     behind_s: Annotated[
         float,
         typer.Option("--behind-s", help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0"),
     ] = 0.0,
     noise_k: Annotated[
         float | None,
-        typer.Option(
-            "--noise-K",
-            help="noise of a sample [K]; default: measured in the first seconds",
-            callback=within(1e-6, 1e3),
-        ),
+        bounded("--noise-K", "noise of a sample [K]; default: measured in the first seconds", 1e-6, 1e3),
     ] = None,
     intensity: Annotated[
         float | None,
@@ -50,16 +43,14 @@ def follow(
         ),
     ] = None,
     learn_s: Annotated[float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")] = 5.0,
-    idle_s: Annotated[
-        float,
-        typer.Option("--idle-s", help="end after so many seconds without growth", callback=within(0, 1e6)),
-    ] = 30.0,
+    idle_s: Annotated[float, bounded("--idle-s", "end after so many seconds without growth", 0, 1e6)] = 30.0,
     state: Annotated[
         Path | None, typer.Option(help="JSON file to go on from if it exists, and to leave the state in")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """Compensate a log while it grows, row by row, in bounded memory; Ctrl-C ends it, --state goes on later.
 
@@ -73,7 +64,6 @@ def follow(
     from tcdyn.sensor import read_sensor
     from tcdyn.traces import records_by_disk
 
-    silent = quiet or json_
     if bool(record) == bool(sensor):
         raise InputError("needs --record or --sensor, one of them", remedy="--sensor is for any table, without a rig")
     records: Any = [read_sensor(path) for path in sensor] if sensor else records_by_disk(record or [])
@@ -85,30 +75,28 @@ def follow(
 
     def announce(plan: Causal) -> None:
         before = plan.before_use()
-        say(f"before use, noisiest channel, {plan.notes()['method']}:", silent)
-        say("\n".join(f"  {line}" for line in before.lines()), silent)
+        tell.say(f"before use, noisiest channel, {plan.notes()['method']}:")
+        tell.say("\n".join(f"  {line}" for line in before.lines()))
         if plan.rows_late:
             late = f"{plan.rows_late * plan.dt_s:.3g} s late"
-            say(f"  rows appear {late}, each with the temperatures of its own time_s", silent)
-        warn(before.findings, silent)
-        say(f"following {log}; Ctrl-C ends it", silent)
+            tell.say(f"  rows appear {late}, each with the temperatures of its own time_s")
+        tell.warn(before.findings)
+        tell.say(f"following {log}; Ctrl-C ends it")
 
-    options: Any = {"time": time, **units(unit, couple, cold_junction)}
+    options: Any = reading.options()
     with asked_to_stop() as stop:
         done = run(
             log, records, out, rig_table, settings, options=options,
             state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce,
         )  # fmt: skip
-    warn(done.findings, silent)
-    say(f"{done.ended}: {done.rows_read} rows read, {done.rows_written} written to {out}", silent)
-    if json_:
-        counts = {"rows_read": done.rows_read, "rows_written": done.rows_written, "bad_lines": done.bad_lines}
-        print(dump({**counts, "ended": done.ended, "warnings": list(done.warnings), "out": out}), end="")
+    tell.warn(done.findings)
+    tell.say(f"{done.summary()} to {out}")
+    tell.json(lambda: {**done.to_dict(), "out": out})
     if report is not None and done.plan is not None:
         from tcdyn.report.compensate import write_follow_report
 
         page = write_follow_report(report, done.plan, log, out, done.findings, records, record or ())
-        say(f"report: {page}", silent)
+        tell.files(report=page)
     end(log.name, done.findings)
 
 

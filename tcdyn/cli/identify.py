@@ -10,24 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import (
-    Json,
-    Quiet,
-    bounded,
-    check_choice,
-    counted,
-    dump,
-    end,
-    in_options,
-    say,
-    spare_inputs,
-    within,
-)
+from tcdyn.cli.common import Told, bounded, check_choice, counted, dump, end, grouped, in_options, spare_inputs, within
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
 
 
+@grouped
 def identify(
     data: Annotated[Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")],
     input: Annotated[str, typer.Option("--input", "-u", help="Column of the input; several with commas: a,b.")],
@@ -99,8 +88,8 @@ def identify(
     ] = False,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say.
 
@@ -154,32 +143,30 @@ def identify(
     found, contents = {}, {}
     for y in outputs:
         one = record.select(output=y)
-        with counted(len(structures) or None, quiet or json_) as progress:
+        with counted(len(structures) or None, tell.silent) as progress:
             found[y] = comparison = compare(one, structures, held_out=held_out, progress=progress, **begun)
-        if not (quiet or json_):
-            typer.echo(in_options(comparison.summary()))
-            say(comparison.removal(filter_))
+        tell.say(f"{in_options(comparison.summary())}\n{comparison.removal(filter_)}")
         content, level = comparison.best.identified.to_dict(), ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence
 
             dependence = temperature_dependence(one, held_out=held_out)
             content["narx"], level = dependence.to_dict(), dependence.sentence
-            say(level, quiet or json_)
+            tell.say(level)
         from tcdyn.report.dynamics import write_identify_report
 
         write_text(jsons[y], dump(content))
         read_identified(jsons[y])
         write_identify_report(pages[y], one, comparison, filter_, level, data)
         contents[y] = content
-        say(f"wrote {jsons[y]} and {pages[y]}", quiet or json_)
-    if json_:
-        print(dump(contents[outputs[0]] if len(outputs) == 1 else contents), end="")
-    elif len(outputs) > 1:
-        say(joint_table(found).to_string(index=False), quiet)
+        tell.say(f"wrote {jsons[y]} and {pages[y]}")
+    tell.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
+    if len(outputs) > 1:
+        tell.say(joint_table(found).to_string(index=False))
     end(data.name, [f for c in found.values() for f in (c.verdict, *c.best.findings)])
 
 
+@grouped
 def response(
     data: Annotated[Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")],
     columns_: Annotated[str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")],
@@ -199,8 +186,8 @@ def response(
         str | None, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2) (default: ten processes, P1 to P3D).")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Fit transfer functions to a measured frequency response; of those without a warning, the least BIC is written.
 
@@ -235,10 +222,8 @@ def response(
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
     write_text(path, dump(best.to_dict()))
     read_identified(path)
-    if json_:
-        print(dump(best.to_dict()), end="")
-    else:
-        say(f"{in_options(best.summary())}\n\n{table.to_string(index=False)}\nwrote {path}", quiet)
+    tell.json(best.to_dict)
+    tell.say(f"{in_options(best.summary())}\n\n{table.to_string(index=False)}\nwrote {path}")
     end(data.name, best.findings)
 
 

@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, rich_table, say, spare_inputs
+from tcdyn.cli.common import Disk, Json, Told, bounded, check_choice, dump, end, grouped, spare_inputs
 
 app = typer.Typer(
     name="record",
@@ -21,9 +21,10 @@ app = typer.Typer(
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.table import Table
 
     from calibration.compare import RecordDiff
-    from calibration.record import DiskRecord
+    from calibration.record import ChainRecord, DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
@@ -50,11 +51,11 @@ def _show(found: DiskRecord) -> None:
     from calibration.lines.static import lines_table
 
     console = Console()
-    console.print(f"disk {found.disk}, made {found.created}" + (f" by {found.created_by}" if found.created_by else ""))
+    console.print(f"disk {found.disk}, made {found.made}")
     lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
     console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
     if found.chain is not None:
-        console.print(rich_table(chain_rows(found), f"Chain ({found.chain.structure})"))
+        console.print(rich_table(chain_rows(found.chain), f"Chain ({found.chain.structure})"))
     for item in found.inputs:
         console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
     for noticed in once(found.findings):
@@ -89,7 +90,8 @@ def diff(
 
 
 @app.command()
-def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None:
+@grouped
+def check(record: RecordPath, *, tell: Told) -> None:
     """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything).
 
     Example: tcdyn record check fast.disk.json
@@ -99,22 +101,19 @@ def check(record: RecordPath, json_: Json = False, quiet: Quiet = False) -> None
     from calibration.record import read_record
 
     doubts = sentences(check_record(read_record(record)))
-    if json_:
-        print(dump({"sound": not doubts, "doubts": doubts}), end="")
-    else:
-        for doubt in doubts:
-            say(f"- {doubt}", quiet)
-        verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
-        say(verdict, quiet)
+    tell.json(lambda: {"sound": not doubts, "doubts": doubts})
+    verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
+    tell.say("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
     if doubts:
         raise typer.Exit(1)
 
 
+@grouped
 def rig(
     show: Annotated[bool, typer.Option("--show", help="print the rig file, every key with its value")] = True,
     file: Annotated[Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Check a rig file and print every key with the value in force.
 
@@ -123,11 +122,12 @@ def rig(
     from calibration.rig import load_rig, rig_toml
 
     found = load_rig(file)
-    text = dump(found.to_dict()) if json_ else rig_toml(found)
-    if show and not quiet:
-        print(text, end="")
+    if show and not tell.quiet:
+        tell.json(found.to_dict)
+        tell.say(rig_toml(found).rstrip())
 
 
+@grouped
 def transducer(
     table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
@@ -135,8 +135,8 @@ def transducer(
     weights_rel: Annotated[
         float, bounded("--weights-rel", "relative standard uncertainty of all weights and the lever in common", 0, 0.5)
     ] = 0.001,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
@@ -159,7 +159,8 @@ def transducer(
     if out is not None:
         write_text(out, dump(line.to_dict()))
     if of is None:
-        say(dump(line.to_dict()).rstrip() if json_ else line.summary(), quiet)
+        tell.json(line.to_dict)
+        tell.say(line.summary())
     else:
         u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
         keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
@@ -169,13 +170,14 @@ def transducer(
         else:
             said += [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
             lines = [f"# {each}" for each in said]
-        say(dump(keys).rstrip() if json_ else "\n".join(lines), quiet)
+        tell.json(lambda: keys)
+        tell.say("\n".join(lines))
     end(table.name, line.findings)
 
 
 def spot(
     table: Annotated[Path, typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)")],
-    disk: Annotated[str, typer.Option(help="fast or slow")] = "fast",
+    disk: Disk = "fast",
     power_rel: Annotated[
         float, bounded("--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1)
     ] = 0.02,
@@ -187,11 +189,9 @@ def spot(
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
-    from calibration.disk import DISKS
     from calibration.files import read_numbers
     from calibration.stated.surface import fit_surface_flux
 
-    check_choice("--disk", disk, DISKS)
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
         found = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
@@ -204,20 +204,11 @@ def spot(
     print("\n".join([f"[{disk}.surface]", *(f"{name} = {value}" for name, value in keys.items())]))
 
 
-def chain_rows(record: DiskRecord) -> pd.DataFrame:
+def chain_rows(chain: ChainRecord) -> pd.DataFrame:
     """Lags, one row a channel, the common lag last."""
-    from calibration.estimate import with_u
-
-    assert record.chain is not None
-    apart = {c: with_u(e.value, e.u) for c, e in record.chain.differential_lag_s.items()}
-    rows = [(c, chain.lag_s, apart[c]) for c, chain in sorted(record.chain.channels.items())]
-    rows.append(("common", record.chain.common_lag_s, ""))
-    import pandas as pd
-
-    return pd.DataFrame(
-        [(name, with_u(e.value, e.u), f"{e.low95:.3f} to {e.high95:.3f}", rest) for name, e, rest in rows],
-        columns=["channel", "lag s", "95 %", "minus common s"],
-    )
+    table = chain.table()
+    table.loc[len(table)] = ["common", chain.common_lag_s.plain(), chain.common_lag_s.interval, ""]
+    return table
 
 
 def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
@@ -227,3 +218,16 @@ def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
     shown = table.assign(**{name: [format(v, how) for v in table[name]] for name, how in formats.items()})
     shown["significant"] = ["drifted" if yes else "" for yes in table["significant"]]
     return shown.rename(columns={"significant": ""})
+
+
+def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
+    """A table for the terminal: words left, numbers right."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left")
+    for k, name in enumerate(rows.columns):
+        table.add_column(escape(str(name)), justify="left" if k == 0 else "right")
+    for row in rows.itertuples(index=False):
+        table.add_row(*(escape(str(v)) for v in row))
+    return table

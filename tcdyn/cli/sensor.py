@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Json, Quiet, bounded, check_choice, dump, end, say, spare_inputs, warn
-from tcdyn.cli.tables import ColdJunction, TableCouple, TableUnits, TimeColumn, units, value_and_u
+from tcdyn.cli.common import Told, bounded, check_choice, end, grouped, spare_inputs
+from tcdyn.cli.tables import TableReading, value_and_u
 
 if TYPE_CHECKING:
     from calibration.disk import Conditioning
@@ -21,35 +22,68 @@ app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a 
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
 Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]
-Out = Annotated[Path, typer.Option(help="*.sensor.json to write")]
-Name = Annotated[str | None, typer.Option("--name", help="what the sensor is called; default: the file's name")]
-Cutoff = Annotated[
-    float | None,
-    bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 1e-6, 1e9),
-]
-Poles = Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")]
-Shape = Annotated[str, typer.Option(help="its shape: cascade (of single lags) or butterworth")]
 
 
-@app.callback()
-def _sensor() -> None:
-    """The lag of any thermocouple, as a file that compensate and follow take."""
+@dataclass(frozen=True)
+class Made:
+    """The file of the sensor that was found."""
+
+    out: Annotated[Path, typer.Option(help="*.sensor.json to write")]
+    name: Annotated[str | None, typer.Option(help="what the sensor is called; default: the file's name")] = None
+
+    @property
+    def called(self) -> str:
+        """The sensor's name, by its file's where none was given."""
+        return self.name or self.out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
+
+    def finish(self, sensor: SensorFile, tell: Told, log: Path | None = None) -> None:
+        """Write the file, say what it holds; exit 1 where something asks to be looked at."""
+        from tcdyn.sensor import read_sensor, write_sensor
+
+        spare_inputs([log], out=self.out)
+        write_sensor(sensor, self.out)
+        read_sensor(self.out)
+        tell.json(sensor.to_dict)
+        tell.say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0])
+        tell.warn(sensor.findings)
+        tell.say(f"wrote {self.out}")
+        end(str(self.out), sensor.findings)
+
+
+@dataclass(frozen=True)
+class Filter:
+    """A known filter behind the sensor."""
+
+    cutoff_hz: Annotated[
+        float | None,
+        bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 1e-6, 1e9),
+    ] = None
+    poles: Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")] = 2
+    shape: Annotated[str, typer.Option(help="its shape: cascade (of single lags) or butterworth")] = "cascade"
+
+    def conditioning(self) -> Conditioning:
+        """The filter that was stated, none if it was not."""
+        from calibration.disk import FILTER_SHAPES, Conditioning
+        from tcdyn.chain import NO_CONDITIONING
+
+        check_choice("--shape", self.shape, FILTER_SHAPES)
+        if self.cutoff_hz is None:
+            return NO_CONDITIONING
+        return Conditioning(self.cutoff_hz, self.poles, self.shape)  # type: ignore[arg-type]
 
 
 @app.command()
+@grouped
 def new(
     tau_s: Annotated[
         list[str], typer.Option("--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each")
     ],
     column: Columns,
-    out: Out,
     delay_s: Annotated[str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")] = "0",
-    cutoff_hz: Cutoff = None,
-    poles: Poles = 2,
-    shape: Shape = "cascade",
-    name: Name = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    to: Made,
+    behind: Filter,
+    tell: Told,
 ) -> None:
     """Write the file of a sensor whose lag is known from elsewhere.
 
@@ -58,17 +92,18 @@ def new(
     from tcdyn.sensor import stated
 
     made = stated(
-        name or named(out), column, [value_and_u(text, "--tau-s") for text in tau_s],
-        filter_of(cutoff_hz, poles, shape), value_and_u(delay_s, "--delay-s"),
+        to.called, column, [value_and_u(text, "--tau-s") for text in tau_s],
+        behind.conditioning(), value_and_u(delay_s, "--delay-s"),
     )  # fmt: skip
-    finish(made, out, json_, quiet)
+    to.finish(made, tell)
 
 
 @app.command()
+@grouped
 def show(
     file: Annotated[Path, typer.Argument(help="*.sensor.json, or the JSON of tcdyn identify")],
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """What a sensor file says: lag, times of its step response, how it was found.
 
@@ -77,14 +112,15 @@ def show(
     from tcdyn.sensor import read_sensor
 
     sensor = read_sensor(file)
-    print(dump(sensor.to_dict()), end="") if json_ else say(sensor.summary(), quiet)
+    tell.json(sensor.to_dict)
+    tell.say(sensor.summary())
 
 
 @app.command()
+@grouped
 def plunge(
     log: Log,
     column: OneColumn,
-    out: Out,
     entry_s: Annotated[
         str | None,
         typer.Option("--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"),
@@ -98,16 +134,11 @@ def plunge(
     ] = None,
     diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")] = None,
     speed_m_s: Annotated[float | None, typer.Option("--speed-m-s", help="with --medium: another speed")] = None,
-    cutoff_hz: Cutoff = None,
-    poles: Poles = 2,
-    shape: Shape = "cascade",
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
-    name: Name = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    to: Made,
+    behind: Filter,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """The lag from one step of the surroundings: t50, t63.2, t90 and the chain, entry instant unknown.
 
@@ -119,20 +150,20 @@ def plunge(
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
     film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
-    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
+    t, values, found, names = read(log, [column], reading)
     made = plunge_sensor(
-        t, values[0], names[0], sensor=name or named(out), conditioning=filter_of(cutoff_hz, poles, shape),
+        t, values[0], names[0], sensor=to.called, conditioning=behind.conditioning(),
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
         medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
     )  # fmt: skip
-    finish(with_findings(made, found), out, json_, quiet, (log,))
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
+@grouped
 def pair(
     log: Log,
     columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
-    out: Out,
     speed: Annotated[
         str | None, typer.Option("--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5")
     ] = None,
@@ -143,13 +174,10 @@ def pair(
         list[float] | None,
         typer.Option("--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"),
     ] = None,
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
-    name: Name = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    to: Made,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
 
@@ -160,30 +188,27 @@ def pair(
     wanted = [c.strip() for c in columns.split(",")]
     if len(wanted) != 2 or wanted[0] == wanted[1]:
         raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
-    t, values, found, names = read(log, wanted, time, units(unit, couple, cold_junction), (speed,) if speed else ())
+    t, values, found, names = read(log, wanted, reading, (speed,) if speed else ())
     made = pair_sensor(
-        t, values[0], values[1], (names[0], names[1]), sensor=name or named(out), speed=values[2] if speed else None,
+        t, values[0], values[1], (names[0], names[1]), sensor=to.called, speed=values[2] if speed else None,
         changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
     )  # fmt: skip
-    finish(with_findings(made, found), out, json_, quiet, (log,))
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
+@grouped
 def current(
     log: Log,
     column: OneColumn,
     current: Annotated[str, typer.Option("--current", help="column of the heating current; its unit does not matter")],
-    out: Out,
     off_only: Annotated[
         bool, typer.Option("--off-only", help="use rows without current only: a thermocouple is not read while heated")
     ] = False,
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
-    name: Name = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    to: Made,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """The lag in place from a loop current step (LCSR), heating, cooling or both, converted to that of a plunge.
 
@@ -191,25 +216,20 @@ def current(
     """
     from tcdyn.sensor.current import current_sensor
 
-    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction), (current,))
-    made = current_sensor(
-        t, values[0], values[1], names[0], sensor=name or named(out), off_only=off_only, inputs=[source(log)]
-    )
-    finish(with_findings(made, found), out, json_, quiet, (log,))
+    t, values, found, names = read(log, [column], reading, (current,))
+    made = current_sensor(t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)])
+    to.finish(with_findings(made, found), tell, log)
 
 
 @app.command()
+@grouped
 def noise(
     log: Log,
     column: OneColumn,
-    out: Out,
-    time: TimeColumn = None,
-    unit: TableUnits = None,
-    couple: TableCouple = None,
-    cold_junction: ColdJunction = "0",
-    name: Name = None,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    to: Made,
+    reading: TableReading,
+    tell: Told,
 ) -> None:
     """The lag in place from the process's own noise at constant conditions, and whether the conditions hold.
 
@@ -217,19 +237,20 @@ def noise(
     """
     from tcdyn.sensor.fluctuations import noise_sensor
 
-    t, values, found, names = read(log, [column], time, units(unit, couple, cold_junction))
-    made = noise_sensor(t, values[0], names[0], sensor=name or named(out), inputs=[source(log)])
-    finish(with_findings(made, found), out, json_, quiet, (log,))
+    t, values, found, names = read(log, [column], reading)
+    made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
+    to.finish(with_findings(made, found), tell, log)
 
 
 def read(
-    log: Path, columns: list[str], time: str | None, options: dict[str, Any], plain: tuple[str, ...] = ()
+    log: Path, columns: list[str], reading: TableReading, plain: tuple[str, ...] = ()
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
     from tcdyn.sensor.table import open_source, read_columns
     from tcdyn.sensor.units import matching, units_of
 
-    opened = open_source(log, time, [*columns, *plain])
+    options = reading.options()
+    opened = open_source(log, reading.time, [*columns, *plain])
     names = []
     for wanted in (*columns, *plain):
         hits = matching(wanted, [n for n in opened.table.names if n != opened.time], opened.table.where)
@@ -256,33 +277,3 @@ def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
     from tcdyn.sensor.table import once_each
 
     return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
-
-
-def filter_of(cutoff_Hz: float | None, poles: int, shape: str) -> Conditioning:
-    """The filter that was stated, none if it was not."""
-    from calibration.disk import FILTER_SHAPES, Conditioning
-    from tcdyn.chain import NO_CONDITIONING
-
-    check_choice("--shape", shape, FILTER_SHAPES)
-    return NO_CONDITIONING if cutoff_Hz is None else Conditioning(cutoff_Hz, poles, shape)  # type: ignore[arg-type]
-
-
-def named(out: Path) -> str:
-    """A sensor's name by its file's."""
-    return out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
-
-
-def finish(sensor: SensorFile, out: Path, json_: bool, quiet: bool, inputs: tuple[Path, ...] = ()) -> None:
-    """Write the file, say what it holds; exit 1 where something asks to be looked at."""
-    from tcdyn.sensor import read_sensor, write_sensor
-
-    spare_inputs(inputs, out=out)
-    write_sensor(sensor, out)
-    read_sensor(out)
-    if json_:
-        print(dump(sensor.to_dict()), end="")
-    else:
-        say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0], quiet)
-        warn(sensor.findings, quiet)
-        say(f"wrote {out}", quiet)
-    end(str(out), sensor.findings)

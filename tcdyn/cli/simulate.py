@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,27 +10,13 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import (
-    Json,
-    Quiet,
-    Verbose,
-    bounded,
-    check_choice,
-    contacts,
-    counted,
-    dump,
-    rich_table,
-    say,
-    spare_inputs,
-    stages,
-    within,
-)
+from tcdyn.cli.common import Disk, Told, Verbose, bounded, check_choice, counted, grouped, spare_inputs, stages, within
+from tcdyn.cli.record import rich_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tcdyn.simulate.bath import FluidName
-    from tcdyn.simulate.truth import RigTruth
+    from tcdyn.simulate.truth import BoreContact, RigTruth
 
 app = typer.Typer(
     name="simulate",
@@ -40,9 +27,9 @@ app = typer.Typer(
 
 Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
 Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig and the same file")]
-Disk = Annotated[str, typer.Option(help="fast or slow")]
+Test = Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")]
+Beta = Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
-Uncertain = Annotated[bool, typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml")]
 Uneven = Annotated[
     list[str] | None,
     typer.Option(
@@ -53,70 +40,89 @@ Uneven = Annotated[
 Clean = Annotated[bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")]
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """The rig that a log is simulated of."""
+
+    seed: Seed = 0
+    rig: RigPath = None
+    uncertain: Annotated[
+        bool, typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml")
+    ] = False
+    clean: Clean = False
+
+    def truth(self) -> RigTruth:
+        """What is true of it."""
+        from calibration.rig import load_rig
+        from tcdyn.simulate.truth import CLEAN, draw_truth
+
+        truth = draw_truth(self.seed, load_rig(self.rig), uncertain=self.uncertain)
+        return truth.with_imperfections(CLEAN) if self.clean else truth
+
+    def for_log(self, out: Path) -> RigTruth:
+        """The truth behind one log that is to be written to ``out``."""
+        if out.suffix.lower() != ".csv":
+            raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
+        spare_inputs([self.rig], out=out)
+        return self.truth()
+
+
 @app.command()
-def oven(
-    out: Out,
-    disk: Disk = "fast",
-    seed: Seed = 0,
-    rig: RigPath = None,
-    uncertain: Uncertain = False,
-    clean: Clean = False,
-    json_: Json = False,
-    quiet: Quiet = False,
-) -> None:
+@grouped
+def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, tell: Told) -> None:
     """Oven calibration of one disk, 20 to 160 degC, three repeats.
 
     Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
     """
     from tcdyn.simulate.measure import simulate_oven
 
-    truth = _log_truth(out, seed, rig, uncertain, clean)
-    _write(out, json_, quiet, *simulate_oven(_disk(disk), seed, truth))
+    truth = drawn.for_log(out)
+    _write(out, tell, *simulate_oven(disk, drawn.seed, truth))
 
 
 @app.command()
+@grouped
 def immersion(
     out: Out,
     disk: Disk = "fast",
-    seed: Seed = 0,
     bath_degC: Annotated[float, bounded("--bath-degC", "bath temperature", -60, 400)] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
     duration_s: Annotated[float, bounded("--duration-s", "time after entry", 10, 3600)] = 140.0,
     run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
-    rig: RigPath = None,
-    uncertain: Uncertain = False,
-    clean: Clean = False,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    drawn: Drawn,
+    tell: Told,
 ) -> None:
     """A plunge of one disk into a hot bath.
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
     """
+    from tcdyn.simulate.bath import FLUIDS
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
-    truth = _log_truth(out, seed, rig, uncertain, clean)
-    options = PlungeOptions(after_s=duration_s)
-    _write(out, json_, quiet, *simulate_plunge(_disk(disk), seed, _fluid(fluid), bath_degC, run, truth, options))
+    check_choice("--fluid", fluid, FLUIDS)
+    truth, options = drawn.for_log(out), PlungeOptions(after_s=duration_s)
+    _write(out, tell, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
 
 
 @app.command()
-def hole(out: Out, seed: Seed = 0, clean: Clean = False, json_: Json = False, quiet: Quiet = False) -> None:
+@grouped
+def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, tell: Told) -> None:
     """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water.
 
     Example: tcdyn simulate hole --out hole.csv
     """
     from tcdyn.simulate.plunge import simulate_hole
 
-    _write(out, json_, quiet, *simulate_hole(seed, _log_truth(out, seed, None, False, clean)))
+    _write(out, tell, *simulate_hole(seed, Drawn(seed, clean=clean).for_log(out)))
 
 
 @app.command()
+@grouped
 def ehl(
     out: Out,
-    test: Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")] = "B3",
-    seed: Seed = 0,
-    beta: Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))] = None,
+    test: Test = "B3",
+    beta: Beta = None,
     brake: Annotated[
         float | None, bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6)
     ] = None,
@@ -127,11 +133,9 @@ def ehl(
     film_air_K: Annotated[
         float, bounded("--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50)
     ] = 0.0,
-    rig: RigPath = None,
-    uncertain: Uncertain = False,
-    clean: Clean = False,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    drawn: Drawn,
+    tell: Told,
 ) -> None:
     """One EHL test of both disks: warm running, loading, unloading, cooling.
 
@@ -139,12 +143,13 @@ def ehl(
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
-    truth = _log_truth(out, seed, rig, uncertain, clean).with_uneven(contacts(uneven)).with_film_air(film_air_K)
+    truth = drawn.for_log(out).with_uneven(contacts(uneven)).with_film_air(film_air_K)
     options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
-    _write(out, json_, quiet, *simulate_ehl(test, seed, truth, options))
+    _write(out, tell, *simulate_ehl(test, drawn.seed, truth, options))
 
 
 @app.command()
+@grouped
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
@@ -152,13 +157,10 @@ def campaign(
         list[float] | None,
         bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
     ] = None,
-    seed: Seed = 0,
     workers: Annotated[int, typer.Option(min=1, max=256, help="processes on this machine")] = 1,
-    rig: RigPath = None,
-    uncertain: Uncertain = False,
-    clean: Clean = False,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    drawn: Drawn,
+    tell: Told,
 ) -> None:
     """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/.
 
@@ -171,30 +173,23 @@ def campaign(
     if "all" in tests:
         tests = ALL_TESTS
     plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
-    with counted(None, quiet or json_) as progress:
+    with counted(None, tell.silent) as progress:
         files = simulate_campaign(
-            out,
-            seed,
-            tests,
-            plunges,
-            rig=load_rig(rig),
-            truth=_truth(seed, rig, uncertain, clean),
-            n_jobs=workers,
+            out, drawn.seed, tests, plunges, rig=load_rig(drawn.rig), truth=drawn.truth(), n_jobs=workers,
             progress=progress,
-        )
-    if json_:
-        print(dump(files), end="")
-        return
-    say(files.summary(), quiet)
+        )  # fmt: skip
+    tell.json(lambda: files)
+    tell.say(files.summary())
 
 
+@grouped
 def demo(
     out: Annotated[Path, typer.Option(help="folder to write into")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="another seed is another rig")] = 1,
     test: Annotated[list[str] | None, typer.Option(help="tests of table 6.1 to run (default B3)")] = None,
-    json_: Json = False,
-    quiet: Quiet = False,
     verbose: Verbose = False,
+    *,
+    tell: Told,
 ) -> None:
     """Simulate a campaign, run every stage on its logs and write the report.
 
@@ -207,7 +202,7 @@ def demo(
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import sources_of
 
-    with stages(quiet or json_, verbose, "demo") as progress:
+    with stages(tell.silent, verbose, "demo") as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
         progress("writing the report")
         truths = {
@@ -218,9 +213,8 @@ def demo(
         files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
         made_of = sources_of([*run.tests.values()], files, out / "rig.toml")
         report = write_beta_report(out / "report.html", tests, truths, made_of)
-    if json_:
-        print(dump({**run.to_dict(), "report": report}), end="")
-    if quiet or json_:
+    tell.json(lambda: {**run.to_dict(), "report": report})
+    if tell.silent:
         return
     console = Console()
     console.print(rich_table(run.card(), f"simulated campaign, seed {seed}"))
@@ -229,40 +223,15 @@ def demo(
     console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
 
-def _log_truth(out: Path, seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
-    """The rig behind one log that is to be written to ``out``."""
-    if out.suffix.lower() != ".csv":
-        raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
-    spare_inputs([rig], out=out)
-    return _truth(seed, rig, uncertain, clean)
-
-
-def _truth(seed: int, rig: Path | None, uncertain: bool, clean: bool) -> RigTruth:
-    from calibration.rig import load_rig
-    from tcdyn.simulate.truth import CLEAN, draw_truth
-
-    truth = draw_truth(seed, load_rig(rig), uncertain=uncertain)
-    return truth.with_imperfections(CLEAN) if clean else truth
-
-
-def _write(out: Path, json_: bool, quiet: bool, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+def _write(out: Path, tell: Told, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
     truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
     write_log(frame, out)
-    if json_:
-        print(dump({"log": out, "rows": len(frame), "truth": truth_json, "traces": traces}), end="")
-        return
-    say(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}", quiet)
-
-
-def _disk(name: str) -> str:
-    from calibration.disk import DISKS
-
-    check_choice("--disk", name, DISKS)
-    return name
+    tell.json(lambda: {"log": out, "rows": len(frame), "truth": truth_json, "traces": traces})
+    tell.say(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
 
 
 def _again(said: str) -> tuple[float, float]:
@@ -283,10 +252,22 @@ def _again(said: str) -> tuple[float, float]:
     return out
 
 
-def _fluid(name: str) -> FluidName:
-    from tcdyn.simulate.bath import FLUIDS
+def contacts(said: list[str] | None) -> dict[str, BoreContact]:
+    """What ``--uneven`` says of each disk's bore."""
+    from calibration.disk import DISKS
+    from tcdyn.simulate.truth import BoreContact
 
-    for fluid in FLUIDS:
-        if name == fluid:
-            return fluid
-    raise InputError(f"--fluid {name!r}", expected=" or ".join(FLUIDS), remedy="the rig has no other bath")
+    contacts: dict[str, BoreContact] = {}
+    for text in said or ():
+        name, _, numbers = text.rpartition(":")
+        amplitude, _, angle = numbers.partition("@")
+        try:
+            size, at = float(amplitude), float(angle)
+        except ValueError:
+            raise InputError(
+                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
+            ) from None
+        if name:
+            check_choice("the disk of --uneven", name, DISKS)
+        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
+    return contacts

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import dump, end, say, spare_inputs, stages, warn
+from tcdyn.cli.common import Told, end, spare_inputs, stages
 
 SensorFiles = Annotated[
     list[Path] | None,
@@ -17,15 +18,36 @@ SensorFiles = Annotated[
 TableColumns = Annotated[
     list[str] | None, typer.Option("--column", help="with --sensor: column that it covers, instead of its file's own")
 ]
-TimeColumn = Annotated[str | None, typer.Option("--time", help="of a table: the time column, if not found by itself")]
-TableUnits = Annotated[
-    list[str] | None,
-    typer.Option("--unit", help="of a table: degC, K, degF or mV, where names do not say it; T1=K for one column"),
-]
-TableCouple = Annotated[str | None, typer.Option("--couple", help="of millivolts: type E, J, K, N or T (ITS-90)")]
-ColdJunction = Annotated[
-    str, typer.Option("--cold-junction", help="of millivolts: reference junction in degC, or its column")
-]
+
+
+@dataclass(frozen=True)
+class TableReading:
+    """What tells the time and the units of any table where its names do not."""
+
+    time: Annotated[str | None, typer.Option(help="of a table: the time column, if not found by itself")] = None
+    unit: Annotated[
+        list[str] | None,
+        typer.Option(help="of a table: degC, K, degF or mV, where names do not say it; T1=K for one column"),
+    ] = None
+    couple: Annotated[str | None, typer.Option(help="of millivolts: type E, J, K, N or T (ITS-90)")] = None
+    cold_junction: Annotated[str, typer.Option(help="of millivolts: reference junction in degC, or its column")] = "0"
+
+    def options(self) -> dict[str, Any]:
+        """As ``compensate_table`` takes them.
+
+        >>> TableReading("t", ["K"]).options(), TableReading(unit=["T1=mV"], cold_junction="cj").options()["cold"]
+        ({'time': 't', 'unit': 'K', 'couple': '', 'cold': 0.0}, 'cj')
+        """
+        parts = [text.rpartition("=") for text in self.unit or []]
+        plain = [unit for name, _, unit in parts if not name]
+        if len(plain) > 1 or (plain and len(parts) > 1):
+            raise InputError("--unit is given more than once", expected="one for all columns, or T1=K for each")
+        try:
+            cold: float | str = float(self.cold_junction)
+        except ValueError:
+            cold = self.cold_junction
+        unit = plain[0] if plain else {n: u for n, _, u in parts}
+        return {"time": self.time, "unit": unit, "couple": self.couple or "", "cold": cold}
 
 
 def value_and_u(text: str, option: str) -> tuple[float, float]:
@@ -46,23 +68,6 @@ def value_and_u(text: str, option: str) -> tuple[float, float]:
     return found
 
 
-def units(given: list[str] | None, couple: str | None, cold: str) -> dict[str, Any]:
-    """The options of units as ``compensate_table`` takes them.
-
-    >>> units(["K"], None, "0"), units(["T1=mV"], "K", "cj")["cold"]
-    ({'unit': 'K', 'couple': '', 'cold': 0.0}, 'cj')
-    """
-    parts = [text.rpartition("=") for text in given or []]
-    plain = [unit for name, _, unit in parts if not name]
-    if len(plain) > 1 or (plain and len(parts) > 1):
-        raise InputError("--unit is given more than once", expected="one for all columns, or T1=K for each")
-    try:
-        at: float | str = float(cold)
-    except ValueError:
-        at = cold
-    return {"unit": plain[0] if plain else {n: u for n, _, u in parts}, "couple": couple or "", "cold": at}
-
-
 def only_with_records(options: list[str]) -> None:
     """Refuse what belongs to the rig's logs."""
     if options:
@@ -70,9 +75,7 @@ def only_with_records(options: list[str]) -> None:
         raise InputError(f"{options[0]} with --sensor", remedy=remedy)
 
 
-def of_table(
-    log: Path, files: list[Path], out: Path, options: dict[str, Any], json_: bool, quiet: bool, verbose: bool
-) -> None:
+def of_table(log: Path, files: list[Path], out: Path, options: dict[str, Any], tell: Told, verbose: bool) -> None:
     """Compensate a table, say what came of it; exit 1 where something asks to be looked at."""
     from tcdyn.pipeline.sensors import compensate_table
     from tcdyn.sensor import read_sensor
@@ -80,12 +83,10 @@ def of_table(
 
     spare_inputs([log, *files], out=out)
     sensors = [read_sensor(path) for path in files]
-    with stages(quiet or json_, verbose) as progress:
+    with stages(tell.silent, verbose) as progress:
         done = compensate_table(log, sensors, out, progress=progress, **options)
     found = once_each([*(f for s in sensors for f in s.findings), *done.findings])
-    if json_:
-        print(dump(done.to_dict()), end="")
-    else:
-        warn(found, quiet)
-        say(done.summary(), quiet)
+    tell.json(done.to_dict)
+    tell.warn(found)
+    tell.say(done.summary())
     end(log.name, found)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import Json, Quiet, dump, spare_inputs
+from tcdyn.cli.common import Told, grouped, spare_inputs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,12 +22,13 @@ COLOURS = {
 }  # fmt: skip
 
 
+@grouped
 def verify(
     report: Annotated[Path | None, typer.Option("--report", help="HTML page with the table and its pictures")] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="the table as CSV")] = None,
     why: Annotated[bool, typer.Option("--why", help="print the reason of every row")] = False,
-    json_: Json = False,
-    quiet: Quiet = False,
+    *,
+    tell: Told,
 ) -> None:
     """Compute every published number that can be checked; exit code 1 when one differs.
 
@@ -40,9 +41,8 @@ def verify(
 
     spare_inputs([], report=report, csv=csv)
     rows = verify_rows()
-    if json_:
-        print(dump({"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows}), end="")
-    elif not quiet:
+    tell.json(lambda: {"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows})
+    if not tell.silent:
         _print(rows, why)
     if csv is not None:
         from calibration.files.write import write_text

@@ -46,11 +46,6 @@ class CalibrationRun(Result):
         """What was noticed in logs and fits."""
         return tuple(self.record.findings)
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return tuple(self.record.warnings)
-
     def summary(self) -> str:
         """Static errors, lags and what the plunges cannot tell, in a few lines."""
         return "\n".join(self.fit.lines())

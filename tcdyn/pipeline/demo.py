@@ -17,7 +17,7 @@ from calibration.estimate import rounded
 from calibration.files.write import write_text
 from calibration.log import write_log
 from calibration.record import DiskRecord, read_record, write_record
-from calibration.result import Result, jsonable
+from calibration.result import Result, json_text, jsonable
 from calibration.rig import Rig, load_rig
 from tcdyn.cores import side_by_side
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
@@ -108,7 +108,7 @@ def _compensated(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Pa
 
 def _partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
     beta = estimate_beta(log, rig, records)
-    write_text(out.with_name(f"{out.name}.beta.json"), json.dumps(beta.to_dict(), indent=2) + "\n")
+    write_text(out.with_name(f"{out.name}.beta.json"), json_text(beta.to_dict()))
     return beta
 
 

@@ -19,6 +19,7 @@ from calibration.files.growing import GrowingTable
 from calibration.files.write import write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
+from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.pipeline.causal import LONGEST_GAP_S, Causal, CausalState, Settings
 from tcdyn.pipeline.learn import begin
@@ -32,7 +33,7 @@ SAVE_EVERY_S = 10.0
 
 
 @dataclass(frozen=True)
-class FollowRun:
+class FollowRun(Result):
     """What was done: rows read and written, lines left out, why it ended, and the plan it was done with."""
 
     rows_read: int
@@ -42,10 +43,14 @@ class FollowRun:
     plan: Causal | None
     findings: tuple[Finding, ...]
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was noticed, in words."""
-        return tuple(f.sentence for f in self.findings)
+    def summary(self) -> str:
+        """Why it ended, and how many rows there were."""
+        return f"{self.ended}: {self.rows_read} rows read, {self.rows_written} written"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Counts, why it ended and what was noticed."""
+        counts = {"rows_read": self.rows_read, "rows_written": self.rows_written, "bad_lines": self.bad_lines}
+        return {**counts, "ended": self.ended, "warnings": list(self.warnings)}
 
 
 def follow(

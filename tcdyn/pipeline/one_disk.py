@@ -12,7 +12,6 @@ import pandas as pd
 from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
-from calibration.estimate import rounded, with_u
 from calibration.files.seal import sealed
 from calibration.log import Log, iter_log
 from calibration.opened import columns_not_there
@@ -25,7 +24,7 @@ from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import prepare, without_lost
-from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions
+from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions, way_row
 from tcdyn.traces import rig_of
 
 
@@ -115,11 +114,9 @@ def ways_of(p: OneDisk) -> pd.DataFrame:
     """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true is withheld."""
     rows, a = [], p.answers
     for way in WAYS:
-        low, high = (rounded(end, a[way].u)[0] for end in (a[way].low95, a[way].high95))
-        lag = with_u(a["lag_s"].value, a["lag_s"].u) if way == "joint" else ""
-        said = (str(a[way]), f"{low} to {high}", str(a[f"h {way}"]), lag)
-        rows.append((f"{way} fit, {p.disk} disk", *(("withheld", "", "", "") if way in p.withheld else said)))
-    return pd.DataFrame(rows, columns=["way", "β [1]", "95 % of β", "h [W/m²K]", "lag [s]"])
+        lag = a["lag_s"] if way == "joint" else None
+        rows.append(way_row(f"{way} fit, {p.disk} disk", a[way], a[f"h {way}"], lag, shown=way not in p.withheld))
+    return pd.DataFrame(rows).drop(columns="exponent n [1]")
 
 
 def estimate_one_disk(

@@ -12,11 +12,12 @@ import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.estimate import Estimate
 from calibration.files import sha256, shown
 from calibration.files.seal import ALTERED
 from calibration.files.write import log_writer
-from calibration.finding import Finding, look, note, sentences
-from calibration.lines.static import apply_static, whole_u
+from calibration.finding import Finding, look, note
+from calibration.lines.static import StaticLine, apply_static, whole_u
 from calibration.log import COMPENSATED
 from calibration.result import Result
 from tcdyn.chain import Chain
@@ -25,7 +26,7 @@ from tcdyn.compensate.pieces import settled_s
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.sensor.file import SensorFile
-from tcdyn.sensor.table import EvenTimes, Part, Source, on_grid, once_each, open_source, parts, places
+from tcdyn.sensor.table import EvenTimes, Part, on_grid, once_each, open_source, parts, places
 from tcdyn.sensor.units import Unit, cold_column, doubtful, matching, units_of
 
 MOST_VALUES, MOST_COLUMNS = 400_000, 8  # smoothed at once: an event of one column is weighed in all of them
@@ -38,15 +39,24 @@ class Worn:
     """A column of a table with the sensor that stands behind it."""
 
     column: str
-    sensor: str
-    at: int  # of the sensor file's columns
     file: SensorFile
+    at: int  # of the sensor file's columns
     unit: Unit
 
     @property
     def chain(self) -> Chain:
         """The chain of this column."""
         return self.file.chains[self.at]
+
+    @property
+    def lag_s(self) -> Estimate:
+        """The lag of this column [s]."""
+        return self.file.chain.channels[self.file.columns[self.at]].lag_s
+
+    @property
+    def line(self) -> StaticLine | None:
+        """Its static line, None where readings stand as they are."""
+        return self.file.static.get(self.file.columns[self.at])
 
 
 @dataclass(frozen=True)
@@ -61,19 +71,13 @@ class CompensatedTable(Result):
     metadata: dict[str, str]
     findings: tuple[Finding, ...]
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was noticed, in words."""
-        return sentences(self.findings)
-
     def summary(self) -> str:
         """A line a column."""
         s = "s" if len(self.columns) > 1 else ""
         lines = [f"{self.rows} rows, {len(self.columns)} column{s} compensated: {self.path}"]
         for worn, row in zip(self.columns, self.numbers.itertuples(index=False)):
-            lag = worn.file.chain.channels[worn.file.columns[worn.at]].lag_s
             lines.append(
-                f"  {worn.column}: lag {lag.text('s')}; noise {row.noise_sd_K:.3g} K, standard deviation "
+                f"  {worn.column}: lag {worn.lag_s.text('s')}; noise {row.noise_sd_K:.3g} K, standard deviation "
                 f"{row.sd_typical_K:.3g} K typical, {row.sd_max_K:.3g} K at most"
             )
         return "\n".join(lines)
@@ -123,17 +127,17 @@ def compensate_table(
     """
     source = open_source(log, time)
     cold = cold_column(cold, source.table.names, source.table.where)
-    worn, told = worn_in(source, sensors, columns, unit, couple, cold)
     names = source.table.names
-    others = [n for n in names if n != source.time and n not in {w.column for w in worn}]
+    own = [n for n in names if n != source.time]
+    worn, told = worn_in(own, source.table.where, sensors, columns, unit, couple, cold)
+    others = [n for n in own if n not in {w.column for w in worn}]
     kept: list[str] = [str(cold)] if isinstance(cold, str) else []
     if others:
         told.append(note("sensor.carried", columns=others))
     notes = {**source.table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
     notes |= {"source_sha256": sha256(log)} if source.path.is_file() else {}
     for w in worn:
-        lag = w.file.chain.channels[w.file.columns[w.at]].lag_s
-        notes[f"lag_s of {w.column}"] = f"{lag.text('s')}, sensor {w.sensor}"
+        notes[f"lag_s of {w.column}"] = f"{w.lag_s.text('s')}, sensor {w.file.sensor}"
     renamed = {w.column: w.unit.names(w.column) for w in worn}
     header = [renamed[n][0] if n in renamed else n for n in names] + [renamed[w.column][1] for w in worn]
     clash = [n for n in header if header.count(n) > 1]
@@ -172,11 +176,11 @@ def compensate_table(
 
 
 def worn_in(
-    source: Source, sensors: Sequence[SensorFile], columns: Sequence[str], unit: Mapping[str, str] | str, couple: str,
-    cold: float | str,
+    names: Sequence[str], where: str, sensors: Sequence[SensorFile], columns: Sequence[str],
+    unit: Mapping[str, str] | str, couple: str, cold: float | str,
 ) -> tuple[list[Worn], list[Finding]]:  # fmt: skip
-    """The columns of a table with their sensors, in the table's order. Raises InputError as ``compensate_table``."""
-    where, names = source.table.where, [n for n in source.table.names if n != source.time]
+    """Those of a table's columns ``names`` that sensors cover, in their order. Raises InputError as
+    ``compensate_table``."""
     if not sensors:
         raise InputError(
             "no sensor was given", remedy="add sensors=FILE.sensor.json", parameters=("sensors=FILE.sensor.json",)
@@ -193,7 +197,7 @@ def worn_in(
     own = [n for n in names if n in taken]
     units, told = units_of(own, unit, couple, cold)
     told += [f for file in sensors for f in file.findings if f.code == ALTERED]
-    return [Worn(n, taken[n][0].sensor, taken[n][1], taken[n][0], units[n]) for n in own], told
+    return [Worn(n, *taken[n], units[n]) for n in own], told
 
 
 def _answered(
@@ -252,8 +256,8 @@ def _smoothed(
                 covariance[i, j] = a.file.lag_covariance_s2[a.at, b.at]
     line_u = np.zeros_like(y)
     for k, w in enumerate(worn):
-        if line := w.file.static.get(w.file.columns[w.at]):
-            line_u[:, k] = whole_u(line, y[:, k])
+        if w.line:
+            line_u[:, k] = whole_u(w.line, y[:, k])
     try:
         done = smooth(
             y, grid.dt_s, [w.chain for w in worn], lag_covariance=covariance,
@@ -274,5 +278,4 @@ def _read(w: Worn, stretch: Part) -> Array:
     """What a column reads (N,) [degC], after its static line."""
     cold = stretch.data[w.unit.cold] if isinstance(w.unit.cold, str) else w.unit.cold
     degC = w.unit.in_degC(stretch.data[w.column], cold)
-    line = w.file.static.get(w.file.columns[w.at])
-    return np.asarray(apply_static(degC, line) if line else degC)
+    return np.asarray(apply_static(degC, w.line) if w.line else degC)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypedDict
@@ -21,9 +21,10 @@ from calibration.lines.static import StaticLine
 from calibration.opened import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
 from calibration.record import DiskRecord
 from calibration.rig import Rig
+from tcdyn.pipeline.sensors import worn_in
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import TIMES
-from tcdyn.sensor.units import Unit, cold_column, matching, time_column, u_name, units_of
+from tcdyn.sensor.units import Unit, cold_column, time_column, u_name
 from tcdyn.traces import DiskChannels, disk_channels
 
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
@@ -104,6 +105,7 @@ def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOption
         )
     if rig is None or not isinstance(records, Mapping):
         return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
+    altered = tuple(f for record in records.values() for f in record.findings if f.code == ALTERED)
     kind, own = kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own)
     chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own))
@@ -112,14 +114,8 @@ def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOption
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
         raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")
-    return GrowingLog(
-        growing,
-        places,
-        channels_of(kind, records, rig),
-        INTENSITY_K2_S3[kind],
-        converted,
-        findings=(*altered_of(records.values()),),
-    )
+    channels = [disk_channels(r, rig.disk_setup(d), d if kind == "ehl" else "") for d, r in records.items()]
+    return GrowingLog(growing, places, channels, INTENSITY_K2_S3[kind], converted, findings=altered)
 
 
 def _table_source(
@@ -133,35 +129,16 @@ def _table_source(
     if time != "time_s" and "time_s" in names:
         raise InputError(f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it")
     own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
-    channels = channels_of("table", sensors, None, where, [n for n in names if n != time])
-    covered, cold = channels[0].columns, cold_column(options.get("cold", 0.0), names, where)
-    for name in covered:
-        if covered.count(name) > 1:
-            raise InputError(f"column {name!r} has two sensors", where=where, expected="one sensor a column")
-    units, told = units_of(covered, options.get("unit", ""), options.get("couple", ""), cold)
+    cold = cold_column(options.get("cold", 0.0), names, where)
+    unit, couple = options.get("unit", ""), options.get("couple", "")
+    worn, told = worn_in([n for n in names if n != time], where, sensors, (), unit, couple, cold)
+    channels = DiskChannels(
+        tuple(w.column for w in worn),
+        tuple(w.line or AS_READ for w in worn),
+        tuple(w.chain for w in worn),
+        np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in worn]),
+        np.array([w.file.split_u_s[w.at] for w in worn]),
+    )
     how: dict[str, Callable[[Array], Array]] = {} if scale == 1.0 else {"time_s": lambda t: t * scale}
-    other = {n: u for n, u in units.items() if u.name != "degC"}
-    return GrowingLog(growing, own, channels, None, how, other, (*told, *altered_of(sensors)))
-
-
-def altered_of(known: Iterable[DiskRecord | SensorFile]) -> list[Finding]:
-    """What was said of files that are not as they were written."""
-    return [f for one in known for f in one.findings if f.code == ALTERED]
-
-
-def channels_of(
-    kind: str, known: Known, rig: Rig | None, where: str = "", names: Sequence[str] = ()
-) -> list[DiskChannels]:
-    """How each disk with a record is read in a log of this kind, or what ``names`` of a table sensors cover."""
-    if not isinstance(known, Mapping):
-        found = [(n, s, i) for s in known for i, c in enumerate(s.columns) for n in matching(c, names, where)]
-        worn = [s.chains[i] for _, s, i in found]
-        lines = [s.static.get(s.columns[i], AS_READ) for _, s, i in found]
-        variances = [s.lag_covariance_s2[i, i] for _, s, i in found]
-        split = np.array([s.split_u_s[i] for _, s, i in found])
-        return [DiskChannels(tuple(n for n, _, _ in found), tuple(lines), tuple(worn), np.diag(variances), split)]
-    assert rig is not None
-    records = known
-    return [
-        disk_channels(record, rig.disk_setup(disk), disk if kind == "ehl" else "") for disk, record in records.items()
-    ]
+    other = {w.column: w.unit for w in worn if w.unit.name != "degC"}
+    return GrowingLog(growing, own, [channels], None, how, other, tuple(told))

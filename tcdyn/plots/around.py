@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from calibration.around import Around
 from calibration.disk import DiskSetup
-from calibration.estimate import Z95
 from calibration.stated.fit import harmonics, mean_shares
 from tcdyn.contact import press_fit
-from tcdyn.plots.style import BAND, DISK_COLOUR, TRUTH, dressed
+from tcdyn.plots.style import DISK_COLOUR, TRUTH, dressed, figure, line_with_band
 
 CENTRE_M = 1e-4  # junctions nearer than this to the middle plane are in it
 TONES = 12
@@ -45,24 +47,25 @@ def draw_round(around: Around, ax: Axes) -> Axes:
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
         )  # fmt: skip
     ax.set_ylim(1.02 * depth.max(), 0.0)
-    ax.set_xlim(0.0, 360.0)
-    ax.set_xticks(np.arange(0, 361, 60))
-    ax.set_title(f"{around.disk} disk", loc="left")
-    dressed(ax, "angle round the shaft [deg]", "depth below the running surface [mm]")
-    ax.grid(False)
+    _all_round(ax, "depth below the running surface [mm]", f"{around.disk} disk").grid(False)
     return ax
 
 
 def draw_round_surface(around: Around, ax: Axes) -> Axes:
     """Mean temperature across the running surface against the angle, with its 95 % band where it has one."""
-    t, u, colour = around.surface_degC, around.surface_u_K, DISK_COLOUR[around.disk]
-    ax.plot(around.angle_deg, t, color=colour, linewidth=1.6)
-    ax.fill_between(around.angle_deg, t - Z95 * u, t + Z95 * u, color=colour, alpha=BAND, linewidth=0)
-    ax.set_xlim(0.0, 360.0)
-    ax.set_xticks(np.arange(0, 361, 60))
-    apart = float(np.ptp(t))
-    ax.set_title(f"{around.disk} disk: {apart:.2g} K between the hottest and the coldest side", loc="left", fontsize=9)
-    return dressed(ax, "angle round the shaft [deg]", "running surface [°C]")
+    t = around.surface_degC
+    line_with_band(ax, around.angle_deg, t, around.surface_u_K, DISK_COLOUR[around.disk], linewidth=1.6)
+    head = f"{around.disk} disk: {float(np.ptp(t)):.2g} K between the hottest and the coldest side"
+    return _all_round(ax, "running surface [°C]", head)
+
+
+def round_figure(disks: Sequence[Around]) -> Figure:
+    """The middle planes of both disks, and below them their running surfaces."""
+    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
+    for around, whole, surface in zip(disks, axes[:2], axes[2:]):
+        draw_round(around, whole)
+        draw_round_surface(around, surface)
+    return picture
 
 
 def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
@@ -77,9 +80,12 @@ def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
     ax.axhline(0.0, color="k", linewidth=0.4)
     for name, j in setup.junctions.items():
         ax.annotate(name, (j.angle_deg % 360.0, 0.01), xycoords=ax.get_xaxis_transform(), ha="center", fontsize=8)
-    ax.set_xlim(0.0, 360.0)
     ax.set_ylim(min(-0.1 * bearing, ax.get_ylim()[0]), None)
+    return _all_round(ax, "conductance of the fit [kW/m²K]", f"{setup.name} disk", legend=True)
+
+
+def _all_round(ax: Axes, y: str, head: str, legend: bool = False) -> Axes:
+    """``ax`` over a whole turn round the shaft."""
+    ax.set_xlim(0.0, 360.0)
     ax.set_xticks(np.arange(0, 361, 60))
-    ax.set_title(f"{setup.name} disk", loc="left")
-    ax.legend(fontsize=7.5, frameon=False)
-    return dressed(ax, "angle round the shaft [deg]", "conductance of the fit [kW/m²K]")
+    return dressed(ax, "angle round the shaft [deg]", y, head=head, legend=legend)

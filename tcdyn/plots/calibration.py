@@ -16,12 +16,14 @@ from calibration.lines.transducers import BearingFriction, TransducerLine
 from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
 from tcdyn.chain import Chain
-from tcdyn.plots.style import DARK, GREY, PALE, SERIES_LINES, SERIES_MARKERS, SLOW, TRUTH, dressed, figure, finish
+from tcdyn.plots.style import DARK, GREY, PALE, SERIES_LINES, SERIES_MARKERS, SLOW, TRUTH, dressed, figure, thinned
 from tcdyn.plunge.result import LagShare
 
+LEAST_BINS = 12
 
-def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
-    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``least`` bins or more.
+
+def bin_width(errors_K: ArrayLike) -> float:
+    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``LEAST_BINS`` bins or more.
 
     >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
     (0.01, 0.2)
@@ -30,11 +32,11 @@ def bin_width(errors_K: ArrayLike, least: int = 12) -> float:
     span = float(np.nanmax(e) - np.nanmin(e)) if e.size else 0.0
     if not span > 0.0:
         return 0.1
-    power = 10.0 ** np.floor(np.log10(span / least))
-    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / least * (1 + 1e-9)), 12))
+    power = 10.0 ** np.floor(np.log10(span / LEAST_BINS))
+    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12))
 
 
-def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None) -> Axes:
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, width_K: float | None = None) -> Axes:
     """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
 
     The dashed lines hold 95 % of the errors between them.
@@ -42,14 +44,12 @@ def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", widt
     e = np.asarray(errors_K, dtype=float)
     width = bin_width(e) if width_K is None else width_K
     counts, edges = error_histogram(e, width)
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white", label=label or None)
+    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     for end in np.nanquantile(e, [0.025, 0.975]):
         ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")
-    ax.set_xlabel("thermocouple minus PRT [K]")
-    ax.set_ylabel(f"errors per {width:g} K")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    return finish(ax)
+    return dressed(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
 
 
 def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
@@ -125,9 +125,7 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
             ax.text(value + 0.01 * right, k + up, f"{value:.3f}", va="center", fontsize=7)
     ax.set_yticks(y, [s.source for s in ordered])
     ax.set_xlim(0, 1.1 * right)
-    ax.set_xlabel("standard uncertainty [s]")
-    ax.legend(loc="lower right", fontsize="small", frameon=False)
-    finish(ax).grid(False, axis="y")
+    dressed(ax, "standard uncertainty [s]", "", loc="lower right").grid(False, axis="y")
     return ax
 
 
@@ -142,50 +140,17 @@ def error_figure(oven: OvenFit) -> Figure:
     return picture
 
 
-def residual_figure(oven: OvenFit) -> Figure:
-    """What the static lines leave, against temperature."""
-    picture, (ax,) = figure(height_in=3.2)
-    draw_residuals(oven, ax)
-    return picture
-
-
-def lag_figure(chain: ChainRecord) -> Figure:
-    """The lags of one disk."""
-    picture, (ax,) = figure(height_in=3.4)
-    draw_lags(chain, ax)
-    return picture
-
-
-def budget_figure(shares: Sequence[LagShare]) -> Figure:
-    """Where the lags' uncertainty comes from."""
-    picture, (ax,) = figure(height_in=4.2)
-    draw_lag_budget(shares, ax)
-    return picture
-
-
-MOST_POINTS = 4000  # more than a page can show
-
-
 def draw_log(log: Log, ax: Axes) -> Axes:
     """Every thermocouple of a log against time, or against the PRT for an oven log."""
-    step = max(len(log.frame) // MOST_POINTS, 1)
-    shown = log.frame.iloc[::step]
-    if log.kind == "oven":
-        x, label = shown["prt_degC"], "PRT [°C]"
-    else:
-        x, label = shown["time_s"], "time [s]"
+    shown, oven = log.frame.iloc[thinned(len(log.frame))], log.kind == "oven"
+    x = shown["prt_degC" if oven else "time_s"]
     for k, name in enumerate(log.channels):
-        y, words = shown[name], name.removesuffix("_degC").replace("_", " ")
-        if log.kind == "oven":
-            y, line = y - x, "o"
-        else:
-            line = SERIES_LINES[(k // 6) % len(SERIES_LINES)]
+        y, line = (shown[name] - x, "o") if oven else (shown[name], SERIES_LINES[(k // 6) % len(SERIES_LINES)])
+        words = name.removesuffix("_degC").replace("_", " ")
         ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
-    ax.set_xlabel(label)
     traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
-    ax.set_ylabel("logged minus PRT [K]" if log.kind == "oven" else f"{traced} temperature [°C]")
-    ax.legend(fontsize="small", ncols=2)
-    return ax
+    labels = ("PRT [°C]", "logged minus PRT [K]") if oven else ("time [s]", f"{traced} temperature [°C]")
+    return dressed(ax, *labels, ncols=2)
 
 
 def draw_chain(chain: Chain, ax: Axes) -> Axes:

@@ -6,13 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from calibration.estimate import Z95
 from tcdyn.compensate.intensity import Tradeoff
 from tcdyn.compensate.inverse import BeforeUse
 from tcdyn.compensate.record import Compensated
-from tcdyn.plots.style import BAND, DARK, FAST, GREY, SLOW, dressed
-
-MOST_POINTS = 4000  # more than a page can show
+from tcdyn.plots.style import DARK, FAST, GREY, SLOW, dressed, line_with_band, thinned
 
 
 def draw_compensated(
@@ -26,14 +23,13 @@ def draw_compensated(
     crossed."""
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     inside = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
-    shown = inside[:: max(len(inside) // MOST_POINTS, 1)]
+    shown = inside[thinned(len(inside))]
     t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
     y = np.full(len(result.time_s), np.nan) if logged is None else np.asarray(logged, dtype=float)
     y = y[:, channel] if y.ndim == 2 else y
     if logged is not None:
         ax.plot(t, y[shown], ".", markersize=2, color=GREY, label="as logged")
-    ax.fill_between(t, x - Z95 * sd, x + Z95 * sd, color=SLOW, alpha=BAND, linewidth=0, label="95 %")
-    ax.plot(t, x, color=SLOW, linewidth=1.3, label="compensated")
+    line_with_band(ax, t, x, sd, SLOW, "95 %", linewidth=1.3, label="compensated")
     bad = inside[(result.flags[inside, channel] > 0) & np.isfinite(y[inside])]
     if len(bad):
         ax.plot(result.time_s[bad], y[bad], "x", color=FAST, markersize=4, label="flagged")
@@ -45,24 +41,14 @@ def draw_compensated(
 
 def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
     """Step response of the chain alone and of chain times compensator, with the remaining shift and noise stated."""
-    ax.plot(
-        report.step_time_s,
-        report.raw_step,
-        "--",
-        color=FAST,
-        label=f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s",
-    )
+    alone = f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s"
+    ax.plot(report.step_time_s, report.raw_step, "--", color=FAST, label=alone)
     ax.plot(report.step_time_s, report.step, color=SLOW, label=f"compensated, {report.rise_s:.2g} s")
     ax.axhline(1.0, linewidth=0.6, color=GREY)
-    ax.set_xlabel("time after a step at the junction [s]")
-    ax.set_ylabel("share of the step [1]")
-    ax.set_title(
-        f"remaining shift {report.remaining_shift_s:.3g} s, noise {report.noise_gain:.3g} times the trace's",
-        fontsize="medium",
-    )
     ax.set_xlim(0.0, min(float(report.step_time_s[-1]), 8.0 * max(report.raw_rise_s, report.rise_s)))
-    ax.legend(loc="lower right", fontsize="small")
-    return ax
+    head = f"remaining shift {report.remaining_shift_s:.3g} s, noise {report.noise_gain:.3g} times the trace's"
+    x, y = "time after a step at the junction [s]", "share of the step [1]"
+    return dressed(ax, x, y, head=head, loc="lower right")
 
 
 def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.conduction.modal import spectrum
 from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, finish
+from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, pictured
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
@@ -49,14 +50,10 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
     ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
     ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
-    ax.set_xlabel(check.x_label)
-    ax.set_ylabel("temperature [°C]")
-    ax.set_title(check.title)
     right = ax.twinx()
     right.plot(check.x, check.error_percent, ":", color=DARK, linewidth=1.0)
     right.set_ylabel("error [%] (dotted)", color=DARK)
-    ax.legend(loc="center right")
-    return ax
+    return dressed(ax, check.x_label, "temperature [°C]", head=check.title, loc="center right")
 
 
 def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
@@ -88,24 +85,15 @@ def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes)
 
 def verify_figures() -> dict[str, Figure]:
     """The pictures of the verification report, by caption."""
-    from matplotlib.figure import Figure
-
     from tcdyn.verify import studies
     from tcdyn.verify.rim_rows import TABLE_3_2
 
-    def one() -> tuple[Figure, Axes]:
-        figure = Figure(figsize=(6.4, 3.6), layout="constrained")
-        return figure, finish(figure.subplots())
-
-    out = {}
-    for check in (studies.transient_check(), studies.steady_check()):
-        figure, ax = one()
-        draw_comparison(check, ax)
-        out[check.title] = figure
-    figure, ax = one()
-    draw_convergence([studies.series_convergence(), studies.product_convergence()], ax)
-    out["order of convergence against two closed forms"] = figure
-    figure, ax = one()
-    draw_mesh_errors(studies.ideal_study(late_steps=1), TABLE_3_2, ax)
-    out["table 3.2: ours with the heat one step late (lines), published (crosses)"] = figure
-    return out
+    draws = {c.title: partial(draw_comparison, c) for c in (studies.transient_check(), studies.steady_check())}
+    orders, ours = [studies.series_convergence(), studies.product_convergence()], studies.ideal_study(late_steps=1)
+    draws |= {
+        "order of convergence against two closed forms": partial(draw_convergence, orders),
+        "table 3.2: ours with the heat one step late (lines), published (crosses)": partial(
+            draw_mesh_errors, ours, TABLE_3_2
+        ),
+    }
+    return {caption: pictured(draw, width_in=6.4, height_in=3.6) for caption, draw in draws.items()}

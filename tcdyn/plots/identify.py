@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +15,7 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.responses import Band, bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation
-from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure
+from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure, pictured
 
 LEAST_P = 1e-12  # less is not told apart
 INPUTS, OUTPUTS = (FAST, TRUTH, DARK, GREY), (SLOW, GREY, DARK, TRUTH)
@@ -29,26 +32,29 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
     ax.plot(t, s.y, ".", markersize=2.5, color=GREY, label=f"{model.output_name} measured")
     ax.plot(t, fit.simulated()[segment], color=TRUTH, linewidth=1.3, label=f"{model.model.name} simulated")
-    style = "steps-post" if fit.problem.hold == "zoh" else "default"
-    twin = ax.twinx()
+    style, twin = _dashed(fit.problem.hold), ax.twinx()
     for u, width in zip(s.inputs.T, (0.8, 1.4, 0.5, 2.0) * s.inputs.shape[1]):
-        twin.plot(t, u, color=FAST, linewidth=width, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
-    ax.plot([], [], color=FAST, linewidth=0.8, linestyle=(0, (4, 1)), label=f"{model.input_name}, right axis")
+        twin.plot(t, u, color=FAST, **{**style, "linewidth": width})
+    ax.plot([], [], color=FAST, label=f"{model.input_name}, right axis", **style)
     twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
-    ax.set_title(f"fit {model.statistics['fit_percent']:.2f} %")
-    return dressed(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
+    head = f"fit {model.statistics['fit_percent']:.2f} %"
+    return dressed(ax, "time [s]", label(model.output_name, model.output_unit), head=head, loc="best")
+
+
+def _dashed(hold: str) -> dict[str, Any]:
+    """How an input is drawn behind the output, with steps where it is held."""
+    style = "steps-post" if hold == "zoh" else "default"
+    return {"linewidth": 0.8, "linestyle": (0, (4, 1)), "drawstyle": style, "zorder": 0}
 
 
 def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     """The outputs of one run as points, its inputs dashed over the right axis."""
     t, one = data.times_s(run), data.runs[run]
-    twin = ax.twinx()
+    style, twin = _dashed(data.hold), ax.twinx()
     for k, (name, u) in enumerate(zip(data.input_names, one.u.T)):
-        style = "steps-post" if data.hold == "zoh" else "default"
-        twin.plot(t, u, color=INPUTS[k % len(INPUTS)], linewidth=0.8, linestyle=(0, (4, 1)), drawstyle=style, zorder=0)
-        ax.plot(
-            [], [], color=INPUTS[k % len(INPUTS)], linewidth=0.8, linestyle=(0, (4, 1)), label=f"{name}, right axis"
-        )
+        colour = INPUTS[k % len(INPUTS)]
+        twin.plot(t, u, color=colour, **style)
+        ax.plot([], [], color=colour, label=f"{name}, right axis", **style)
     for k, (name, y) in enumerate(zip(data.output_names, one.y.T)):
         ax.plot(t, y, ".", markersize=2.5, color=OUTPUTS[k % len(OUTPUTS)], label=name)
     twin.set_ylabel(", ".join(label(*both) for both in zip(data.input_names, data.input_units)))
@@ -75,9 +81,9 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
     return dressed(ax, "real part [1/s]", "imaginary part [1/s]", legend=len(model.parts) > 1)
 
 
-def draw_band(band: Band, ax: Axes, text: str = "") -> Axes:
+def draw_band(band: Band, ax: Axes) -> Axes:
     """A curve and its 95 % band."""
-    ax.plot(band.x, band.value, color=SLOW, linewidth=1.3, label=text or None)
+    ax.plot(band.x, band.value, color=SLOW, linewidth=1.3)
     ax.fill_between(band.x, band.low95, band.high95, color=SLOW, alpha=BAND, linewidth=0)
     return ax
 
@@ -100,11 +106,8 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
     bode = bode_band(model)
     draw_band(bode.magnitude_dB, magnitude)
     draw_band(bode.phase_deg, phase)
-    magnitude.set_ylabel("magnitude [dB]")
-    phase.set_ylabel("phase [deg]")
-    for ax in (magnitude, phase):
-        ax.set_xscale("log")
-        ax.set_xlabel("frequency [Hz]")
+    for ax, y in ((magnitude, "magnitude [dB]"), (phase, "phase [deg]")):
+        dressed(ax, "frequency [Hz]", y).set_xscale("log")
         ax.grid(True, which="both", alpha=0.25)
     return magnitude, phase
 
@@ -116,9 +119,8 @@ def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     ax.vlines(c.lags_s, 0.0, c.value, color=SLOW)
     ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color=DARK, linewidth=0.8)
-    ax.set_xlabel("lag [s]")
-    ax.set_title(f"{title}: p {f'= {c.p:.2g}' if c.p > LEAST_P else f'below {LEAST_P:g}'}", fontsize=10)
-    return ax
+    head = f"{title}: p {f'= {c.p:.2g}' if c.p > LEAST_P else f'below {LEAST_P:g}'}"
+    return dressed(ax, "lag [s]", "", head=head)
 
 
 def draw_residuals(fit: Fit, ax: Axes) -> Axes:
@@ -131,10 +133,7 @@ def draw_residuals(fit: Fit, ax: Axes) -> Axes:
 def fit_figure(fit: Fit) -> Figure:
     """Every stretch of data (at most four) under its simulation."""
     count = min(4, len(fit.problem.segments))
-    fig, axes = figure(count, 1, 8.5, 3.0 * count)
-    for k in range(count):
-        draw_fit(fit, axes[k], k)
-    return fig
+    return pictured(*(partial(draw_fit, fit, segment=k) for k in range(count)), rows=count, height_in=3.0 * count)
 
 
 def dynamics_figure(model: Identified) -> Figure:
@@ -152,8 +151,9 @@ def dynamics_figure(model: Identified) -> Figure:
 
 def residual_figure(fit: Fit, v: Validation) -> Figure:
     """Residuals, their autocorrelation and their correlation with the input."""
-    fig, axes = figure(1, 3, 10.0, 3.2)
-    draw_residuals(fit, axes[0])
-    draw_correlation(v.whiteness, axes[1], "residual autocorrelation")
-    draw_correlation(v.input, axes[2], "residual and input")
-    return fig
+    draws = (
+        partial(draw_residuals, fit),
+        partial(draw_correlation, v.whiteness, title="residual autocorrelation"),
+        partial(draw_correlation, v.input, title="residual and input"),
+    )
+    return pictured(*draws, width_in=10.0, height_in=3.2)

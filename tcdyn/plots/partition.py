@@ -8,17 +8,30 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from calibration import Array
 from calibration.disk import DISKS, DiskSetup
 from calibration.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.one_disk import WAYS, OneDisk
-from tcdyn.partition.steady import exponent_sensitivity
+from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
 from tcdyn.partition.uneven import radial_shape
 from tcdyn.pipeline.tables import both_budget, met
-from tcdyn.plots.style import BAND, DARK, DISK_COLOUR, DISK_LINE, DISK_MARKER, GREY, PALE, TRUTH, dressed
+from tcdyn.plots.style import (
+    DARK,
+    DISK_COLOUR,
+    DISK_LINE,
+    DISK_MARKER,
+    GREY,
+    PALE,
+    TRUTH,
+    dressed,
+    line_with_band,
+    thinned,
+)
 
 STYLES = ("-", "--", ":")
 CLEAR: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}  # a legend over lines
+LITERATURE = 0.571, 0.8  # exponents of the speed law
 COURSE_S = 0.5  # of the running mean of residuals
 LEAST_SHOWN = 5e-5  # a source of less is in the table only
 LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one tone
@@ -45,17 +58,12 @@ def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float 
     for ch, style in shown(setup, p.test.disks[disk].left_out).items():
         i = setup.channels.index(ch)
         ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
-        x, u = done.temperature[near, i], done.sd[near, i]
-        ax.fill_between(t[near], x - Z95 * u, x + Z95 * u, color=DISK_COLOUR[disk], alpha=BAND, linewidth=0)
-        depth = setup.junctions[ch].depth_m * 1e3
-        ax.plot(
-            t[near], x, color=DISK_COLOUR[disk], linestyle=style, linewidth=1.6,
-            label=f"{ch}, {depth:g} mm deep, compensated",
-        )  # fmt: skip
+        said = f"{ch}, {setup.junctions[ch].depth_m * 1e3:g} mm deep, compensated"
+        x, u, colour = done.temperature[near, i], done.sd[near, i], DISK_COLOUR[disk]
+        line_with_band(ax, t[near], x, u, colour, linestyle=style, linewidth=1.6, label=said)
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
-    ax.set_title(f"{disk} disk", loc="left")
-    return dressed(ax, "time from parting [s]", "temperature [°C]", **CLEAR)
+    return dressed(ax, "time from parting [s]", "temperature [°C]", head=f"{disk} disk", **CLEAR)
 
 
 def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
@@ -76,56 +84,47 @@ def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_
         rest.plot(t, off, alpha=0.35, markeredgewidth=0, **style)
         close = np.abs(t[:, None] - t) <= COURSE_S / 2
         rest.plot(t, close @ off / close.sum(axis=1), label=c, **line)
-    whole.set_title(f"{disk} disk", loc="left")
-    dressed(whole, "time from parting [s]", "temperature [°C]", loc="lower left")
+    dressed(whole, "time from parting [s]", "temperature [°C]", head=f"{disk} disk", loc="lower left")
     dressed(rest, "time from parting [s]", "reading less model [K]", ncols=3, loc="upper left")
 
 
-def draw_lines(p: Partition, ax: Axes) -> Axes:
+def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     """Both steady lines as beta over h, the speed law's point on each, the cooling fits' and the joint fits' points."""
     top = 1.25 * max([p.speed.h_fast, *(f.h_W_m2K for f in p.cooling.values())])
     h = np.array([0.0, top])
     for disk in DISKS:
-        line, colour = p.lines[disk].line, DISK_COLOUR[disk]
-        share = line.intercept + line.slope * h
-        beta = share if disk == "fast" else 1 - share
-        word = "β = A + B h" if disk == "fast" else "β = 1 - (C + D h)"
-        ax.plot(h, beta, color=colour, linestyle=DISK_LINE[disk], label=f"{disk} steady line, {word}")
-        for way, (h_key, key, word) in enumerate(
-            (
-                (f"h_{disk}", "speed law", "speed law"),
-                (f"h cooling {disk}", f"cooling {disk}", "cooling fit"),
-                (f"h joint {disk}", f"joint {disk}", "joint fit"),
-            )
-        ):
-            _point(ax, p.answers[h_key], p.answers[key], way, colour, f"{word}, {disk}")
+        _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
+        _point(ax, p.answers[f"h_{disk}"], p.answers["speed law"], 0, disk, f"speed law, {disk}")
+        for at, way in ((1, "cooling"), (2, "joint")):
+            _point(ax, p.answers[f"h {way} {disk}"], p.answers[f"{way} {disk}"], at, disk, f"{way} fit, {disk}")
+    if truth is not None:
+        ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation")
     ax.set_xlim(0, top)
-    return dressed(
-        ax,
-        "heat transfer coefficient of the disk [W/m²K]",
-        "heat partition β (share of the fast disk) [1]",
-        ncols=2,
-        markerscale=0.7,
-    )
+    x, y = "heat transfer coefficient of the disk [W/m²K]", "heat partition β (share of the fast disk) [1]"
+    return dressed(ax, x, y, ncols=2, markerscale=0.7)
 
 
 def draw_line(p: OneDisk, ax: Axes) -> Axes:
     """The steady line of the only disk as beta over h, and the points that its two ways pick on it."""
-    colour, fast = DISK_COLOUR[p.disk], p.disk == "fast"
     h = np.array([0.0, 1.25 * max(p.answers[f"h {way}"].value for way in WAYS)])
-    share = p.line.line.intercept + p.line.line.slope * h
-    word = "β = A + B h" if fast else "β = 1 - (C + D h)"
-    ax.plot(h, share if fast else 1 - share, color=colour, linestyle=DISK_LINE[p.disk], label=f"steady line, {word}")
+    _steady_line(ax, p.line.line, p.disk, h, "steady line")
     for at, way in ((1, "cooling"), (2, "joint")):
         if way not in p.withheld:
-            _point(ax, p.answers[f"h {way}"], p.answers[way], at, colour, f"{way} fit")
+            _point(ax, p.answers[f"h {way}"], p.answers[way], at, p.disk, f"{way} fit")
     ax.set_xlim(0, h[-1])
     return dressed(ax, f"h of the {p.disk} disk [W/m²K]", "heat partition β [1]", legend=True)
 
 
-def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, colour: str, label: str) -> None:
+def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:
+    """beta of the fast disk over h (N,) [W/m2K] along the steady line of a disk."""
+    share = line.intercept + line.slope * h
+    beta, word = (share, "β = A + B h") if disk == "fast" else (1 - share, "β = 1 - (C + D h)")
+    ax.plot(h, beta, color=DISK_COLOUR[disk], linestyle=DISK_LINE[disk], label=f"{label}, {word}")
+
+
+def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, disk: str, label: str) -> None:
     """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
-    marker, size = (("o", 14), ("s", 9), ("^", 5))[way]
+    (marker, size), colour = (("o", 14), ("s", 9), ("^", 5))[way], DISK_COLOUR[disk]
     ax.errorbar(
         h.value, beta.value, xerr=Z95 * h.u, yerr=Z95 * beta.u, fmt=marker,
         color=colour, markerfacecolor=colour if way == 2 else "white", markersize=size, capsize=3 + 2 * (2 - way),
@@ -142,21 +141,13 @@ def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> A
         rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
     for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
-        ax.errorbar(
-            beta.value,
-            k,
-            xerr=Z95 * beta.u,
-            fmt=DISK_MARKER.get(disk, "D"),
-            color=DISK_COLOUR.get(disk, TRUTH),
-            capsize=3,
-        )
+        marker, colour = DISK_MARKER.get(disk, "D"), DISK_COLOUR.get(disk, TRUTH)
+        ax.errorbar(beta.value, k, xerr=Z95 * beta.u, fmt=marker, color=colour, capsize=3)
     ax.set_yticks(range(len(rows)), [_way_words(name) for name, _ in reversed(rows)])
     if truth is not None:
         ax.axvline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
-        ax.legend(frameon=False, fontsize=8)
     ax.set_ylim(-0.6, len(rows) - 0.4)
-    ax.set_xlabel("heat partition β [1], 95 % intervals")
-    return ax
+    return dressed(ax, "heat partition β [1], 95 % intervals", "", legend=truth is not None)
 
 
 def _way_words(name: str) -> str:
@@ -176,8 +167,7 @@ def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
     ax.barh(y, [together, *reversed(parts.values())], height=0.6, color=DARK)
     ax.axhline(0.75, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
-    ax.set_xlabel(f"standard uncertainty of β by the joint fit{'' if lone else ' of both disks'} [1]")
-    return ax
+    return dressed(ax, f"standard uncertainty of β by the joint fit{'' if lone else ' of both disks'} [1]", "")
 
 
 def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
@@ -191,18 +181,13 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     ax.plot(m.h_W_m2K[inside], m.best_share[inside], "k.", markersize=4, label="least misfit at each h")
     ax.plot(m.h_W_m2K, m.line.intercept + m.line.slope * m.h_W_m2K, "k-", linewidth=1, label="steady line")
     ax.set_ylim(m.share[0], m.share[-1])
-    ax.set_title(f"{disk} disk: mean |measured - model| [K]", loc="left", fontsize=9)
-    return dressed(
-        ax,
-        f"h of the {disk} disk [W/m²K]",
-        "β [1]" if disk == "fast" else "1 - β [1]",
-        loc="upper left",
-        **CLEAR,
-    )
+    y, head = "β [1]" if disk == "fast" else "1 - β [1]", f"{disk} disk: mean |measured - model| [K]"
+    return dressed(ax, f"h of the {disk} disk [W/m²K]", y, head=head, loc="upper left", **CLEAR)
 
 
-def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8) -> Axes:
+def draw_exponent(p: Partition, ax: Axes) -> Axes:
     """beta by the speed law against its exponent (figure 4.17), and the exponent that the two disks imply."""
+    low, high = LITERATURE
     n = np.linspace(low - 0.05, high + 0.05, 60)
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")
@@ -218,13 +203,13 @@ def draw_exponent(p: Partition, ax: Axes, low: float = 0.571, high: float = 0.8)
 
 def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
     """Central thermocouples of the disks over the whole test (figure 6.1)."""
-    t = p.test.time_s
-    step = max(len(t) // 6000, 1)
+    some = thinned(len(p.test.time_s), 6000)
+    t = p.test.time_s[some]
     for disk, one in sorted(p.test.disks.items()):
         for ch, style in shown(one.setup, one.left_out).items():
-            y = one.readings_degC[::step, one.setup.channels.index(ch)]
+            y = one.readings_degC[some, one.setup.channels.index(ch)]
             ax.plot(
-                t[::step], y, color=DISK_COLOUR[disk], linestyle=style,
+                t, y, color=DISK_COLOUR[disk], linestyle=style,
                 linewidth=1.8 if disk == "fast" else 1, label=f"{disk} {ch}",
             )  # fmt: skip
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
@@ -267,7 +252,6 @@ def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
         said = f"{size.text('K').replace('+-', '±')} at {at.value:.0f} ± {at.u:.0f}°"
     else:
         said = f"even within {size.high95:.2g} K"
-    ax.set_title(f"{disk} disk: {said}", loc="left", fontsize=9)
     ax.set_aspect("equal")
-    ax.set_axis_off()
+    dressed(ax, "", "", head=f"{disk} disk: {said}").set_axis_off()
     return ax

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import attrgetter, methodcaller
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -30,32 +31,21 @@ from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.sensor import SensorFile
 
-# what is drawn, and the part of the result that it takes
-PICTURES: dict[type, tuple[str, Callable[[Any], Any]]] = {
-    Log: ("draw_log", lambda r: r),
-    Chain: ("draw_chain", lambda r: r),
-    DiskRecord: ("draw_lags", lambda r: r.chain),
-    OvenFit: ("draw_oven_residuals", lambda r: r),
-    BearingFriction: ("draw_bearing", lambda r: r),
-    PlungeFit: ("draw_common_lag", lambda r: r),
-    CalibrationRun: ("draw_lags", lambda r: r.record.chain),
-    Compensated: ("draw_compensated", lambda r: r),
-    CompensatedLog: ("draw_log", lambda r: r.as_log()),
-    BeforeUse: ("draw_before_use", lambda r: r),
-    BetaRun: ("draw_ways", lambda r: r.partition),
-    Partition: ("draw_ways", lambda r: r),
-    OneDiskRun: ("draw_ways", lambda r: r.partition),
-    OneDisk: ("draw_ways", lambda r: r),
-    SensorFile: ("draw_chain", lambda r: r.chains[0]),
-    CampaignRun: ("draw_beta", lambda r: r.table),
-    DemoRun: ("draw_ways", lambda r: next(iter(r.tests.values())).partition),
-    IOData: ("draw_data", lambda r: r),
-    Comparison: ("draw_fit", lambda r: r.best),
-    Fit: ("draw_fit", lambda r: r),
-    Identified: ("draw_step", lambda r: r),
-    HoleComparison: ("draw_holes", lambda r: r),
-    Design: ("draw_design", lambda r: r),
-}
+PICTURES: dict[type, str] = {
+    Log: "draw_log", Chain: "draw_chain", DiskRecord: "draw_lags", OvenFit: "draw_oven_residuals",
+    BearingFriction: "draw_bearing", PlungeFit: "draw_common_lag", CalibrationRun: "draw_lags",
+    Compensated: "draw_compensated", CompensatedLog: "draw_log", BeforeUse: "draw_before_use", BetaRun: "draw_ways",
+    Partition: "draw_ways", OneDiskRun: "draw_ways", OneDisk: "draw_ways", SensorFile: "draw_chain",
+    CampaignRun: "draw_beta", DemoRun: "draw_ways", IOData: "draw_data", Comparison: "draw_fit", Fit: "draw_fit",
+    Identified: "draw_step", HoleComparison: "draw_holes", Design: "draw_design",
+}  # fmt: skip
+# the part of a result that its picture takes, where it is not all of it
+PARTS: dict[type, Callable[[Any], Any]] = {
+    DiskRecord: attrgetter("chain"), CalibrationRun: attrgetter("record.chain"), CompensatedLog: methodcaller("as_log"),
+    BetaRun: attrgetter("partition"), OneDiskRun: attrgetter("partition"), CampaignRun: attrgetter("table"),
+    Comparison: attrgetter("best"), SensorFile: lambda sensor: sensor.chains[0],
+    DemoRun: lambda demo: next(iter(demo.tests.values())).partition,
+}  # fmt: skip
 
 
 def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
@@ -64,9 +54,9 @@ def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
     A ``Compensated`` needs the logged trace as well: ``draw(done, ax, logged=y)``. Raises InputError for a result
     without a picture, or a record without a chain.
     """
-    for kind, (name, part) in PICTURES.items():
+    for kind, name in PICTURES.items():
         if isinstance(result, kind):
-            shown = part(result)
+            shown = PARTS[kind](result) if kind in PARTS else result
             if shown is None:
                 raise InputError(f"this {type(result).__name__} holds no chain to draw")
             drawn: Axes = getattr(plots, name)(shown, *arguments, ax=ax, **options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,13 +13,13 @@ from numpy.typing import NDArray
 
 from calibration.estimate import Z95
 from tcdyn.design.compare import COMMON, DIFFERENCES, Design
-from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, dressed, figure, finish
+from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, dressed, pictured, thinned
 from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, block_sd
 
 HOLES_S = 10.0  # after the entry, in which holes differ
-_LINES = ("-", "--", ":", "-.", (0, (1, 1)), (0, (5, 1)))
+_LINES = tuple(CHANNEL_STYLE.values())
 
 
 def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
@@ -38,10 +39,10 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     """Figures 5.24 (whole record) and 5.25 (``until_s`` after entry): every channel, the bath, the instant of entry."""
     t = run.time_s - run.entry.time_s
     shown = t <= (t[-1] if until_s is None else until_s)
-    every = max(int(shown.sum() // 4000), 1)
+    at = np.flatnonzero(shown)[thinned(int(shown.sum()))]
     for j, c in enumerate(run.channels):
-        ax.plot(t[shown][::every], run.readings_degC[shown][::every, j], ls=CHANNEL_STYLE.get(c, "-"), lw=0.9, label=c)
-    ax.plot(t[shown][::every], run.fluid_degC[shown][::every], color=GREY, lw=0.8, label="bath")
+        ax.plot(t[at], run.readings_degC[at, j], ls=CHANNEL_STYLE.get(c, "-"), lw=0.9, label=c)
+    ax.plot(t[at], run.fluid_degC[at], color=GREY, lw=0.8, label="bath")
     ax.axvline(0.0, color=TRUTH, lw=0.8, ls=":")
     return dressed(ax, "time after the entry [s]", "temperature [°C]", ncol=4)
 
@@ -112,10 +113,8 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     for share, line, what in ((COMMON[0], "--", "common lag"), (DIFFERENCES[0], ":", "differences")):
         text = f"{100 * share:.0f} % of the lag: {what} told well"
         ax.axvline(share * design.lag_s, color=GREY, lw=1.0, ls=line, label=text)
-    shown = [
-        t for t in (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0) if min(rest) / 2 < t < 2 * max(high)
-    ]
-    ax.set_xticks(shown, [f"{t:g}" for t in shown])
+    ticks = [t for t in np.outer(10.0 ** np.arange(-3, 1), (1, 2, 5)).flat if min(rest) / 2 < t < 2 * max(high)]
+    ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
     ax.set_yticks(y, table["test"].str.replace("degC", "°C"), fontsize="small")
     return dressed(ax, "expected standard uncertainty [s]", "", legend=True)
@@ -138,8 +137,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
             ls=CHANNEL_STYLE.get(channel, "-"), label=f"{channel}, {1e3 * depth[j]:g} mm deep",
         )  # fmt: skip
     ax.axvline(0.0, color=TRUTH, lw=0.7, ls=":")
-    ax.set_title(fit.runs[run].name, fontsize="medium")
-    return dressed(ax, "time after the entry [s]", "temperature [°C]", loc="upper left")
+    return dressed(ax, "time after the entry [s]", "temperature [°C]", head=fit.runs[run].name, loc="upper left")
 
 
 def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
@@ -163,11 +161,9 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     ax.set_xscale("log")
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     ax.set_ylim(-5, 5)
-    ax.set_xlabel("time after the entry [s]")
-    ax.set_ylabel("left over, in noise sd [1]")
     inside = 100 * float(np.mean(np.abs(z[np.isfinite(z)]) < 1.96))
-    ax.set_title(f"{fit.runs[run].name}: {inside:.0f} % within the dashed lines", fontsize="medium")
-    return finish(ax)
+    head = f"{fit.runs[run].name}: {inside:.0f} % within the dashed lines"
+    return dressed(ax, "time after the entry [s]", "left over, in noise sd [1]", head=head)
 
 
 def plunge_figure(fit: PlungeFit) -> Figure:
@@ -183,11 +179,5 @@ def residual_figure(fit: PlungeFit) -> Figure:
 
 
 def _panels(fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float) -> Figure:
-    count = len(fit.runs)
-    rows = (count + 1) // 2
-    picture, axes = figure(rows, min(count, 2), height_in=height_in * rows)
-    for ax in axes[count:]:
-        ax.remove()
-    for run, ax in enumerate(axes[:count]):
-        draw(fit, run, ax)
-    return picture
+    rows = (len(fit.runs) + 1) // 2
+    return pictured(*(partial(draw, fit, run) for run in range(len(fit.runs))), rows=rows, height_in=height_in * rows)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from calibration import Array
+from calibration.estimate import Z95
 
 FAST, SLOW, TRUTH, GREY = "#d1662a", "#1f4e79", "#000000", "#8a8a8a"  # fast prints light grey, slow dark
 DISK_COLOUR = {"fast": FAST, "slow": SLOW}
@@ -17,6 +21,7 @@ SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)  # groups of tests
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 SERIES_LINES = ("-", "--", "-.", ":")
 BAND = 0.25  # opacity of a 95 % band under its line
+MOST_POINTS = 4000  # more than a page can show
 
 
 def figure(rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2) -> tuple[Figure, list[Axes]]:
@@ -24,6 +29,16 @@ def figure(rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: fl
     fig = Figure(figsize=(width_in, height_in), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
     return fig, [finish(ax) for ax in axes.ravel()]
+
+
+def pictured(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> Figure:
+    """A figure of one panel or several, each drawn by a function of its axes; ``size`` as of :func:`figure`."""
+    picture, axes = figure(rows, -(-len(draw) // rows), **size)
+    for one, ax in zip(draw, axes):
+        one(ax)
+    for ax in axes[len(draw) :]:
+        ax.remove()
+    return picture
 
 
 def finish(ax: Axes) -> Axes:
@@ -35,9 +50,22 @@ def finish(ax: Axes) -> Axes:
     return ax
 
 
-def dressed(ax: Axes, x: str, y: str, *, legend: bool = False, **options: Any) -> Axes:
-    """``ax`` with its labels, units in them, and a legend where asked for or where ``options`` place one."""
+def dressed(ax: Axes, x: str, y: str, *, head: str = "", legend: bool = False, **options: Any) -> Axes:
+    """``ax`` with its labels, units in them, a heading, and a legend where asked for or where ``options`` place one."""
     ax.set(xlabel=x, ylabel=y)
+    if head:
+        ax.set_title(head, loc="left", fontsize="medium")
     if legend or options:
         ax.legend(**{"frameon": False, "fontsize": "small", **options})
     return finish(ax)
+
+
+def thinned(count: int, most: int = MOST_POINTS) -> slice:
+    """Every k-th of so many points, as many as a page can show."""
+    return slice(None, None, max(count // most, 1))
+
+
+def line_with_band(ax: Axes, x: Array, y: Array, u: Array, colour: str, band: str | None = None, **line: Any) -> None:
+    """A line and under it the 95 % band of its standard uncertainty; ``band``: what a legend calls the latter."""
+    ax.fill_between(x, y - Z95 * u, y + Z95 * u, color=colour, alpha=BAND, linewidth=0, label=band)
+    ax.plot(x, y, color=colour, **line)

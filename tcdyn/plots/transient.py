@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -15,17 +15,10 @@ from calibration.words.plunge import percent
 from tcdyn.partition.alternatives import Alternatives
 from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.pipeline.tables.answers import HEADINGS
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
 
 TOP = 9.0
-LABELS = {
-    "beta": "β [1]",
-    "h": "h [W/m²K]",
-    "lag_s": "common lag [s]",
-    "h_fast": "h of the fast disk [W/m²K]",
-    "h_slow": "h of the slow disk [W/m²K]",
-    "exponent": "exponent n [1]",
-}
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
 ORDER = (
     ("fast", "beta"), ("fast", "h"), ("fast", "lag_s"), None,
@@ -52,9 +45,7 @@ def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
             ax.plot(end, LEVEL, mark, color=colour, markersize=8)
     ax.set_ylim(0, TOP)
     ax.locator_params(axis="x", nbins=4)
-    ax.set_xlabel(LABELS[parameter])
-    ax.set_title(TITLES[fit], loc="left", fontsize=9)
-    return ax
+    return dressed(ax, HEADINGS[parameter], "", head=TITLES[fit])
 
 
 def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
@@ -102,28 +93,23 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
     ticks = sorted(set(table["window_s"]))
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
-    return dressed(
-        ax,
-        "window after the parting [s]",
-        "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]",
-        legend=True,
-    )
+    y = "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]"
+    return dressed(ax, "window after the parting [s]", y, legend=True)
 
 
 def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
-    names = [f"{r['disk']} {'β' if r['quantity'] == 'beta' else 'h'}" for _, r in table.iterrows()]
-    y = list(range(len(names)))[::-1]
+    names = [f"{disk} {'β' if what == 'beta' else 'h'}" for disk, what in zip(table["disk"], table["quantity"])]
     ax.axvspan(-2, 2, color=PALE, zorder=0)
-    for at, (_, r) in zip(y, table.iterrows()):
-        ax.plot(r["z"], at, DISK_MARKER[r["disk"]], color=DISK_COLOUR[r["disk"]])
+    y = range(len(names) - 1, -1, -1)
+    for at, disk, z in zip(y, table["disk"], table["z"]):
+        ax.plot(z, at, DISK_MARKER[disk], color=DISK_COLOUR[disk])
     ax.axvline(0, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
     reach = max(3.0, 1.2 * float(table["z"].abs().max()))
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.6, len(names) - 0.4)
-    ax.set_xlabel("compensated less commuted,\nin standard uncertainties of the difference [1]")
-    return ax
+    return dressed(ax, "compensated less commuted,\nin standard uncertainties of the difference [1]", "")
 
 
 def draw_structures(found: Alternatives, ax: Axes) -> Axes:
@@ -137,24 +123,30 @@ def draw_structures(found: Alternatives, ax: Axes) -> Axes:
     names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
     ax.set_yticks(list(y), names, fontsize=8)
     ax.set_ylim(-0.7, len(found.tried) - 0.3)
-    return dressed(
-        ax, "heat partition β by the joint fit of both disks [1]", "", loc="lower left", bbox_to_anchor=(0, 1)
-    )
+    x = "heat partition β by the joint fit of both disks [1]"
+    return dressed(ax, x, "", loc="lower left", bbox_to_anchor=(0, 1))
 
 
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     """How much deeper than stated the test alone places each junction, with 95 % bars; grey: the stated 95 %."""
     stated_mm = max(t.stated_u_m for t in tests.values()) * 1e3
     ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color=PALE, zorder=0, label="as stated, 95 %")
-    channels = sorted({c for t in tests.values() for c in (*t.deeper_m, *t.left_out)})
-    for k, (disk, test) in enumerate(tests.items()):
-        at = [channels.index(c) + 0.24 * (k - 0.5) for c in test.deeper_m]  # side by side
-        mm = [1e3 * e.value for e in test.deeper_m.values()]
-        bars = [Z95 * 1e3 * e.u for e in test.deeper_m.values()]
-        ax.errorbar(
-            at, mm, yerr=bars, fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2, linewidth=0.9,
-            label=f"{disk} disk, by this test alone, 95 %",
-        )  # fmt: skip
-    ax.set_xticks(range(len(channels)), channels)
-    ax.axhline(0, color=TRUTH, linewidth=0.8)
+    deeper = {d: {c: e.times(1e3) for c, e in t.deeper_m.items()} for d, t in tests.items()}
+    left_out = [c for t in tests.values() for c in t.left_out]
+    draw_deeper(deeper, ax, "{} disk, by this test alone, 95 %", left_out)
     return dressed(ax, "junction", "deeper than stated [mm]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+
+
+def draw_deeper(
+    deeper_mm: Mapping[str, Mapping[str, Estimate]], ax: Axes, label: str, left_out: Iterable[str] = ()
+) -> None:
+    """How much deeper than stated the junctions of each disk lie [mm], 95 % bars, the disks side by side."""
+    names = sorted({*left_out, *(c for own in deeper_mm.values() for c in own)})
+    for k, (disk, own) in enumerate(deeper_mm.items()):
+        ax.errorbar(
+            [names.index(c) + 0.24 * (k - 0.5) for c in own], [e.value for e in own.values()],
+            yerr=[Z95 * e.u for e in own.values()], fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2,
+            linewidth=0.9, label=label.format(disk),
+        )  # fmt: skip
+    ax.set_xticks(range(len(names)), names)
+    ax.axhline(0, color=TRUTH, linewidth=0.8)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 
@@ -10,16 +12,13 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.uneven import harmonic_K
 from tcdyn.pipeline.around import around_disk
 from tcdyn.plots import partition as draw
-from tcdyn.plots.around import draw_round, draw_round_surface
-from tcdyn.plots.style import figure
+from tcdyn.plots.around import round_figure
+from tcdyn.plots.style import pictured
 from tcdyn.report.page import Section
 
 
-def uneven_section(p: Partition, name: str) -> Section:
+def uneven_section(p: Partition) -> Section:
     """What the bore contact makes of the temperature round each disk, and what was subtracted."""
-    picture, axes = figure(1, 2, height_in=4.0)
-    for disk, ax in zip(DISKS, axes):
-        draw.draw_uneven(p, disk, ax)
     found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
     rows = [
         {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+z.2f}"}
@@ -30,29 +29,24 @@ def uneven_section(p: Partition, name: str) -> Section:
         )
     ]
     return Section(
-        f"{name}: are the disks even round their bores?",
+        "are the disks even round their bores?",
         (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
         + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
         "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
         "budget.",
         table=pd.DataFrame(rows),
-        figure=picture,
+        figure=pictured(*(partial(draw.draw_uneven, p, d) for d in DISKS), height_in=4.0),
         caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
     )
 
 
-def around_section(p: Partition, name: str) -> Section:
+def around_section(p: Partition) -> Section:
     """The temperature round each disk at the end of the load."""
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for disk, whole, surface in zip(DISKS, axes[:2], axes[2:]):
-        around = around_disk(p, disk)
-        draw_round(around, whole)
-        draw_round_surface(around, surface)
     return Section(
-        f"{name}: the temperature round the disks",
+        "the temperature round the disks",
         "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
         "first harmonic that was found. Nothing is measured deeper than the inner row.",
-        figure=picture,
+        figure=round_figure([around_disk(p, disk) for disk in DISKS]),
         caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
         "across the running surface with its 95 % band.",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from calibration.estimate import rounded, with_u
 from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.pipeline.campaign.table import trend_table
 from tcdyn.plots import campaign as draw
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import pictured
 from tcdyn.report.beta import ASSUMED
 from tcdyn.report.joined import joined_answer, joined_sections
 from tcdyn.report.page import Section, pm, write_page
@@ -24,7 +25,6 @@ WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]", "slow_bulk_degC": "bulk temperature, slow disk [°C]",
     "fast_surface_max_degC": "hottest surface, fast disk [°C]",
     "slow_surface_max_degC": "hottest surface, slow disk [°C]", "friction_N": "traction force [N]",
-    "beta": "β by the speed law [1]", "load_N": "load [N]", "delta_T_us_K_m_s": "ΔT u_s [K m/s]",
 }  # fmt: skip
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast less slow, at the end of "
@@ -84,17 +84,13 @@ def write_campaign_report(
 
 def campaign_pictures(table: pd.DataFrame) -> list[Section]:
     """Figures 6.17, 6.33, 6.34, 7.18 and 7.20 of this campaign, of two tests or more."""
-    beta, (ax,) = figure(height_in=4.4)
-    draw.draw_beta(table, ax)
-    traction, axes = figure(1, 2, height_in=3.8)
-    draw.draw_traction(table, axes[0])
-    draw.draw_friction_coefficient(table, axes[1])
+    traction = partial(draw.draw_traction, table), partial(draw.draw_friction_coefficient, table)
     lines = "Lines are least squares, drawn where three loads or more were run."
     return [
         Section(
             "β of each test alone over ΔT u_s",
             DELTA_T_US,
-            figure=beta,
+            figure=pictured(partial(draw.draw_beta, table), height_in=4.4),
             caption="Each test analysed alone; bars are 95 %.",
         ),
         Section(
@@ -109,7 +105,7 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
         ),
         Section(
             "Traction and friction",
-            figure=traction,
+            figure=pictured(*traction, height_in=3.8),
             caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, or more.",
         ),
     ]
@@ -184,8 +180,8 @@ def trend_words(table: pd.DataFrame) -> pd.DataFrame:
     rows = [
         {
             "quantity": WORDS[r["quantity"]],
-            "over": WORDS[r["over"]],
-            "tests": f"{r['number']} at {r['tests']}" if r["tests"] != "all" else f"all {r['number']}",
+            "over": "load [N]",
+            "tests": f"{r['number']} at {r['tests']}",
             "slope": pm([r["slope"]], [r["u_slope"]])[0],
             "95 % interval of the slope": " to ".join(
                 rounded(r[end], r["u_slope"])[0] for end in ("low95_slope", "high95_slope")

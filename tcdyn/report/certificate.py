@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,11 @@ from calibration.finding import sentences
 from calibration.lines.static import OvenFit, whole_u
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
-from tcdyn.plots.calibration import budget_figure, error_figure, lag_figure, residual_figure
-from tcdyn.plots.plunge import plunge_figure, standardised
-from tcdyn.plots.plunge import residual_figure as left_over_figure
+from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
+from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
+from tcdyn.plots.style import pictured
 from tcdyn.plunge.fit import moved_lines
-from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit, interval
+from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.signed import in_oven, signed_sections
 
@@ -43,13 +44,8 @@ def write_certificate(path: str | Path, run: CalibrationRun, earlier: Sequence[D
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
-        footer=made(record),
+        footer=f"Made {record.made}.",
     )
-
-
-def made(record: DiskRecord) -> str:
-    """When the record was made and by whom."""
-    return f"Made {record.created}" + (f" by {record.created_by}" if record.created_by else "") + "."
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:
@@ -71,21 +67,15 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         u = whole_u(line, np.linspace(low, high, 50))
-        gain, offset = line.gain_estimate, line.offset_estimate
-        row = {
+        rows.append({
             "channel": name,
             "verdict": verdicts[name].replace(" ", NO_BREAK) if verdicts[name] == FIT else verdicts[name],
-            "gain": with_u(gain.value, gain.u),
-            "offset [degC]": with_u(offset.value, offset.u),
+            "gain": line.gain_estimate.plain(),
+            "offset [degC]": line.offset_estimate.plain(),
             "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
-        }
-        if record.chain is not None and name in record.chain.channels:
-            lag, apart = record.chain.channels[name].lag_s, record.chain.differential_lag_s[name]
-            row["lag [s]"] = with_u(lag.value, lag.u)
-            row["95 % [s]"] = interval(lag)
-            row["minus common lag [s]"] = with_u(apart.value, apart.u)
-        rows.append(row)
-    return pd.DataFrame(rows)
+        })  # fmt: skip
+    table = pd.DataFrame(rows)
+    return table if record.chain is None else table.merge(record.chain.table(), "left", "channel").fillna("")
 
 
 def certificate_verdict(record: DiskRecord) -> str:
@@ -97,7 +87,7 @@ def certificate_verdict(record: DiskRecord) -> str:
     if record.chain is not None:
         common = record.chain.common_lag_s
         apart = max(d.u for d in record.chain.differential_lag_s.values())
-        text += f"; common lag {with_u(common.value, common.u, 's')} (95 %: {interval(common)} s)"
+        text += f"; common lag {common.plain('s')} (95 %: {common.interval} s)"
         text += f", each channel's difference from it to {apart:.2g} s"
         found = record.fit.get("structures") or {}
         if found.get("contradicted"):
@@ -118,10 +108,8 @@ def certificate_sections(
         )
         title = "Lags" if ratio < 1.5 else f"Lags: their differences are known {ratio:.0f} times better than their mean"
         caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
-        note = INTERVAL_NOTE.strip("()")
-        sections.append(
-            Section(title, f"{note[:1].upper()}{note[1:]}.", figure=lag_figure(record.chain), caption=caption)
-        )
+        note, shown = INTERVAL_NOTE.strip("()"), pictured(partial(draw_lags, record.chain), height_in=3.4)
+        sections.append(Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption))
     sections += list(traces)
     if oven is not None:
         sections += oven_sections(oven)
@@ -141,7 +129,7 @@ def oven_sections(oven: OvenFit) -> list[Section]:
         ),
         Section(
             "Oven: what the lines leave, against temperature",
-            figure=residual_figure(oven),
+            figure=pictured(partial(draw_residuals, oven), height_in=3.2),
             caption="A column of markers that moves as one is an error of the PRT in that hold; a curve that repeats "
             "would be one of the lines.",
         ),
@@ -180,7 +168,7 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
     told = Section(
         "What limits the lags",
         fit.sentence,
-        figure=budget_figure(fit.budget),
+        figure=pictured(partial(draw_lag_budget, fit.budget)),
         caption="Variance that goes when a source is known, as a standard uncertainty. Sources stand in for each "
         "other, so they do not add up to all of the fit.",
     )
@@ -240,7 +228,7 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
             "Plunges: what the model leaves",
             "Left over in a single sample of each channel (root mean square):",
             table=pd.DataFrame(rows),
-            figure=left_over_figure(fit),
+            figure=residual_figure(fit),
             caption="Readings minus model over their expected noise. Were it all noise, 95 % would lie between the "
             "dashed lines and the mean would wander about zero.",
         ),

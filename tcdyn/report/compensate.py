@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from calibration.estimate import Z95
 from calibration.finding import Finding
 from calibration.record import DiskRecord
 from tcdyn.compensate.inverse import (
@@ -21,7 +21,7 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.pipeline.causal import Causal
 from tcdyn.pipeline.compensate import CompensatedLog
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import BAND, DARK, GREY, SLOW, dressed, figure
+from tcdyn.plots.style import DARK, GREY, SLOW, dressed, figure, line_with_band, pictured, thinned
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, table
 from tcdyn.traces import record_chains
@@ -43,7 +43,7 @@ def write_compensation_report(
     sections: list[Section] = []
     for disk, result in done.disks.items():
         sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
-    notes = pd.DataFrame([{"key": k, "value": v} for k, v in done.metadata.items()])
+    notes = pd.DataFrame(done.metadata.items(), columns=["key", "value"])
     sections.append(Section("The output's own notes", table=notes, folded=True))
     return write_page(
         path,
@@ -96,11 +96,10 @@ def write_follow_report(
 ) -> Path:
     """The page of a followed log: one channel of a disk before and after, and what could be told before use."""
     report, behind = plan.before_use(), plan.settings.behind_s
-    picture, (ax,) = figure(height_in=3.6)
-    draw_before_use(report, ax)
+    picture = pictured(partial(draw_before_use, report), height_in=3.6)
     followed, rows = _followed(plan, log, out)
     step = "Noisiest channel: a step at the junction through the chain alone, and as it comes out of the live smoother."
-    notes = pd.DataFrame([{"key": k, "value": v} for k, v in plan.notes().items()])
+    notes = pd.DataFrame(plan.notes().items(), columns=["key", "value"])
     return write_page(
         path,
         f"Followed: {log.name}",
@@ -161,15 +160,13 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
         )
         worst = report if name == setup.shallowest else worst
     assert worst is not None
-    picture, (ax,) = figure(height_in=3.4)
-    draw_before_use(worst, ax)
     return Section(
         f"{disk} disk: before use",
         f"{CAUSAL if causal else BOTH_WAYS.format(BY[done.way.method].capitalize())}\n\n"
         f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample."
         + ("" if causal else " Follows up to: above this frequency only what an event may bring is followed."),
         table=pd.DataFrame(rows).dropna(axis="columns"),
-        figure=picture,
+        figure=pictured(partial(draw_before_use, worst), height_in=3.4),
         caption=f"Channel {setup.shallowest}: a step at the junction through the chain alone, and through chain and "
         f"causal inverse{'' if causal else ', which was not used here'}.",
     )
@@ -179,15 +176,12 @@ def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     done = pd.read_csv(out, comment="#", usecols=["time_s", name, name.replace("_degC", "_u_K")])
     time, x, u = (done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K")))
-    shown = slice(None, None, max(len(time) // 4000, 1))
+    shown = thinned(len(time))
     picture, (ax,) = figure(height_in=4.0)
     raw = _logged(plan, log, name)
     if raw is not None:
         ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color=GREY, label="logged")
-    ax.fill_between(
-        time[shown], (x - Z95 * u)[shown], (x + Z95 * u)[shown], color=SLOW, alpha=BAND, linewidth=0, label="95 %"
-    )
-    ax.plot(time[shown], x[shown], color=SLOW, linewidth=1.0, label="compensated")
+    line_with_band(ax, time[shown], x[shown], u[shown], SLOW, "95 %", linewidth=1.0, label="compensated")
     seen = x[np.isfinite(x)]
     if len(seen):
         margin = 0.1 * float(np.ptp(seen)) + 1.0  # a spike of the log must not flatten the picture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from calibration.disk import Conditioning
@@ -13,7 +14,7 @@ from tcdyn.identify import Comparison, Fit, IOData
 from tcdyn.identify.choose.advice import COLUMNS, order_table
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
-from tcdyn.plots.style import figure
+from tcdyn.plots.style import pictured
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import table as sources
 
@@ -26,8 +27,6 @@ MEANS = (
 
 def write_design_report(path: str | Path, design: Design, assumptions: Sequence[str]) -> Path:
     """Write the page of ``design``; ``assumptions`` are the plan's own numbers."""
-    picture, (ax,) = figure(height_in=3.8)
-    draw_design(design, ax)
     return write_page(
         path,
         "Test design: what to do before the campaign",
@@ -36,7 +35,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
                 "What each test would tell",
                 f"{MEANS}\n\n{compare.MEANING}",
                 design.graded(),
-                picture,
+                pictured(partial(draw_design, design), height_in=3.8),
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % point over entry "
                 "bursts and scales of h, which nobody can plan.",
             )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import pandas as pd
 
-from calibration.estimate import rounded, with_u
+from calibration.estimate import rounded
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
-from tcdyn.plots import joined as draw
-from tcdyn.plots.style import figure
-from tcdyn.report.page import Answer, Section, pm
+from tcdyn.plots import campaign as draw
+from tcdyn.plots.style import pictured
+from tcdyn.report.page import Answer, Section, pm, typeset
 
 BOTH = (
     "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. Two uncertainties "
@@ -39,13 +41,12 @@ N_CAPTION = (
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
     """Table of beta with both uncertainties, trend, exponent, models and junctions, of two tests or more."""
-    fig, (ax,) = figure(height_in=4.4)
-    draw.draw_joined_beta(joined, ax)
+    shown = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
     caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
     sections = [
         Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
         Section(
-            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=fig, caption=caption
+            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=shown, caption=caption
         ),
     ]
     if joined.trends:
@@ -54,9 +55,7 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
             "their uncertainties; where it is not zero, the line alone does not tell β."
         )
         sections.append(Section("Trends of β", told, trend_words(joined)))
-    both, axes = figure(1, 2, height_in=3.6)
-    draw.draw_exponent(joined, axes[0])
-    draw.draw_junctions(joined, axes[1])
+    both = pictured(partial(draw.draw_exponent, joined), partial(draw.draw_junctions, joined), height_in=3.6)
     last = Section(
         "Exponent of the speed law, and the junctions", exponent_words(joined), figure=both, caption=N_CAPTION
     )
@@ -74,7 +73,7 @@ def joined_answer(joined: JoinedCampaign) -> Answer:
     return Answer(
         f"β = {ends[0]} to {ends[1]}",
         f"{first.removeprefix('EHL_')} and {last.removeprefix('EHL_')} of {len(p.tests)} tests; u {inside:.4f} at most "
-        f"within the campaign, {whole:.4f} absolute; exponent of the speed law n = {with_u(n.value, n.u)}",
+        f"within the campaign, {whole:.4f} absolute; exponent of the speed law n = {n.plain()}",
     )
 
 
@@ -100,8 +99,8 @@ def trend_sentence(joined: JoinedCampaign) -> str:
     t = joined.trend
     if t is None or t.against != ("delta_T_us_K_m_s",):
         return "A line over ΔT u_s asks for three set points."
-    s, (word, unit, size) = t.slopes[0], WORDS[t.against[0]]
-    low, high = (rounded(size * end, size * s.u)[0] for end in (s.low95, s.high95))
+    word, unit, size = WORDS[t.against[0]]
+    slope = t.slopes[0].times(size)
     verdict = f"β changes with {word}" if t.p_value[0] < SURE else f"these tests do not show that β depends on {word}"
     about = (
         f" About the line the tests scatter by {t.scatter:.4f} more than they are uncertain: {word} is not all."
@@ -109,8 +108,8 @@ def trend_sentence(joined: JoinedCampaign) -> str:
         else ""
     )
     return (
-        f"The line over {len(joined.posterior.tests)} tests has the slope {with_u(size * s.value, size * s.u)} per "
-        f"{unit} (95 % interval {low} to {high}): {verdict}.{about}"
+        f"The line over {len(joined.posterior.tests)} tests has the slope {slope.plain()} per "
+        f"{unit} (95 % interval {slope.interval}): {verdict}.{about}"
     )
 
 
@@ -118,13 +117,14 @@ def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
     """Slopes with names and units that people read."""
     rows = []
     for r in trend_rows(joined).to_dict("records"):
-        (word, unit, size), s = WORDS[r["over"]], r["slope"]
+        word, unit, size = WORDS[r["over"]]
+        slope = r["slope"].times(size)
         beside = ", ".join(WORDS[x][0] for x in str(r["with"]).split(", ") if x)
         rows.append(
             {
                 "β over": word + (f" (beside {beside})" if beside else ""),
-                "slope": f"{pm([size * s.value], [size * s.u])[0]} per {unit}",
-                "95 % interval": " to ".join(rounded(size * end, size * s.u)[0] for end in (s.low95, s.high95)),
+                "slope": f"{typeset(slope.plain())} per {unit}",
+                "95 % interval": slope.interval,
                 "chance if zero": f"{r['p_value']:.2g}" if r["p_value"] > LEAST else f"below {LEAST:g}",
                 "scatter [1]": f"{r['scatter']:.4f}",
             }
@@ -136,10 +136,10 @@ def exponent_words(joined: JoinedCampaign) -> str:
     """n of all tests, whether one power is enough, and what it was taken for."""
     law, tests = joined.law, len(joined.posterior.tests)
     assumed = joined.posterior.tests[0].conditions["speed_exponent"]
-    said = f"n = {with_u(law.exponent.value, law.exponent.u)} from {tests} tests; rig.toml assumes {assumed:g}."
+    said = f"n = {law.exponent.plain()} from {tests} tests; rig.toml assumes {assumed:g}."
     if law.by_speed is not None and law.p_value is not None:
         enough = "one power is enough" if law.p_value > SURE else "one power may not be enough"
-        change = with_u(law.by_speed.value, law.by_speed.u)
+        change = law.by_speed.plain()
         said += f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did not): {enough}."
     known = [f"{u:.3f} if {KNOWN.get(k, f'the {k}')}" for k, u in list(law.u_if_known.items())[:LIMITS]]
     return f"{said} What limits it most: its u would be {', '.join(known)} were known exactly." if known else said
@@ -149,6 +149,6 @@ def _models(joined: JoinedCampaign) -> str:
     return "\n\n".join(
         f"{c.curve.file}: chi-squared {c.chi2:.1f} on {len(c.inside)} tests (chance {c.p_value:.2g}); with its level "
         f"free {c.shape_chi2:.1f} on {len(c.inside) - 1} (chance {c.shape_p_value:.2g}), the tests lying "
-        f"{with_u(c.offset.value, c.offset.u)} above it."
+        f"{c.offset.plain()} above it."
         for c in joined.curves
     )

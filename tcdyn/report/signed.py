@@ -96,10 +96,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
     if record.chain is not None:
         lags = {c: x.lag_s for c, x in record.chain.channels.items()}
         table["lag [s]"] = [rounded(lags[c].value, lags[c].u)[0] if c in lags else "" for c in table["channel"]]
-        table["95 % interval [s]"] = [
-            " to ".join(rounded(x, lags[c].u)[0] for x in (lags[c].low95, lags[c].high95)) if c in lags else ""
-            for c in table["channel"]
-        ]
+        table["95 % interval [s]"] = [lags[c].interval if c in lags else "" for c in table["channel"]]
     return table
 
 
@@ -170,7 +167,7 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
     found = budget_of(record, channel, at)
     _, why = next_calibration(record, earlier)
     changed = " Where the disk, a junction, a cable or the logger is changed, it ends that day."
-    files = pd.DataFrame([{"file": i.file, "sha256": i.sha256} for i in record.inputs])
+    files = pd.DataFrame([file.model_dump() for file in record.inputs])
     by = pd.DataFrame(
         {
             "": ["Calibrated by", "Authorised by"],

@@ -16,7 +16,7 @@ import typer
 from calibration.finding import look
 from calibration.log import read_log
 from tcdyn.cli.app import COMMANDS, load_command
-from tcdyn.cli.common import in_options, warn
+from tcdyn.cli.common import Told, in_options
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
@@ -294,7 +294,7 @@ def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.Capture
 
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:
     told = "the entry into the bath came late, initial split of the gain; calibrate with structure=P3"
-    warn([look("said", text=told)])
+    Told().warn([look("said", text=told)])
     assert capsys.readouterr().err == f"look: {told.removesuffix('structure=P3')}--structure P3\n"
 
 

@@ -175,7 +175,7 @@ def test_the_drawing_says_amplitude_and_angle_or_that_the_disk_is_even(
 ) -> None:
     titles = []
     for _, p in (sound, uneven):
-        section = uneven_section(p, "B3")
+        section = uneven_section(p)
         assert section.figure is not None
         titles += [ax.get_title("left") for ax in section.figure.axes[:2]]
         assert section.table is not None

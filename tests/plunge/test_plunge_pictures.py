@@ -210,7 +210,7 @@ def test_what_is_left_of_a_plunge_is_drawn_in_units_of_the_noise() -> None:
     assert np.nanstd(left) == pytest.approx(1.0, abs=0.3)
     ax = pictures.draw_plunge_residuals(fit(), 0, figure()[1][0])
     inside = np.abs(left[np.isfinite(left)]) < 1.96
-    told = float(ax.get_title().split(": ")[1].split(" %")[0])
+    told = float(ax.get_title("left").split(": ")[1].split(" %")[0])
     assert told == pytest.approx(100 * inside.mean(), abs=1.5)  # the title leaves out the first 0.02 s
     mean = ax.lines[1].get_ydata()
     blocks = fit().optimum.problem.models[0].blocks

@@ -20,7 +20,7 @@ from tcdyn.pipeline.campaign.answers import said_once
 from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.pipeline.campaign.table import table_columns
 from tcdyn.plots import campaign as draw
-from tcdyn.plots.joined import draw_joined_beta
+from tcdyn.plots.campaign import draw_joined_beta
 from tcdyn.plots.style import figure
 from tcdyn.report.campaign import (
     campaign_pictures,

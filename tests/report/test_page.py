@@ -11,9 +11,9 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from calibration.log import Log
 from calibration.record import read_record
+from tcdyn.pipeline.tables import u_of_beta
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
-from tcdyn.report.one_disk import _u
 from tcdyn.report.page import Section, pm, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
 
@@ -67,7 +67,7 @@ def test_a_table_of_twenty_rows_is_kept_on_one_printed_page() -> None:
 
 
 def test_an_uncertainty_too_small_for_its_digits_is_told_as_below_them() -> None:
-    assert (_u(0.0123), _u(0.00005), _u(0.000049)) == ("0.0123", "0.0001", "below 0.0001")
+    assert (u_of_beta(0.0123), u_of_beta(0.00005), u_of_beta(0.000049)) == ("0.0123", "0.0001", "below 0.0001")
 
 
 def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:

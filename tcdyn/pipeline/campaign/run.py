@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +14,7 @@ from calibration.errors import InputError
 from calibration.files import sha256
 from calibration.files.write import write_text
 from calibration.finding import Finding, note
-from calibration.result import Result, jsonable
+from calibration.result import Result, json_text, jsonable
 from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
@@ -165,14 +164,14 @@ def run_campaign(
             else:
                 outcomes[i].append(LogOutcome(path, one, stage=stage))
                 file = _answer_file(path, folder, stage)
-                write_text(file, json.dumps(one, indent=2, ensure_ascii=False) + "\n")
+                write_text(file, json_text(one))
         progress(path.stem, len(outcomes), len(paths))
     ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     write_text(folder / TABLE_FILE, table_csv(table))
     whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
     if whole is not None:
-        write_text(folder / JOINED_FILE, json.dumps(jsonable(whole.to_dict()), indent=2, ensure_ascii=False) + "\n")
+        write_text(folder / JOINED_FILE, json_text(whole.to_dict()))
         for name, text in zip(PAPER_FILES, (paper_csv(whole), paper_latex(whole))):
             write_text(folder / name, text)
     return CampaignRun(folder, ordered, table, whole, altered)

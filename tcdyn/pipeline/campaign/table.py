@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,14 +154,10 @@ def trend_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20)."""
     good = done_rows(table)
     columns = ("fast_bulk_degC", "slow_bulk_degC", "friction_N", "fast_surface_max_degC", "slow_surface_max_degC")
-    sought = [
-        (column, "load_N", f"{part['sliding_speed_m_s'].mean():.1f} m/s", part)
-        for column in columns
-        for _, part in good.groupby("group")
-    ]
     rows = []
-    for column, over, name, part in sought:
-        line = trend(part[over].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
+    for column, (_, part) in product(columns, good.groupby("group")):
+        line = trend(part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
         if line is not None:
-            rows.append({"quantity": column, "over": over, "tests": name, "number": len(part), **line._asdict()})
+            name = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
+            rows.append({"quantity": column, "over": "load_N", "tests": name, "number": len(part), **line._asdict()})
     return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])

@@ -11,7 +11,7 @@ import pandas as pd
 
 from calibration.disk import DISKS, LEFT_OUT
 from calibration.errors import InputError
-from calibration.estimate import Estimate, rounded, with_u
+from calibration.estimate import Estimate, with_u
 from calibration.words.base import as_known
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
@@ -41,41 +41,37 @@ BY_WAY = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0
 
 
+def way_row(
+    word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None, shown: bool = True
+) -> dict[str, str]:
+    """One way to beta in a table, empty where it is withheld."""
+    row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
+    more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
+    row |= {key: e.plain() if e else "" for key, e in more.items()}
+    return row if shown else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
+
+
 def ways_table(p: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
-    table = []
-
-    def way(
-        key: str, word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None
-    ) -> None:
-        low, high = (rounded(end, beta.u)[0] for end in (beta.low95, beta.high95))
-        row = {"way": word, "β [1]": with_u(beta.value, beta.u), "95 % of β": f"{low} to {high}"}
-        more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
-        row |= {key: with_u(e.value, e.u) if e else "" for key, e in more.items()}
-        table.append(row if key not in gone else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"})
-
-    a, gone = p.answers, p.withheld
-    both = p.both.estimates
-    for d in DISKS:
-        n = both["exponent"] if "both exponent" not in gone else None
-        way("both beta", f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n)
-    for d in DISKS:
-        way("speed law", f"speed law, {d} disk", a["speed law"], a[f"h_{d}"])
-    for kind, lag in (("cooling", False), ("joint", True)):
-        for d in DISKS:
-            lag_s = p.joint[d].estimates["lag_s"] if lag else None
-            way(f"{kind} {d}", f"{kind} fit, {d} disk", a[f"{kind} {d}"], a[f"h {kind} {d}"], lag_s)
-    return pd.DataFrame(table)
+    a, gone, both = p.answers, p.withheld, p.both.estimates
+    n = None if "both exponent" in gone else both["exponent"]
+    shown = "both beta" not in gone
+    rows = [way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown) for d in DISKS]
+    shown = "speed law" not in gone
+    rows += [way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS]
+    for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
+        kind, disk = way.split()
+        lag = p.joint[disk].estimates["lag_s"] if kind == "joint" else None
+        rows.append(way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone))
+    return pd.DataFrame(rows)
 
 
 def structures_table(p: Partition) -> pd.DataFrame:
     """The fit of both disks under every other structure, best supported first."""
     rows = []
     for a, likely in zip(p.structures.tried, p.structures.probability):
-        implied = with_u(a.exponent.value, a.exponent.u)
-        rows.append(
-            (structure(a.name), with_u(a.beta.value, a.beta.u), f"{a.delta_chi2:.1f}", percent(likely), implied)
-        )
+        implied = a.exponent.plain()
+        rows.append((structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied))
     columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -91,10 +87,11 @@ def budget_table(p: Partition) -> pd.DataFrame:
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
     rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
-    return pd.DataFrame([(source, *map(_u, parts)) for source, parts in zip(rows, table)], columns=columns)
+    return pd.DataFrame([(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns)
 
 
-def _u(u: float) -> str:
+def u_of_beta(u: float) -> str:
+    """A standard uncertainty of beta in a table."""
     return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
 
 
@@ -125,7 +122,7 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
     rows = []
     for disk, test in tests.items():
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
-            mm = with_u(1e3 * deeper.value, 1e3 * deeper.u)
+            mm = deeper.times(1e3).plain()
             rows.append((disk, channel, mm, f"{1e3 * test.stated_u_m:.2f}", f"{round(float(pull), 1) + 0.0:+.1f}"))
         rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
     columns = [
@@ -285,9 +282,6 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 def junctions(found: SensorCheck | None) -> dict[str, Any]:
     """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
     return {
-        d: {
-            c: {"deeper_mm": Estimate.normal(1e3 * e.value, 1e3 * e.u).model_dump(), "z": float(z)}
-            for (c, e), z in zip(t.deeper_m.items(), t.pull)
-        }
+        d: {c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)} for (c, e), z in zip(t.deeper_m.items(), t.pull)}
         for d, t in ({} if found is None else found.depths).items()
     }
