@@ -160,3 +160,13 @@ def test_where_fits_end_u_spreads_as_far_as_simulated_fits_state_it() -> None:
     assert told.low_s < 0.037
     assert 0.09 < told.high_s < 0.13
     assert told.u_common_s == pytest.approx(0.072, rel=0.3)
+
+
+def test_what_is_well_known_beforehand_stays_as_it_is() -> None:
+    # channels alike to a in each lag about the mean of six: differences of a sqrt(5/6)
+    plan = StepPlan(power_log_u=1e-4, h_log_u=1e-4, alike_s=1e-5)
+    told = predict_step(plan, SETUP)
+    assert told.others == pytest.approx({"u_power_rel": 1e-4, "u_h_rel": 1e-4}, rel=1e-2)
+    assert told.u_differential_s == pytest.approx(1e-5 * np.sqrt(5 / 6), rel=1e-2)
+    vague = predict_step(StepPlan(), SETUP).others
+    assert vague["u_power_rel"] < StepPlan.power_log_u and vague["u_h_rel"] < StepPlan.h_log_u  # noqa: PT018
