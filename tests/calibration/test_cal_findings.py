@@ -13,7 +13,7 @@ from calibration.finding import Finding, Grade, channel_of, look, note, once, se
 from calibration.words import OLD, WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKERS = {"note", "look", "refuse", "by_share", "Finding"}
+MAKERS = {"note", "look", "refuse", "by_share", "Finding", "_failed"}
 
 
 def makers_of(node: ast.AST) -> set[str]:
@@ -35,7 +35,7 @@ def codes_made() -> dict[str, str]:
                     continue
                 assert isinstance(node, ast.Call)
                 assert node.args, f"{path}, line {node.lineno}: a finding without a code"
-                for part in ast.walk(node.args["by_share" in maker]):
+                for part in ast.walk(node.args[bool({"by_share", "_failed"} & maker)]):
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         made[part.value] = path.name
     return made
