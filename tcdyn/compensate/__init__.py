@@ -27,8 +27,9 @@ True
 
 from tcdyn.compensate.intensity import Tradeoff
 from tcdyn.compensate.inverse import BeforeUse, InverseFilter, before_use, invert, proper_inverse, widest_bandwidth_Hz
+from tcdyn.compensate.levels import Burst, Intensity
 from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
-from tcdyn.compensate.record import Burst, Compensated, Intensity
+from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth, window_covariance
 
 __all__ = [

@@ -11,8 +11,9 @@ from scipy.special import logsumexp
 
 from calibration import Array
 from tcdyn.compensate.intensity import AFTER_S, DECAYS_S, cut_out, levels_of, likeliest_burst, smeared_s, spans
+from tcdyn.compensate.levels import Burst, Intensity
 from tcdyn.compensate.pieces import FINE
-from tcdyn.compensate.record import Burst, Intensity, Stretch
+from tcdyn.compensate.record import Stretch
 from tcdyn.compensate.states import DIFFUSE, Smoothed, likelihood, smoothed
 
 CHANCE, AGAIN = 0.05, 1.0  # false candidates in a record: without events, and where there are some

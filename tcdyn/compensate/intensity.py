@@ -11,8 +11,9 @@ import numpy as np
 
 from calibration import Array
 from tcdyn.chain import Chain
+from tcdyn.compensate.levels import Burst, Intensity
 from tcdyn.compensate.pieces import FINE, corner_rad_s
-from tcdyn.compensate.record import Burst, Intensity, Stretch
+from tcdyn.compensate.record import Stretch
 from tcdyn.compensate.states import likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]

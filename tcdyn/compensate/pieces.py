@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from calibration import Array
 from tcdyn.chain import Chain, Sensor
-from tcdyn.compensate.record import Intensity, Stretch, levels_at
+from tcdyn.compensate.levels import Intensity, levels_at
+from tcdyn.compensate.record import Stretch
 
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
 FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd

@@ -17,8 +17,9 @@ from calibration.noise import SPIKES, bridged
 from tcdyn.chain import Chain, sensors
 from tcdyn.compensate.hidden import Hidden, about, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose, cut_out
+from tcdyn.compensate.levels import Intensity
 from tcdyn.compensate.pieces import corner_rad_s
-from tcdyn.compensate.record import SPIKE, Compensated, Intensity, Stretch, stretch_of
+from tcdyn.compensate.record import SPIKE, Compensated, Stretch, stretch_of
 from tcdyn.compensate.states import Smoothed, all_cells, smoothed
 from tcdyn.compensate.sweep import swept
 

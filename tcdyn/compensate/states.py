@@ -12,8 +12,9 @@ from scipy.linalg import expm
 
 from calibration import Array, Flags
 from tcdyn.chain import Sensor
+from tcdyn.compensate.levels import Intensity, jumps_at, levels_at, levels_between
 from tcdyn.compensate.pieces import FINE, STEPS, knots_for, pieces
-from tcdyn.compensate.record import Intensity, Stretch, jumps_at, levels_at, levels_between
+from tcdyn.compensate.record import Stretch
 from tcdyn.compensate.sweep import Cells, swept
 
 DIFFUSE = 10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
