@@ -112,7 +112,7 @@ class JoinedCampaign:
             "apart": self.apart,
             "findings": self.findings,
         }
-        return dict(jsonable(kept))
+        return jsonable(kept)
 
 
 def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:

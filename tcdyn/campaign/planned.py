@@ -177,8 +177,7 @@ def as_expected(posterior: Posterior) -> Posterior:
 
 def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
     """What one planned test would keep, its fit standing on the truth."""
-    radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
-    crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
+    radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     u_fast, u_slow = (surface_speed_m_s(rpm, r) for rpm, r in zip((plan.speed_fast_rpm, plan.speed_slow_rpm), radius))
     contact, u = rig.common.contact, rig.common.uncertainty
     dt, off = 1 / logging.rate_Hz, logging.before_s + logging.loaded_s

@@ -125,11 +125,11 @@ class Posterior:
         out = []
         for a, s, w in zip(self.answers, u, inside):
             h = np.exp(a[[LN_H_FAST, LN_H_SLOW]])
-            one = {"beta": Estimate.normal(float(a[BETA]), float(s[BETA]))}
-            one["beta_within"] = Estimate.normal(float(a[BETA]), float(w))
+            one = {"beta": Estimate.normal(a[BETA], s[BETA])}
+            one["beta_within"] = Estimate.normal(a[BETA], w)
             for k, d in enumerate(DISKS):
-                one[f"h_{d}"] = Estimate.normal(float(h[k]), float(h[k] * s[LN_H_FAST + k]))
-                one[f"lag_{d}_s"] = Estimate.normal(float(a[LAG_FAST + k]), float(s[LAG_FAST + k]))
+                one[f"h_{d}"] = Estimate.normal(h[k], h[k] * s[LN_H_FAST + k])
+                one[f"lag_{d}_s"] = Estimate.normal(a[LAG_FAST + k], s[LAG_FAST + k])
             out.append(one)
         return out
 

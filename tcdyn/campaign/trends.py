@@ -52,7 +52,7 @@ class BetaTrend:
         own: dict[str, Any] = {"against": self.against, "slope": self.slopes, "p_value": self.p_value}
         if len(self.against) == 1:
             own = {k: v[0] for k, v in own.items()}
-        return dict(jsonable({**own, "scatter": self.scatter, "p_value_of_line": self.enough}))
+        return jsonable({**own, "scatter": self.scatter, "p_value_of_line": self.enough})
 
 
 def set_points(x: Array) -> int:

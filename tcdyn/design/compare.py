@@ -176,11 +176,10 @@ def compare_tests(
         )
     first = plunges[0]
     priors = PlungePriors.for_rig(uncertainty or UncertaintyTable.model_validate({}))
-    depth, steel = priors.depth_m, priors.conductivity_log
-    step = step or StepPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
-    step = replace(step, depth_u_m=depth, conductivity_log_u=steel)
-    touch = touch or TouchPlan(rate_Hz=first.rate_Hz, noise_K=first.noise_K)
-    touch = replace(touch, depth_u_m=depth, conductivity_log_u=steel)
+    logged: dict[str, Any] = {"rate_Hz": first.rate_Hz, "noise_K": first.noise_K}
+    known_to: dict[str, Any] = {"depth_u_m": priors.depth_m, "conductivity_log_u": priors.conductivity_log}
+    step = replace(step or StepPlan(**logged), **known_to)
+    touch = replace(touch or TouchPlan(**logged), **known_to)
     out = [predict_plunges([p], setup, lag_s=own, priors=priors, draws=draws) for p in plunges]
     if len(plunges) > 1:
         out.append(predict_plunges(plunges, setup, lag_s=own, priors=priors, draws=draws))

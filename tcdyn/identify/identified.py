@@ -211,7 +211,7 @@ class Identified(Dynamics, Result):
             "warnings": self.warnings,
             "findings": [f.to_dict() for f in self.findings],
         }
-        return dict(jsonable(kept))
+        return jsonable(kept)
 
     @classmethod
     def from_json(cls, text: str) -> Identified:

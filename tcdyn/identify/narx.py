@@ -37,7 +37,6 @@ class Narx:
     u_scale: tuple[float, float]
     y_scale: tuple[float, float]
     dt_s: float
-    degree: int
     one_step_percent: float = float("nan")
     simulated_percent: float = float("nan")
     held_out_percent: float = float("nan")
@@ -200,7 +199,7 @@ def narx(
     codes = np.atleast_2d(model.final_model).astype(int).tolist()  # 1003 stands for y(k-3) and 2003 for the input's
     terms = tuple(tuple(("y" if code < 2000 else "u", code % 1000) for code in row if code) for row in codes)
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
-    found = refined(Narx(terms, theta, us, ys, data.dt_s, degree), u[:edge], y[:edge])
+    found = refined(Narx(terms, theta, us, ys, data.dt_s), u[:edge], y[:edge])
     simulated = found.simulate(u, y)
     return replace(
         found,

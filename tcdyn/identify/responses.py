@@ -51,7 +51,7 @@ class Dynamics:
         for f in g.factors:
             row += [1.0, *[0.0] * (len(f.coefs) - 2)] if f.free else []
         slopes = [*row, 1.0] @ self.model.chain_rule(self.theta)
-        return Estimate.normal(g.lag_s, float(self.u_of(slopes[:, None])[0]))
+        return Estimate.normal(g.lag_s, self.u_of(slopes[:, None])[0])
 
     def u_of(self, slopes: Array) -> Array:
         """Standard uncertainties (N,) of quantities with these ``slopes`` (P, N) by the free parameters."""
@@ -132,7 +132,7 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
         at = float(np.interp(q, share[i - 1 : i + 1], t[i - 1 : i + 1]))
         steep = max(float(np.interp(at, t, slope)), 1e-12)
         slopes = -np.array([[np.interp(at, t, row)] for row in derivative]) / steep
-        out[name] = Estimate.normal(at, float(model.u_of(slopes)[0]))
+        out[name] = Estimate.normal(at, model.u_of(slopes)[0])
     return out
 
 

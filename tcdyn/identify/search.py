@@ -176,17 +176,15 @@ def search(posed: Posed, core: Problem | None = None, start: Array | Sequence[Ar
     return ordered(posed, kicked(posed, found))
 
 
-def diverse(posed: Posed, ranked: list[Array], count: int = 4) -> list[Array]:
-    """The best starts that are not near copies of a better one: 30 % apart in some lag or dead time."""
+def diverse(posed: Posed, ranked: list[Array]) -> list[Array]:
+    """The four best starts that are not near copies of a better one: 30 % apart in some lag or dead time."""
     chosen: list[Array] = []
     for x in ranked:
         times = spans(posed, x)
         size = np.abs(times).sum() + posed.dt_s
         if all(np.max(np.abs(times - spans(posed, c))) > 0.15 * size for c in chosen):
             chosen.append(x)
-        if len(chosen) == count:
-            break
-    return chosen or ranked[:1]
+    return chosen[:4] or ranked[:1]
 
 
 def spans(posed: Posed, x: Array) -> Array:

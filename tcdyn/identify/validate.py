@@ -128,8 +128,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
         raise InputError(
             f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s", where=data.name or "confirm"
         )
-    problem = replace(pose(data, old.model, old.initial), input_sds=old.input_sds)
-    problem = replace(problem, time_scale_s=old.time_scale_s, noise_sd=old.noise_sd, trend=old.trend)
+    same = {name: getattr(old, name) for name in ("input_sds", "time_scale_s", "noise_sd", "trend")}
+    problem = replace(pose(data, old.model, old.initial), **same)
     k, x = problem.n_model, np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
     core = problem.core(model_noise)
     answer = core.evaluate(x)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import hypot
 
 from calibration.errors import InputError
 from calibration.estimate import Estimate
@@ -61,7 +62,7 @@ class Film:
     def stream(self) -> Stream:
         """The stream, at the speed that was stated."""
         own = STREAMS[self.medium]
-        return own if self.speed_m_s is None else Stream(own.k_W_mK, own.nu_m2_s, own.prandtl, self.speed_m_s)
+        return own if self.speed_m_s is None else replace(own, speed_m_s=self.speed_m_s)
 
     def to_fit(self, lag: Estimate) -> dict[str, object]:
         """What goes into a sensor file: h, and the lag in either reference stream by the film's part of it.
@@ -79,6 +80,6 @@ class Film:
             there = other.h_W_m2K(self.diameter_m)
             per = RHO_C[0] * self.diameter_m / 4
             more = per * (1 / there - 1 / h)
-            u = ((per / there * U_REL) ** 2 + (per / h * U_REL) ** 2 + (more * RHO_C[1]) ** 2 + lag.u**2) ** 0.5
+            u = hypot(per / there * U_REL, per / h * U_REL, more * RHO_C[1], lag.u)
             out[f"lag_{name}_s"] = Estimate.normal(lag.value + more, u).model_dump()
         return out

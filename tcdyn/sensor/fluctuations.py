@@ -70,7 +70,7 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     if us[1][0] > values[1][0]:
         weights = np.array([1.0, 0.0])
     lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
-    best = fits[int(np.argmax(weights))]
+    best = fits[np.argmax(weights)]
     taus = _lags(best[2:])
     _enough(y, dt, lag, best)
     found = _conditions(y, seen, best, column, len(taus))

@@ -225,11 +225,9 @@ def _file(
         (t1, t2), part = taus[2 * k : 2 * k + 2], lags[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         if max(np.sqrt(np.diag(part)) / (t1, t2)) > TOLD:
             u = _difference_u(part)
-            found.append(look("sensor.pair_difference", subject=", ".join(columns), difference_s=float(t1 - t2), u_s=u))
+            found.append(look("sensor.pair_difference", subject=", ".join(columns), difference_s=t1 - t2, u_s=u))
     if data.dt_s > min(taus) / 3:
-        found.append(
-            look("sensor.slow", subject=columns[int(np.argmin(taus[:2]))], dt_s=data.dt_s, lag_s=float(min(taus)))
-        )
+        found.append(look("sensor.slow", subject=columns[np.argmin(taus[:2])], dt_s=data.dt_s, lag_s=min(taus)))
     if chi2 > 1.5:
         found.append(look("sensor.pair_misfit", subject=", ".join(columns), ratio=chi2))
     fit: dict[str, Any] = {

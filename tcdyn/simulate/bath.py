@@ -15,6 +15,7 @@ from calibration.disk import DiskSetup
 from tcdyn.simulate.mesh import cubic_weights, graded_edges
 
 GRAVITY_m_s2 = 9.80665
+CELLS = 80  # from bore to running surface
 FluidName = Literal["mobil-jet-ii", "water"]
 FLUIDS: tuple[FluidName, ...] = ("mobil-jet-ii", "water")
 
@@ -114,15 +115,13 @@ def heat_radially(
     bath_degC: Callable[[float], float],
     h_W_m2K: Coefficient,
     duration_s: float,
-    cells: int = 80,
-    rtol: float = 1e-8,
 ) -> Heating:
     """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath - T_wall).
 
     Finite volumes, finer towards the surface; backward differentiation of variable order with a banded Jacobian.
     The wall temperature is found from half a surface cell of steel in series with h of the last wall guess.
     """
-    r_edges = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, cells)[::-1]
+    r_edges = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, CELLS)[::-1]
     r = 0.5 * (r_edges[1:] + r_edges[:-1])
     k = setup.conductivity_W_mK
     capacity = setup.density_kg_m3 * setup.specific_heat_J_kgK * np.pi * np.diff(r_edges**2)
@@ -145,15 +144,15 @@ def heat_radially(
     solution = solve_ivp(
         rate,
         (0.0, duration_s),
-        np.full(cells, initial_degC),
+        np.full(CELLS, initial_degC),
         method="LSODA",
         dense_output=True,
-        rtol=rtol,
+        rtol=1e-8,
         atol=1e-7,
         lband=1,
         uband=1,
     )
-    weights = np.zeros((len(depths_m), cells))
+    weights = np.zeros((len(depths_m), CELLS))
     for row, depth in enumerate(depths_m):
         index, weight = cubic_weights(r, setup.outer_radius_m - float(depth))
         weights[row, index] = weight

@@ -246,17 +246,14 @@ def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
 
 def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
     """Cubic interpolation in r and z from cell centres to each junction."""
-    rows, cols, values = [], [], []
-    for row, name in enumerate(sorted(disk.setup.junctions)):
-        junction = disk.setup.junctions[name]
+    cols, values = [], []
+    for _, junction in sorted(disk.setup.junctions.items()):
         ir, wr = cubic_weights(r, disk.setup.outer_radius_m - junction.depth_m)
         iz, wz = cubic_weights(z, junction.z_m)
-        for a, weight_r in zip(ir, wr):
-            for b, weight_z in zip(iz, wz):
-                rows.append(row)
-                cols.append(a * len(z) + b)
-                values.append(weight_r * weight_z)
-    return sparse.csr_matrix((values, (rows, cols)), shape=(len(disk.setup.junctions), n))
+        cols.append(np.add.outer(ir * len(z), iz).ravel())
+        values.append(np.outer(wr, wz).ravel())
+    rows = np.repeat(np.arange(len(cols)), 16)
+    return sparse.csr_matrix((np.concatenate(values), (rows, np.concatenate(cols))), shape=(len(cols), n))
 
 
 def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:

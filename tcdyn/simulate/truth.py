@@ -130,8 +130,7 @@ class RigTruth:
 
     def with_uneven(self, contact: Mapping[str, BoreContact]) -> RigTruth:
         """The same rig with the bore contact of the named disks uneven."""
-        disks = {name: replace(self.disk(name), uneven=contact.get(name, self.disk(name).uneven)) for name in DISKS}
-        return replace(self, fast=disks["fast"], slow=disks["slow"])
+        return replace(self, **{d: replace(self.disk(d), uneven=own) for d, own in contact.items()})  # type: ignore[arg-type]
 
     def with_film_air(self, warmer_K: float) -> RigTruth:
         """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""

@@ -113,7 +113,7 @@ def _line_ends() -> Iterator[VerifyRow]:
     solved = Steady(0.73 * total, h + (0.73 - share) / slope, d4.load_N, a_fast, airs[0])
     depths = np.linspace(0.0, RIM.thickness_m, 61)
     faces = [solved.at(tuple((float(d), z) for d in depths)) for z in (0.0, MIDDLE_m)]
-    radius = 1e3 * (RIM.outer_radius_m - depths[int(np.argmax(faces[0]))])
+    radius = 1e3 * (RIM.outer_radius_m - depths[np.argmax(faces[0])])
     yield row(
         "physics", "radius at which the face of the fast disk is hottest, mm; the centre's radius", "figure 5.15",
         "35 to 36; rises to the surface", f"{radius:.1f}; {'rises' if np.all(np.diff(faces[1]) < 0) else 'falls'}",

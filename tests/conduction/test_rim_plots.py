@@ -15,7 +15,7 @@ def axes():
 def test_every_picture_returns_the_axes_it_was_given(rim, points):
     x = np.linspace(1.0, 2.0, 5)
     comparison = ClosedForm("t", "x", x, x, x + 0.01)
-    errors = {"I": MeshErrors("I", (1.0, 0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))}
+    errors = {"I": MeshErrors((1.0, 0.5, 0.2, 0.1), (1.0, 0.5, 0.2, 0.1))}
     field = np.add.outer(np.arange(9.0), np.arange(14.0))
     for draw, args in (
         (plots.draw_field, (field, rim)),

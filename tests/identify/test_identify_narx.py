@@ -35,7 +35,7 @@ def test_weights_are_unbiased_and_bootstrap_intervals_hold_them(colour):
         u, y = record(seed, colour)
         table = np.column_stack([y[:-1], u[:-1], u[:-1] * y[:-1]])
         begun = np.linalg.lstsq(table, y[1:], rcond=None)[0]  # one step: shrunk by the noise
-        found = refined(Narx(TERMS, tuple(begun.tolist()), (0.0, 1.0), (0.0, 1.0), 0.1, 2), u, y)
+        found = refined(Narx(TERMS, tuple(begun.tolist()), (0.0, 1.0), (0.0, 1.0), 0.1), u, y)
         held.append([e.covers(v) for e, v in zip(found.intervals, TRUTH)])
         ends.append((begun[0], found.theta[0]))
     one_step, simulated = np.mean(ends, axis=0)
@@ -51,7 +51,7 @@ def test_terms_found_by_one_step_are_refined_and_the_lag_has_an_interval():
     lag = found.lag_s(0.0)
     assert lag.value == pytest.approx(0.1 * (1 + 0.8 / 0.2), abs=4 * lag.u)  # at rest five samples
     assert 0 < lag.u < 0.1
-    assert Narx(TERMS, TRUTH, (0.0, 1.0), (0.0, 1.0), 0.1, 2).intervals == (None, None, None)
+    assert Narx(TERMS, TRUTH, (0.0, 1.0), (0.0, 1.0), 0.1).intervals == (None, None, None)
 
 
 @pytest.mark.parametrize(("quadratic", "said"), [(98.1, "Held out, a quadratic"), (98.3, "look at the static line")])
@@ -63,7 +63,7 @@ def test_a_quadratic_model_is_better_from_a_tenth_of_the_error_on(
 
     def scored(data: IOData, *, degree: int, **_: object) -> Narx:
         percent = {1: 98.0, 2: quadratic}[degree]
-        return Narx(TERMS, TRUTH, e, e, 0.1, degree, one_step_percent=99.9, held_out_percent=percent)
+        return Narx(TERMS, TRUTH, e, e, 0.1, one_step_percent=99.9, held_out_percent=percent)
 
     monkeypatch.setattr(module, "narx", scored)
     monkeypatch.setattr(module, "level_lag", lambda data: level)
@@ -75,20 +75,20 @@ def test_a_quadratic_model_is_better_from_a_tenth_of_the_error_on(
 
 def test_a_lag_is_that_of_the_recursion_linearised_about_its_level() -> None:
     """y_t = a y + b u_(t-2) has the first moment 2 + a/(1 - a) samples; u y adds c y to b and c u to a."""
-    plain = Narx(((("y", 1),), (("u", 2),)), (0.8, 0.5), (3.0, 2.0), (1.0, 4.0), 0.1, 1)
+    plain = Narx(((("y", 1),), (("u", 2),)), (0.8, 0.5), (3.0, 2.0), (1.0, 4.0), 0.1)
     assert plain.local_lag_s(7.0) == pytest.approx(0.1 * (2 + 0.8 / 0.2), rel=1e-9)
-    bent = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1, 2)
+    bent = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1)
     y = (5.0 - 1.0) / 4.0
     u = 0.2 * y / (0.25 - 0.05 * y)  # at rest
     a = 0.8 - 0.05 * u
     assert bent.local_lag_s(5.0) == pytest.approx(0.1 * (1 + a / (1 - a)), rel=1e-9)
-    assert np.isnan(Narx(TERMS[:2], (1.1, 0.5), (0.0, 1.0), (0.0, 1.0), 0.1, 1).local_lag_s(0.0))  # not stable
-    constant = Narx(((), (("u", 1),)), (0.5, 1.0), (0.0, 1.0), (0.0, 1.0), 0.1, 1)
+    assert np.isnan(Narx(TERMS[:2], (1.1, 0.5), (0.0, 1.0), (0.0, 1.0), 0.1).local_lag_s(0.0))  # not stable
+    constant = Narx(((), (("u", 1),)), (0.5, 1.0), (0.0, 1.0), (0.0, 1.0), 0.1)
     assert constant.local_lag_s(2.0) == pytest.approx(0.1, rel=1e-9)
 
 
 def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None:
-    model = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1, 2)
+    model = Narx(TERMS, TRUTH, (3.0, 2.0), (1.0, 4.0), 0.1)
     rng = np.random.default_rng(0)
     u, y = 3 + 2 * rng.normal(size=30), np.full(30, 2.0)
     for t in range(1, 30):
@@ -96,7 +96,7 @@ def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None
         y[t] = 1 + 4 * (0.8 * x + 0.25 * v - 0.05 * v * x)
     assert model.simulate(u, y[:1]) == pytest.approx(y, rel=1e-12)
     assert 1 + 4 * model.one_step((u - 3) / 2, (y - 1) / 4)[1:] == pytest.approx(y[1:], rel=1e-12)
-    wild = Narx(TERMS[:1], (-2.0,), (0.0, 1.0), (0.0, 1.0), 0.1, 1)
+    wild = Narx(TERMS[:1], (-2.0,), (0.0, 1.0), (0.0, 1.0), 0.1)
     grown = wild.simulate(np.zeros(20), np.ones(1))
     assert grown[:10] == pytest.approx((-2.0) ** np.arange(10))  # up to a thousand spreads
     assert np.isnan(grown[10:]).all()

@@ -16,7 +16,7 @@ from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.choose.advice import COLUMNS, as_chain, order_table, recommend, verdict
 from tcdyn.identify.choose.grow import Entry, Way, listed, not_worse, off_equilibrium
-from tcdyn.identify.choose.held_out import Progress, Task
+from tcdyn.identify.choose.held_out import QUICK, Progress, Task
 from tcdyn.identify.choose.shared import rival
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit, noted
@@ -167,7 +167,7 @@ def with_disturbance(task: Task, found: Comparison) -> Comparison:
     best, options = found.best, task.options
     if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
         return found
-    asked = {**options, "check": False, "noise": "auto", "baseline": "auto", "intervals": "quadratic"}
+    asked = {**options, **QUICK, "noise": "auto", "baseline": "auto"}
     if found.grown:
         asked["start"] = best.identified.theta
     given = fit(task.data, best.problem.model, **asked).disturbance

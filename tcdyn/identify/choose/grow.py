@@ -15,7 +15,7 @@ from calibration.errors import InputError
 from tcdyn.chain.rational import product
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.choose.advice import DECISIVE
-from tcdyn.identify.choose.held_out import Task
+from tcdyn.identify.choose.held_out import QUICK, Task
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import Identified
@@ -47,7 +47,7 @@ def grown(
     whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
     part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
     """
-    quick = {**options, "intervals": "quadratic", "check": False}
+    quick = {**options, **QUICK}
     now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
     error, way, seen = score(now), [now], {now.problem.model.name}
     refused: list[Fit] = []
@@ -92,9 +92,9 @@ def off_equilibrium(data: IOData, found: Fit, options: Mapping[str, Any]) -> boo
     equilibrium of ``found``; the first ones alone need not tell: what rings may pass through its level just then."""
     if clean(found) or found.problem.initial != "equilibrium":
         return False
-    free = {"initial": "estimated", "start": found.identified.theta, "intervals": "quadratic", "check": False}
+    free = {**options, **QUICK, "initial": "estimated", "start": found.identified.theta}
     try:
-        return gain(found, fit(data, found.problem.model, **{**options, **free})) > DECISIVE
+        return gain(found, fit(data, found.problem.model, **free)) > DECISIVE
     except InputError:  # too few samples for so many unknowns
         return False
 

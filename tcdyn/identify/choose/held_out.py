@@ -17,6 +17,7 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
 
 LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
+QUICK: dict[str, Any] = {"intervals": "quadratic", "check": False}  # options of fits that only a score is asked of
 Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
@@ -49,6 +50,9 @@ class Task:
     progress: Progress
     options: Mapping[str, Any]
 
+    def __post_init__(self) -> None:
+        divide(self.data, self.held_out)  # refuses at once what cannot be held out
+
     def but(self, what: str, **options: Any) -> Task:
         """With other options; ``progress`` is told with each name ``what`` is done to it."""
 
@@ -63,9 +67,8 @@ class Task:
         Raises InputError where too little is left of the record.
         """
         train, test, from_s = divide(self.data, self.held_out)
-        if train is not None:  # a score needs no profiles
-            quick = {**self.options, **options, "intervals": "quadratic", "check": False}
-            found = fit(train, found.problem.model, **quick)
+        if train is not None:
+            found = fit(train, found.problem.model, **{**self.options, **options, **QUICK})
         return judged(found, test, from_s)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from tcdyn.identify.choose.held_out import Task, blocks_out
+from tcdyn.identify.choose.held_out import QUICK, Task, blocks_out
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.models import Model, as_template, bare, several, transfer
@@ -38,7 +38,7 @@ def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, 
     worse. ``like`` holds what all have.
     """
     best, least, before = None, 1.0, blocks_out(now)
-    quick = {**task.options, "intervals": "quadratic", "check": False}
+    quick = {**task.options, **QUICK}
     kinds = [False] if {"noise", "baseline"} & set(quick) else [False, True]
     for order, arx in product(range(1, MOST_POLES + 1), kinds):
         for found in candidates(task.data, order, arx, quick, like):
