@@ -8,7 +8,7 @@ import pytest
 from cal_cases import immersion_frame
 from scipy.signal import lfilter
 
-from calibration.checks.clock import check_time
+from calibration.checks.clock import Sampling, check_time, weighed
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.finding import Place
@@ -96,6 +96,19 @@ def test_the_readings_tell_whether_samples_strayed_or_stamps_only(tmp_path, worl
     log = logged(tmp_path, world, noise_K=0.005)
     percent = strays(log)["percent"]
     assert percent < 10 if world == "stamps only" else percent > 90
+
+
+def test_which_share_is_real_does_not_depend_on_the_unit_of_the_readings():
+    """Stamps of 10 ms rms, half of it real, beside noise that tells about as much as the trust in the stamps."""
+    rng, n = np.random.default_rng(0), 2000
+    t = np.arange(n) * DT
+    late = 0.01 * rng.standard_normal(n)
+    y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.2 * rng.standard_normal(n)
+    y += 0.5 * late * 4 * np.pi * np.cos(2 * np.pi * t / 5)
+    sampling = Sampling(t, DT, np.arange(n, dtype=np.int32), (), late)
+    found = [weighed(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late[7] for k in (1.0, 1e-3, 1e3)]
+    assert found == pytest.approx([found[0]] * 3, rel=1e-9)
+    assert 0.2 < found[0] < 0.8
 
 
 def compensated(folder, world: str) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from calibration.errors import InputError
 from calibration.lines.transducers import fit_bearing_friction, fit_transducer
@@ -93,6 +94,21 @@ def test_each_family_of_bearing_friction_is_drawn_with_its_line():
         assert float(dots.get_label().removesuffix(" rpm")) == pytest.approx(rpm, abs=3.0)
         assert line.get_xdata().tolist() == [800.0, 2320.0]
         assert line.get_ydata() == pytest.approx(2.0 + 0.004 * rpm + 0.002 * np.array([800.0, 2320.0]), abs=0.02)
+
+
+def test_u_of_the_bearing_friction_is_half_that_of_the_lines_widened_as_few_points_ask():
+    """On a line s^2 (1/n + (x - mean)^2/Sxx); half way between two speeds a quarter of each line's variance."""
+    load, friction, _ = bearing(1, 0.2)
+    found = fit_bearing_friction(load, friction, np.repeat([774.0, 1005.0, 1238.0, 1546.0], 6))
+    x = load[:6]
+    at = np.array([900.0, x.mean(), 2300.0])
+    wide = stats.t.ppf(0.975, 4) / stats.norm.ppf(0.975)
+    variance = []
+    for y in (friction[:6], friction[6:12]):
+        s2 = np.sum((y - np.polyval(np.polyfit(x, y, 1), x)) ** 2) / 4
+        variance.append(wide**2 * s2 * (1 / 6 + (at - x.mean()) ** 2 / np.sum((x - x.mean()) ** 2)))
+    assert found.correction_N(at, 774.0)[1] == pytest.approx(0.5 * np.sqrt(variance[0]), rel=1e-6)
+    assert found.correction_N(at, 889.5)[1] == pytest.approx(0.5 * np.sqrt(sum(variance) / 4), rel=1e-6)
 
 
 def test_bearing_intervals_hold_the_truth_at_the_right_rate():

@@ -21,6 +21,7 @@ from calibration.rig import load_rig, parse_rig
 from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve
 from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
+from tcdyn.campaign.joined import junctions
 from tcdyn.campaign.kept import Loading
 from tcdyn.campaign.lines import fit_line
 from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior, u_if_known
@@ -95,6 +96,19 @@ def test_intervals_hold_absolute_and_within_the_campaign() -> None:
     for total, freedom in ((whole, 640), (inside, 600)):
         low, high = stats.chi2.ppf([0.5 * CHANCE, 1 - 0.5 * CHANCE], freedom)
         assert low < total < high
+
+
+def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_are_standard() -> None:
+    """Of 40 standard deviates the rms is within 0.35 of one, three sigma, their 0.1 mm being the statement's own u."""
+    off, pull = [], []
+    for seed in range(20):
+        made = toy(seed, 8)
+        deeper, pulls = junctions(solve(made.kept))
+        for d in DISKS:
+            assert set(deeper[d]) == {"e"}
+            off.append((deeper[d]["e"].value - 0.1 * made.shared[f"depth e {d}"]) / deeper[d]["e"].u)
+            pull.append(pulls[d]["e"])
+    assert np.sqrt(np.mean(np.square([off, pull]), axis=1)) == pytest.approx([1.0, 1.0], abs=0.35)
 
 
 def test_differences_are_known_better_than_levels_and_a_campaign_better_than_one_test() -> None:

@@ -51,7 +51,7 @@ def test_a_lag_that_rises_is_told_to_rise_and_a_constant_one_is_not(kind):
     assert constant["claimed"] <= 0.125  # 1 % of 8: two or more once in 400
 
 
-def test_without_a_bend_nothing_is_added_to_the_linear_model():
+def test_without_a_bend_nothing_is_added_to_the_linear_model_and_slopes_are_the_derivatives():
     from tcdyn.identify import fit
 
     base = fit(record("square", 0), "P2D", intervals="quadratic")
@@ -60,6 +60,12 @@ def test_without_a_bend_nothing_is_added_to_the_linear_model():
     assert np.allclose(residual, -base.residual)
     assert np.allclose(slopes[:, :-1], base.slopes, atol=1e-9 * np.abs(base.slopes).max())
     assert np.abs(slopes[:, -1]).max() > 1.0
+    bend, h = np.append(base.x, 0.3), 1e-3
+    free = [k for k, name in enumerate(bent.problem.names) if name != "Td"]  # which lies at its bound
+    _, slopes = bent.problem.evaluate(bend)
+    for k in free:
+        up, down = (bent.problem.evaluate(bend + side * h * np.eye(len(bend))[k])[0] for side in (1, -1))
+        assert np.abs(slopes[:, k] - (up - down) / (2 * h)).max() < 1e-4 * np.abs(slopes[:, k]).max(), k
 
 
 if __name__ == "__main__":  # python -m test_identify_level 100

@@ -56,6 +56,8 @@ def test_whiteness_is_ljung_and_box_s_sum_without_what_the_fit_took() -> None:
     z = (sums / (e @ e / 99) + (100 - np.arange(1, 9)) / 100) / np.sqrt(100 - np.arange(1, 9))
     assert about.p == pytest.approx(stats.chi2.sf(z @ z, 8))
     assert len(whiteness(e, np.ones((100, 1)), [slice(0, 100)], 0.5, 60).value) == 25  # a quarter of the record
+    tens = [slice(k, k + 10) for k in range(0, 100, 10)]
+    assert len(whiteness(e, np.ones((100, 1)), tens, 0.5, 60).value) == 9  # no two samples of a part stand further
 
 
 def test_the_input_s_test_is_the_f_test_of_regressors_added_to_the_fit_s_own() -> None:

@@ -16,10 +16,11 @@ from calibration.rig import load_rig
 from tcdyn.partition.effects import stated
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors import SensorCheck, angle_groups, cables_exchanged, check_sensors, demand
-from tcdyn.partition.sensors.features import disk_features
+from tcdyn.partition.sensors.features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.sensors.rest import at_rest
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.partition.uneven import at_junctions
+from tcdyn.partition.window import Perturbation
 from tcdyn.pipeline.beta import prepare
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.traces import DiskTraces
@@ -92,6 +93,32 @@ def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: E
         assert (known["static a"][0], known["static a"][1]) == (1.0, 0.0)
         assert (known["depth e"] * [0, 0, 1] == known["depth e"]).all()  # no other junction is where it is
         assert known["depth e"][2] < 0  # deeper is colder
+
+
+def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -> None:
+    """Of the share and the flux's place; a later load answers later: by less heat the steeper the rise is."""
+    f = replace(disk_features(b3, b3.disks["fast"]), shift_u_m=3e-4)
+    unloading, loading = f.event == "unloading", f.event == "loading"
+    assert f.after_s[unloading] == pytest.approx(np.mean(AFTER_UNLOADING_S, axis=1))
+    assert f.after_s[loading] == pytest.approx(np.mean(AFTER_LOADING_S, axis=1))
+
+    def shown(share: float, shift_m: float = 0.0) -> np.ndarray:
+        rest, power = f.answer(f.as_wired, 700.0, Perturbation(shift_m=shift_m))
+        return rest + share * power
+
+    effects = dict(zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:]))
+    assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.seen] / 0.2)
+    beside = (shown(0.6, 5e-5) - shown(0.6, -5e-5))[f.seen] * 3e-4 / 1e-4
+    assert effects["beside"] == pytest.approx(beside, abs=1e-2 * np.abs(beside).max())
+    full = np.zeros(f.seen.shape)
+    full[f.seen] = effects["lag"]
+    power = 0.6 * f.answer(f.as_wired, 700.0)[1][:, :3]  # outer row
+    first, second, third, _ = np.flatnonzero(unloading)
+    rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
+    assert full[second, :3] == pytest.approx(-rate, rel=0.5)  # straight between windows that are a second apart
+    full[f.seen] -= effects["later"]
+    assert not full[loading].any()
+    assert np.abs(full[unloading, :3]).min() > 0
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,15 @@ from calibration.errors import InputError
 from calibration.rig import parse_rig
 from tcdyn.contact import contact_conductance_W_m2K, interference_pressure_Pa
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
-from tcdyn.simulate.mesh import DiskMesh, DiskSystem, build_system, graded_edges
+from tcdyn.simulate.mesh import (
+    DiskMesh,
+    DiskSystem,
+    SHAFT_LENGTH_m,
+    build_system,
+    graded_edges,
+    grid_of,
+    to_ambient_W_K,
+)
 from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
 from tcdyn.simulate.track import hertz_shares
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
@@ -55,6 +63,23 @@ def test_steady_heat_in_is_heat_out() -> None:
     state = steady_state(system, 154.0, 61.0)
     out = system.conductance @ state - system.source_ambient * 61.0 - system.source_const
     assert out.sum() == pytest.approx(system.source_power.sum() * 154.0, rel=1e-9)  # solver round-off
+
+
+def test_losses_to_ambient_go_through_half_a_cell_of_steel_and_then_washer_or_film() -> None:
+    disk = draw_truth(1).slow
+    s, g = disk.setup, grid_of(disk, COARSE)
+    loss = to_ambient_W_K(disk, g, 280.0)
+    inside = loss[g.cells[:-1]]
+    washer_m2K_W = s.washer_thickness_m / s.washer_conductivity_W_mK + 0.5 * s.width_m / 30 / s.conductivity_W_mK
+    area = np.pi * np.diff(g.r_edges**2)[:-1]
+    assert inside[:, [0, -1]] == pytest.approx(np.outer(area / washer_m2K_W, [1.0, 1.0]))
+    assert not inside[:, 1:-1].any()
+    steel_m2K_W = s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK
+    film = 2 * np.pi * s.outer_radius_m * s.width_m / 30 / (1 / 280.0 + steel_m2K_W)
+    assert loss[g.cells[-1, 1:-1]] == pytest.approx(np.full(28, film))
+    outside = 2 * SHAFT_LENGTH_m * 2 * np.pi * s.bore_radius_m
+    assert loss[g.shaft].sum() == pytest.approx(disk.shaft_W_m2K * outside)
+    assert not loss[g.under].any()
 
 
 def test_without_losses_all_heat_is_stored() -> None:
