@@ -251,6 +251,8 @@ def disk_window(
     bank = blocks @ lag_bank(power, dt, rates, **held) if held else bank_means(power, dt, rates, counts)
     inner = straight[:, inner_row] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
+    inputs = blocks @ np.column_stack([power, *feeds])
+    banks = np.stack([bank, *(bank_means(u, dt, rates, counts) for u in feeds)])
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
@@ -260,14 +262,7 @@ def disk_window(
         counts=counts,
         y=blocks @ straight[:, outer_row],
         weight=np.sqrt(counts[:, None] * seen) / noise_K[None, outer_row] * ~disk.out[outer_row],
-        rim=RimMeans(
-            disk.setup,
-            test.half_width_m,
-            rates,
-            inputs=blocks @ np.column_stack([power, *feeds]),
-            banks=np.stack([bank, *(bank_means(u, dt, rates, counts) for u in feeds)]),
-            profile=profile,
-        ),
+        rim=RimMeans(disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile),
     )
 
 
@@ -284,16 +279,15 @@ def sampled(window: DiskWindow, of_blocks: Array) -> Array:
 
 def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
     """What the changed film, if any, comes to and its change by its exponent, (N,) [K] each, seen through ``chain``."""
-    film = [] if disk.name not in test.film else [*test.film[disk.name][rows].T]
-    return film if chain is None else [chain.response(x, test.dt_s) for x in film]
+    film = test.film[disk.name][rows].T if disk.name in test.film else ()
+    return [x if chain is None else chain.response(x, test.dt_s) for x in film]
 
 
 def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
     """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and how ``lag_bank`` is to hold it.
 
-    It is held between samples and ends at an instant inside one. Through the chain it drives the model when the
-    readings are left lagged: the sample in which the power ends carries its average, which keeps the energy and places
-    the step to second order in the sampling interval.
+    It is held between samples and ends at an instant inside one. Through the chain, for readings left lagged, the
+    sample in which it ends carries its average, which keeps the energy and places the step to second order in dt.
     """
     power, t, off = test.power_W[rows], test.time_s[rows], test.events.unload_s
     k = int(np.searchsorted(t, off)) - 1

@@ -1,4 +1,4 @@
-"""Finite volumes for a whole disk with its shaft: mesh, conductances, junction interpolation."""
+"""Finite volumes for a whole disk with its shaft: mesh, conductances, junctions, and the heat across the track."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from scipy import sparse
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.stated.flux import FluxProfile
 from tcdyn.simulate.steel import Steel
-from tcdyn.simulate.track import track_shares
 from tcdyn.simulate.truth import DiskTruth
 
 Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]  # one end, other end, conductance [W/K]
+FINE = 2001  # cells across the track and along rolling
 SHAFT_LENGTH_m = 0.12  # free length to the bearing on each side (assumed)
 SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wires (assumed)
 
@@ -262,3 +263,36 @@ def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:
     nodes = x[start : start + 4]
     weights = [np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in range(4) if j != i]) for i in range(4)]
     return np.arange(start, start + 4), np.array(weights)
+
+
+def hertz_shares(edges: Array, half_width_m: float) -> Array:
+    """Share of a parabolic track's heat that falls into each cell, by its exact integral; sums to one."""
+    x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
+    return np.diff(0.75 * (x - x**3 / 3.0))
+
+
+def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
+    """Share of the heat of a track like ``flux`` that falls into each cell between ``edges`` (n + 1,) [m].
+
+    All but the centred parabola are added up from ``FINE`` strips across the track, each whole in one cell or parted
+    between two: a viscosity by Barus's law is added up over the ellipse, cell by cell.
+    """
+    if flux == FluxProfile():
+        return hertz_shares(edges, half_width_m)
+    reach = half_width_m if flux.kind != "table" else max(abs(x) for x in flux.at_m)
+    strips = np.linspace(-reach, reach, FINE + 1)
+    middle = 0.5 * (strips[1:] + strips[:-1])
+    x = middle / half_width_m
+    if flux.kind == "table":
+        heat = np.interp(middle, flux.at_m, flux.weight, left=0.0, right=0.0)
+    elif flux.kind == "flat":
+        heat = np.ones(FINE)
+    elif flux.kind == "hertz":
+        heat = 1 - x**2
+    else:
+        left = 1 - x[:, None] ** 2 - x[None, :] ** 2  # of the squared pressure, along rolling in the second axis
+        inside = left > 0
+        heat = np.where(inside, np.exp(flux.exponent * (np.sqrt(np.where(inside, left, 0.0)) - 1)), 0.0).sum(axis=1)
+    below = np.concatenate([[0.0], np.cumsum(heat)]) / heat.sum()
+    centre = 0.5 * (edges[0] + edges[-1]) + flux.shift_m
+    return np.diff(np.interp(edges - centre, strips, below))

@@ -12,7 +12,7 @@ from calibration.errors import InputError
 from calibration.stated.flux import FluxProfile
 from tcdyn.conduction.flux import TrackFlux, track
 from tcdyn.conduction.modal import flux_density
-from tcdyn.simulate.track import track_shares
+from tcdyn.simulate.mesh import track_shares
 
 B, WIDTH = 1.63e-3, 9.53e-3
 EDGES = np.linspace(0.0, WIDTH, 54)

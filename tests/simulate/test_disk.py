@@ -19,10 +19,10 @@ from tcdyn.simulate.mesh import (
     build_system,
     graded_edges,
     grid_of,
+    hertz_shares,
     to_ambient_W_K,
 )
 from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
-from tcdyn.simulate.track import hertz_shares
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 Array = NDArray[np.float64]
