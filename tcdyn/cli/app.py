@@ -96,6 +96,7 @@ class LazyCommands(TyperGroup):
 app = typer.Typer(
     cls=LazyCommands,
     no_args_is_help=True,
+    add_completion=sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS,  # its options cost a command a third of its help
     help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
     epilog=EPILOG,
 )
