@@ -17,7 +17,8 @@ from tcdyn.partition.alternatives import FITS_Z, NAMED_LOG_ODDS, WAYS, alternati
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.structures import STEM_SD, STRUCTURES, structures
+from tcdyn.partition.structures import STEM_SD, STRUCTURES, About, structures
+from tcdyn.partition.window import Perturbation
 from tcdyn.pipeline import tables
 from tcdyn.pipeline.beta import summary_of
 from tcdyn.plots.style import figure
@@ -119,6 +120,17 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(sound: tuple[StudyRig,
     # the fit is not quite linear, and the step weighs slow waves of the residuals a little otherwise
     assert quick.beta.value == pytest.approx(slow.theta[0], abs=0.1 * quick.beta.u)
     assert quick.size[0].value == pytest.approx(slow.value(name), abs=0.1)
+
+
+def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(sound: tuple[StudyRig, Partition]) -> None:
+    """Two ways of one thing: an air colder by (T - T_A) at the surface, and the rim's gains at another h."""
+    _, p = sound
+    for k, d in enumerate(DISKS):
+        a = About.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        high, low = (rest + a.share * power for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3])))
+        slope = (high - low) / 2e-3
+        assert a.lossier(np.ones(len(a.base))) == pytest.approx(slope, abs=0.03 * np.abs(slope).max())
+        assert not a.moved(Perturbation()).any()
 
 
 def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:
