@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -58,6 +59,15 @@ def joined(parts: Sequence[Columns], wanted: Sequence[str], place: Place) -> Col
     """The wanted columns of all ``parts``, one below the other, with their findings."""
     data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
     return Columns(data, place, tuple(f for part in parts for f in part.findings))
+
+
+def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:
+    """The error of a column that is not among ``names``."""
+    near = get_close_matches(name, names, n=1, cutoff=0.6)
+    return InputError(
+        f"{what} {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
+        remedy=f"did you mean {near[0]!r}?" if near else "",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.files.table import missing
 from calibration.finding import Finding, look, note
 from calibration.lines.couples import to_degC
-from tcdyn.identify.data.tables import missing
 
 UNITS = ("degC", "K", "degF", "mV")
 _WRITTEN = {

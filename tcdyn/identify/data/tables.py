@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +14,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.files import CsvTable, open_table, read_whole, text_of
 from calibration.files.dialect import CLOCK, TextColumn
+from calibration.files.table import missing
 from calibration.finding import Place, look, note
 from tcdyn.identify.data.record import Hold, IOData, check_hold
 from tcdyn.identify.data.segments import REPEATED
@@ -109,15 +109,6 @@ def from_frame(
         if step
     ]
     return replace(data, hold=kind, findings=tuple(told))
-
-
-def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:
-    """The error of a column that is not among ``names``."""
-    near = get_close_matches(name, names, n=1, cutoff=0.6)
-    return InputError(
-        f"{what} {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
-        remedy=f"did you mean {near[0]!r}?" if near else "",
-    )  # fmt: skip
 
 
 def was_set(u: Array) -> tuple[bool, float]:
