@@ -29,11 +29,13 @@ from tcdyn.partition.alternatives import (
     withheld,
 )
 from tcdyn.partition.cooling import (
+    Alone,
     CoolingFit,
     compensated,
     cooling_errors,
     cooling_fit,
     cooling_shift,
+    fits_alone,
     longer_than_lag,
     refined_chains,
     slowed,
@@ -41,7 +43,7 @@ from tcdyn.partition.cooling import (
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, disk_fit, joint_fits
+from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensors import SensorCheck, cables_exchanged, check_sensors
 from tcdyn.partition.statement.fit import stated_round
@@ -249,10 +251,10 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
         return found
     try:
         _, speed = steady_lines(test, rows, profile)
-        joint, _ = joint_fits(test, speed.starts, joint_s, profile)
+        joint = fits_alone(test, speed.starts, joint_s, profile)
     except InputError:
         return found
-    scale = power_scale(joint["fast"].beta, joint["slow"].beta)
+    scale = power_scale(*(joint[d].estimates["beta"].value for d in DISKS))
     if scale <= 0 or abs(scale - 1) < OFF_SCALE:
         return found
     return again if (again := check_sensors(replace(test, power_W=test.power_W * scale))).sound else found
@@ -284,11 +286,8 @@ def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
     return replace(test, disks=disks, uneven=known)
 
 
-def refine_lags(test: EhlTest) -> Mapping[str, DiskFit]:
+def refine_lags(test: EhlTest) -> Mapping[str, Alone]:
     """Joint fits of the disks that were logged, for their chains."""
     test = followed(at_own_temperature(with_surfaces(test)))
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    starts = steady_lines(test, stretch_of(test, length))[1].starts
-    if len(starts) < len(DISKS):
-        return {d: disk_fit(test, test.disks[d], *at, length, "modal") for d, at in starts.items()}
-    return joint_fits(test, starts, length)[0]
+    return fits_alone(test, steady_lines(test, stretch_of(test, length))[1].starts, length)

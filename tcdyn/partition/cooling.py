@@ -10,12 +10,15 @@ from scipy.optimize import minimize_scalar
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.estimate import Estimate
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
+from tcdyn.cores import side_by_side
 from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.joint import Starts, disk_fit
 from tcdyn.partition.statement.surface import still
 from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine, surface_degC
 from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
@@ -123,6 +126,24 @@ def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
     """
     centre = np.eye(len(covariance_s2)) - 1.0 / len(covariance_s2)
     return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)
+
+
+@dataclass(frozen=True)
+class Alone:
+    """What a disk's joint fit says of itself: its ``chain``, and ``estimates`` of beta, h [W/m2K] and lag_s."""
+
+    chain: Chain
+    estimates: Mapping[str, Estimate]
+
+
+def fits_alone(test: EhlTest, start: Starts, window_s: float, profile: Profile = "modal") -> dict[str, Alone]:
+    """Of each disk that there is a ``start`` for, side by side."""
+
+    def one(d: str) -> Alone:
+        fit = disk_fit(test, test.disks[d], *start[d], window_s, profile)
+        return Alone(fit.chain, fit.estimates)
+
+    return dict(zip(start, side_by_side(one, [*start])))
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:

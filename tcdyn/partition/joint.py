@@ -38,6 +38,7 @@ LEAST_PART = 1e-7  # of the sum of both lags
 LOG_H_STEP, LARGEST_LOG_H = 1e-3, 14.0  # a search that goes beyond a million W/m2K has lost its way
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
+Starts = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
 JOINT_WINDOW_S = 10.0
 
 
@@ -240,15 +241,11 @@ def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array)
 
 
 def joint_fits(
-    test: EhlTest,
-    start: Mapping[str, tuple[float, float]],
-    window_s: float = JOINT_WINDOW_S,
-    profile: Profile = "modal",
+    test: EhlTest, start: Starts, window_s: float = JOINT_WINDOW_S, profile: Profile = "modal"
 ) -> tuple[dict[str, DiskFit], BothFit]:
-    """Fit each disk alone, then both with shares that add to one.
+    """Fit each disk alone, then both with shares that add to one; ``window_s``: length of cooling used.
 
-    ``start``: share and h [W/m2K] of each disk to begin from, e.g. the speed law's. ``window_s``: length of cooling
-    used. Raises InputError when the log ends before the window.
+    Raises InputError when the log ends before the window.
     """
     fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
     sides = [fits[d].side for d in DISKS]

@@ -27,7 +27,7 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.windows import over_window
 from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.joint import DiskFit
+from tcdyn.partition.cooling import Alone
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
 from tcdyn.pipeline.stretches import Stretches, Way, columns_of, one_disk, with_lag
@@ -168,7 +168,7 @@ def compensate_log(
             note("compensate.one_disk", subject=d, other=other) for d in DISKS if d in here and d not in records
         ]
     traces: dict[str, DiskTraces] = {}
-    fits: Mapping[str, DiskFit] = {}
+    fits: Mapping[str, Alone] = {}
     if refine and way.removes_lag and kind == "ehl" and here <= set(records):
         progress("common lags from the unloading")
         traces, fits, said = _refined(table, rig, records)
@@ -225,7 +225,7 @@ def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> 
 
 def _refined(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord]
-) -> tuple[dict[str, DiskTraces], Mapping[str, DiskFit], list[Finding]]:
+) -> tuple[dict[str, DiskTraces], Mapping[str, Alone], list[Finding]]:
     """Traces of both disks and joint fits for their lags; what could not be had is empty, and why is said."""
     traces: dict[str, DiskTraces] = {}
     try:

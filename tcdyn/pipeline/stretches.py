@@ -28,8 +28,7 @@ from tcdyn.compensate.inverse import invert
 from tcdyn.compensate.pieces import settled_s
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth
-from tcdyn.partition.cooling import refined_chains, with_common_u
-from tcdyn.partition.joint import DiskFit
+from tcdyn.partition.cooling import Alone, refined_chains, with_common_u
 from tcdyn.sensor.table import Part, parts
 from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered
 
@@ -61,7 +60,7 @@ class Way:
         return self.method != "noise-only"
 
 
-def with_lag(traces: DiskTraces, record: DiskRecord, fit: DiskFit | None) -> tuple[DiskTraces, str]:
+def with_lag(traces: DiskTraces, record: DiskRecord, fit: Alone | None) -> tuple[DiskTraces, str]:
     """The traces with the common lag of the fit, if there is one, and what to note of it."""
     if fit is not None:
         lag = fit.estimates["lag_s"]
@@ -118,7 +117,7 @@ class Stretches:
     rig: Rig
     records: Mapping[str, DiskRecord]
     way: Way
-    fits: Mapping[str, DiskFit]
+    fits: Mapping[str, Alone]
     events: Mapping[float, float]
     parts: bool
     named: bool

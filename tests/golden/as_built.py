@@ -40,9 +40,9 @@ BUILT = Path(__file__).with_name("as_built.json")
 COMMANDS = {n: c for n, c in {**QUICK, **LONG}.items() if n not in ("demo", "campaign", "record check", "rig")}
 ROW_BY_ROW = {"verify": "ours"}  # commands of whose table this column is kept cell by cell
 SHORT, DIGITS = 6, 8  # columns up to this length are kept as they are; digits that are kept
-OF_U, OF_ITSELF = 2e-3, 1e-5  # by which a value with an uncertainty may move, and any other number
-LOOSELY = " loosely"  # of a group: a thousand times as much
-STEADY, LOOSE = 0.05, 1e3
+OF_U, OF_ITSELF = 2e-2, 1e-3  # by which a value with an uncertainty may move, and any other number
+LOOSELY = " loosely"  # of a group: thirty times as much
+STEADY, LOOSE = 0.05, 30.0
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
 Numbers = dict[str, float]
 
