@@ -190,7 +190,7 @@ def main(again: bool) -> None:
         far = moved(found, then.get(group, {}))
         print(group, len(found), *sorted(far, reverse=True)[:3], sep="  ")
         if again:
-            kept[group], kept[group + LOOSELY] = parted(then[group], {name: by for by, name in far})
+            kept[group], kept[group + LOOSELY] = parted(then.get(group, {}), {name: by for by, name in far})
     BUILT.write_text(json.dumps({k: v for k, v in kept.items() if v}, indent=0) + "\n", encoding="utf-8")
 
 

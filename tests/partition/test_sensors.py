@@ -103,8 +103,8 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
     assert f.after_s[loading] == pytest.approx(np.mean(AFTER_LOADING_S, axis=1))
 
     def shown(share: float, shift_m: float = 0.0) -> np.ndarray:
-        rest, power = f.answer(f.as_wired, 700.0, Perturbation(shift_m=shift_m))
-        return rest + share * power
+        rest, power = f.answer(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
+        return np.asarray(rest + share * power)[0]
 
     effects = dict(zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:]))
     assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.seen] / 0.2)
@@ -112,7 +112,7 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
     assert effects["beside"] == pytest.approx(beside, abs=1e-2 * np.abs(beside).max())
     full = np.zeros(f.seen.shape)
     full[f.seen] = effects["lag"]
-    power = 0.6 * f.answer(f.as_wired, 700.0)[1][:, :3]  # outer row
+    power = 0.6 * f.answer(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
     first, second, third, _ = np.flatnonzero(unloading)
     rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
     assert full[second, :3] == pytest.approx(-rate, rel=0.5)  # straight between windows that are a second apart
