@@ -61,6 +61,17 @@ def test_a_switch_that_is_seconds_off_does_not_hide_the_fall_of_the_friction(lat
     assert "parting.disagree" in codes(events)
 
 
+def test_a_noisy_friction_shows_a_slow_fall_all_the_same() -> None:
+    """Noise of 6 % puts samples above and below 90, 50 and 10 % in disorder about each crossing."""
+    frame = log(parting_s=1.5)
+    frame["friction_N"] += 1.2 * np.random.default_rng(5).standard_normal(len(frame))
+    events = find_events(frame.drop(columns="load_N"))
+    assert "parting.no_friction" not in codes(events)
+    assert "parting.switch_alone" not in codes(events)
+    assert events.parting_s == pytest.approx(1.2, abs=0.15)  # a sample of 6 % is 0.09 s of such a fall
+    assert events.unload_s == pytest.approx(80.0073, abs=0.09)
+
+
 def test_a_friction_too_noisy_to_show_its_fall_leaves_the_word_to_the_load_cell() -> None:
     frame = log(switch_late_s=2.0)
     frame["friction_N"] += 5.0 * np.random.default_rng(1).standard_normal(len(frame))
