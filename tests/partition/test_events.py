@@ -11,11 +11,13 @@ from tcdyn.partition.events import find_events
 DT = 1 / 75
 
 
-def log(off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0) -> pd.DataFrame:
+def log(
+    off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0, noise_N: float = 0.1
+) -> pd.DataFrame:
     t = np.arange(0, 100, DT)
     share = np.clip((off_s + parting_s / 2 - t) / parting_s, 0, 1) if parting_s else (t < off_s).astype(float)
     loaded = (t >= 10.0) * share
-    noise = 0.1 * np.random.default_rng(seed).standard_normal(len(t))
+    noise = noise_N * np.random.default_rng(seed).standard_normal(len(t))
     contact = ((t >= 10.0) & (t < off_s + switch_late_s)).astype(int)
     return pd.DataFrame(
         {"time_s": t, "contact": contact, "friction_N": 0.3 + 20 * loaded + noise, "load_N": 1850 * loaded}
@@ -37,6 +39,8 @@ def test_a_ramp_of_1_5_s_is_measured_and_its_middle_found() -> None:
     events = find_events(log(parting_s=1.5))
     assert events.parting_s == pytest.approx(1.2, abs=0.05)  # 90-10 % of a straight fall of 1.5 s
     assert events.unload_s == pytest.approx(80.0073, abs=0.02)
+    calm = find_events(log(parting_s=1.5, noise_N=0.0))  # straight between its samples
+    assert (calm.parting_s, calm.unload_s) == pytest.approx((1.2, 80.0073), abs=1e-6)
 
 
 def test_a_late_switch_moves_the_mean_by_its_third_and_widens_the_uncertainty() -> None:
