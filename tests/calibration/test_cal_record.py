@@ -31,6 +31,8 @@ from calibration.record import (
 from calibration.rig import load_rig
 from tcdyn.chain import Chain
 from tcdyn.cli.record import app
+from tcdyn.plots.calibration import draw_lags
+from tcdyn.plots.style import figure
 from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
 from tcdyn.report.page import write_page
 from tcdyn.report.signed import signed_sections
@@ -269,6 +271,16 @@ def test_the_commands_show_compare_and_check(tmp_path):
     write(tmp_path, "c.json", RECORD.to_json().replace('"disk": "fast"', '"disk": 7'))
     refused = runner.invoke(app, ["check", str(tmp_path / "c.json")])
     assert isinstance(refused.exception, InputError)
+
+
+def test_lags_are_drawn_with_their_intervals_and_differences_with_theirs_about_the_common_lag():
+    chain = make_chain()
+    ax = draw_lags(chain, figure()[1][0])
+    bars = [line.get_ydata() for line in ax.lines if len(line.get_ydata()) == 2 and np.ptp(line.get_xdata()) == 0]
+    for c, thin, thick in zip(sorted(chain.channels), bars[::2], bars[1::2], strict=True):
+        lag, apart = chain.channels[c].lag_s, chain.differential_lag_s[c]
+        assert thin == pytest.approx([lag.low95, lag.high95])
+        assert thick == pytest.approx([chain.common_lag_s.value + end for end in (apart.low95, apart.high95)])
 
 
 def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_path):

@@ -33,6 +33,7 @@ def test_isotherms_name_the_junctions_and_put_the_running_surface_on_top(rim, po
     ax = axes()
     plots.draw_field(np.add.outer(np.arange(9.0), np.zeros(14)), rim, ax, points=dict(zip("ace", points, strict=True)))
     assert [t.get_text() for t in ax.texts] == ["a", "c", "e"]
+    np.testing.assert_allclose([t.xy for t in ax.texts], [(1e3 * z, 1e3 * depth) for depth, z in points])
     assert ax.yaxis_inverted()
 
 

@@ -114,6 +114,10 @@ BAD = {
     "output before input": (early_output, "before the input"),
     "integer overflow": (wrapped, "16-bit integer overflowed"),
     "infinite": (lambda: IOData.from_arrays([0.0, np.inf], [0.0, 1.0], 0.1), "infinite"),
+    "infinite second": (
+        lambda: IOData.from_arrays(np.array([[0.0, 0.0], [0.0, np.inf]]), [0.0, 1.0], 0.1),
+        "column input 2 is infinite in row 1",
+    ),
     "text": (lambda: IOData.from_arrays(["a", "b"], [0.0, 1.0], 0.1), "numbers"),
     "lengths": (lambda: IOData.from_arrays([0.0, 1.0], [0.0], 0.1), "equal lengths"),
     "no such column": (lambda: from_frame(table(), input="x", output="y"), "missing"),

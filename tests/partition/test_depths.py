@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -23,8 +25,9 @@ from tcdyn.partition.crosscheck import (
     tensions,
 )
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors import check_sensors
-from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.partition.sensors import check_sensors, faults
+from tcdyn.partition.sensors.faults import DepthTest, Verdict, depth_test
+from tcdyn.partition.sensors.features import DiskFeatures, disk_features
 from tcdyn.pipeline.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
@@ -50,6 +53,29 @@ def test_a_disk_that_still_warms_up_is_not_accused() -> None:
     assert found.sound, found.verdicts
     for test in found.depths.values():
         assert np.abs(test.pull).max() < 3.0  # twelve junctions: one sound rig in thirty
+
+
+class Shown:
+    """Features whose levels show ``more_K`` (W, C) more, all else as it is."""
+
+    def __init__(self, f: DiskFeatures, more_K: np.ndarray) -> None:
+        self.f, self.levels = f, f.levels + more_K[:, np.argsort(f.setup.places(f.setup.rows))]
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.f, name)
+
+
+def test_what_another_h_would_show_is_no_evidence_of_a_depth(b3: EhlTest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It moves the pulls where h is taken as known, and hardly where h is as good as unknown."""
+    disk, h = b3.disks["fast"], float(faults.H_GRID_W_M2K[9])
+    f, verdict = disk_features(b3, disk), cast(Verdict, SimpleNamespace(h_W_m2K=h, share=0.6))
+    high, at = (rest + 0.6 * power for rest, power in (f.answer(f.as_wired, x) for x in (1.05 * h, h)))
+    shown, moved = cast(DiskFeatures, Shown(f, 10 * (high - at))), []
+    for sd in (faults.LOG_H_SD, 1e-3):
+        monkeypatch.setattr(faults, "LOG_H_SD", sd)
+        before, after = (depth_test(x, disk, verdict).pull for x in (f, shown))
+        moved.append(np.abs(after - before).max())
+    assert moved[0] < 0.1 * moved[1]
 
 
 def independent(pull: list[float]) -> DepthTest:

@@ -11,11 +11,13 @@ from tcdyn.partition.events import find_events
 DT = 1 / 75
 
 
-def log(off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0) -> pd.DataFrame:
+def log(
+    off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0, noise_N: float = 0.1
+) -> pd.DataFrame:
     t = np.arange(0, 100, DT)
     share = np.clip((off_s + parting_s / 2 - t) / parting_s, 0, 1) if parting_s else (t < off_s).astype(float)
     loaded = (t >= 10.0) * share
-    noise = 0.1 * np.random.default_rng(seed).standard_normal(len(t))
+    noise = noise_N * np.random.default_rng(seed).standard_normal(len(t))
     contact = ((t >= 10.0) & (t < off_s + switch_late_s)).astype(int)
     return pd.DataFrame(
         {"time_s": t, "contact": contact, "friction_N": 0.3 + 20 * loaded + noise, "load_N": 1850 * loaded}
@@ -37,6 +39,8 @@ def test_a_ramp_of_1_5_s_is_measured_and_its_middle_found() -> None:
     events = find_events(log(parting_s=1.5))
     assert events.parting_s == pytest.approx(1.2, abs=0.05)  # 90-10 % of a straight fall of 1.5 s
     assert events.unload_s == pytest.approx(80.0073, abs=0.02)
+    calm = find_events(log(parting_s=1.5, noise_N=0.0))  # straight between its samples
+    assert (calm.parting_s, calm.unload_s) == pytest.approx((1.2, 80.0073), abs=1e-6)
 
 
 def test_a_late_switch_moves_the_mean_by_its_third_and_widens_the_uncertainty() -> None:
@@ -59,6 +63,17 @@ def test_a_switch_that_is_seconds_off_does_not_hide_the_fall_of_the_friction(lat
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT
     assert "parting.disagree" in codes(events)
+
+
+def test_a_noisy_friction_shows_a_slow_fall_all_the_same() -> None:
+    """Noise of 6 % puts samples above and below 90, 50 and 10 % in disorder about each crossing."""
+    frame = log(parting_s=1.5)
+    frame["friction_N"] += 1.2 * np.random.default_rng(5).standard_normal(len(frame))
+    events = find_events(frame.drop(columns="load_N"))
+    assert "parting.no_friction" not in codes(events)
+    assert "parting.switch_alone" not in codes(events)
+    assert events.parting_s == pytest.approx(1.2, abs=0.15)  # a sample of 6 % is 0.09 s of such a fall
+    assert events.unload_s == pytest.approx(80.0073, abs=0.09)
 
 
 def test_a_friction_too_noisy_to_show_its_fall_leaves_the_word_to_the_load_cell() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from calibration import Array
 from calibration.rig import Rig, load_rig, parse_rig
@@ -167,6 +168,19 @@ def spot(rng: np.random.Generator, h: float, air_degC: float, power_rel: float) 
     t = np.linspace(80.0, 160.0, 9)
     q = h * (t - air_degC) * (1 + power_rel * rng.standard_normal()) * (1 + 0.01 * rng.standard_normal(9))
     return fit_surface_flux(t, q, power_rel)
+
+
+def test_the_line_of_a_spot_is_that_of_a_regression() -> None:
+    """T_a = -a/b of q = a + b T, cov(a, b) = -mean(T) var(b); the heater's error moves b alone."""
+    t = np.linspace(80.0, 160.0, 9)
+    q = 700.0 * (t - 55.0) * (1 + 0.01 * np.random.default_rng(0).standard_normal(9))
+    told, line = fit_surface_flux(t, q, 0.02), stats.linregress(t, q)
+    air = -line.intercept / line.slope
+    variance = line.intercept_stderr**2 + (air**2 - 2 * air * t.mean()) * line.stderr**2
+    assert told.heat_transfer_W_m2K == pytest.approx(line.slope)
+    assert told.heat_transfer_u_W_m2K == pytest.approx(np.hypot(line.stderr, 0.02 * line.slope))
+    assert told.air_degC == pytest.approx(air)
+    assert told.air_u_K == pytest.approx(np.sqrt(variance) / line.slope)
 
 
 def test_the_line_of_a_spot_holds_its_truth_as_often_as_it_says() -> None:

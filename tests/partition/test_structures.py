@@ -21,6 +21,7 @@ from tcdyn.partition.structures import STEM_SD, STRUCTURES, About, structures
 from tcdyn.partition.window import Perturbation
 from tcdyn.pipeline import tables
 from tcdyn.pipeline.beta import summary_of
+from tcdyn.plots.partition import draw_lines
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_structures
 from tests.partition.study_rigs import StudyRig, study_rig
@@ -176,6 +177,18 @@ def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, 
     draw_structures(p.structures, ax)
     assert len(ax.get_yticklabels()) == len(p.structures.tried)
     assert "β" in ax.get_xlabel()
+
+
+def test_every_point_on_the_steady_lines_has_bars_of_95_percent(sound: tuple[StudyRig, Partition]) -> None:
+    _, p = sound
+    _, (ax,) = figure()
+    draw_lines(p, ax)
+    told = {e.value: 1.96 * e.u for e in p.answers.values()}
+    assert len(ax.containers) == 6
+    for container in ax.containers:
+        point, _, bars = container.lines  # type: ignore[attr-defined]
+        for at, along, segments in zip(point.get_xydata()[0], (0, 1), bars):
+            assert np.abs(segments.get_segments()[0][:, along] - at) == pytest.approx([told[at]] * 2, rel=1e-3)
 
 
 def test_alternatives_are_the_same_when_asked_again(sound: tuple[StudyRig, Partition]) -> None:
