@@ -154,7 +154,7 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
             shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
-        if killed(copy, [["tests/fitting", "tests/immersion"]]):
+        if killed(copy, [["tests/fitting", "tests/immersion", "tests/golden/test_as_built.py"]]):
             sys.exit("tests fail without a swapped operator")
         for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
             file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
