@@ -161,7 +161,7 @@ def moved(now: Numbers, then: Numbers) -> list[tuple[float, str]]:
         u = then.get(f"{name.removesuffix('value')}u") if name.endswith("/value") else None
         size = max(abs(was), *(abs(then.get(f"{name.rpartition('/')[0]}/{k}", 0.0)) for k in ("size", "0", "1")))
         far = abs(now[name] - was) if name in now else math.inf
-        found.append((far / max(OF_U * (u or 0.0), OF_ITSELF * size, 1e-12), name))
+        found.append((far / max(OF_U * u if u else OF_ITSELF * size, 1e-6 * size, 1e-12), name))
     return found
 
 
