@@ -14,6 +14,7 @@ from tcdyn.fitting import (
     correlation_length,
     crossing,
     determined,
+    eliminated,
     free_directions,
     from_rows,
     held,
@@ -288,3 +289,33 @@ def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature
     assert found.converged
     assert abs(found.theta[0]) < 1e-6  # a step that gains 1e-14 is 1e-7 long or less
     assert 2 * asked[True] < asked[False]
+
+
+def test_what_enters_linearly_is_at_its_best_wherever_the_others_are() -> None:
+    """The least cost over ten linear parameters with priors, by their normal equations, and its slope by differences."""
+    rng = np.random.default_rng(3)
+    linear, other, prior_sd = rng.normal(size=(30, 10)), rng.normal(size=(30, 2)), rng.uniform(0.2, 3.0, 10)
+    prior = rng.normal(size=10)
+
+    def evaluate(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        bend = np.sin(theta[:2])
+        return other @ bend + linear @ theta[2:] - 1.0, np.column_stack([other * np.cos(theta[:2]), linear])
+
+    whole = Problem(
+        tuple(f"p{k}" for k in range(12)), evaluate,
+        prior_mean=np.r_[0.0, 0.0, prior], prior_sd=np.r_[np.inf, np.inf, prior_sd],
+    )  # fmt: skip
+    few = eliminated(whole, 2, rng.normal(size=12))
+
+    def cost(theta: np.ndarray) -> float:
+        rows = np.vstack([linear, np.diag(1 / prior_sd)])
+        left = np.r_[other @ np.sin(theta) - 1.0, -prior / prior_sd]
+        return float(np.linalg.lstsq(rows, -left)[1][0])
+
+    for theta in rng.normal(size=(5, 2)):
+        answer = few.evaluate(theta)
+        assert answer is not None
+        residual, slope = answer
+        assert residual @ residual == pytest.approx(cost(theta), rel=1e-9)
+        by = [(cost(theta + h) - cost(theta - h)) / 2e-6 for h in 1e-6 * np.eye(2)]
+        assert 2 * residual @ slope == pytest.approx(by, rel=1e-5)
