@@ -292,7 +292,7 @@ def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature
 
 
 def test_what_enters_linearly_is_at_its_best_wherever_the_others_are() -> None:
-    """The least cost over ten linear parameters with priors, by their normal equations, and its slope by differences."""
+    """The least cost over ten linear parameters with priors by their normal equations, its slope by differences."""
     rng = np.random.default_rng(3)
     linear, other, prior_sd = rng.normal(size=(30, 10)), rng.normal(size=(30, 2)), rng.uniform(0.2, 3.0, 10)
     prior = rng.normal(size=10)
