@@ -28,6 +28,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors import check_sensors, faults
 from tcdyn.partition.sensors.faults import DepthTest, Verdict, depth_test
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
+from tcdyn.partition.window import NOMINAL
 from tcdyn.pipeline.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
@@ -69,7 +70,7 @@ def test_what_another_h_would_show_is_no_evidence_of_a_depth(b3: EhlTest, monkey
     """It moves the pulls where h is taken as known, and hardly where h is as good as unknown."""
     disk, h = b3.disks["fast"], float(faults.H_GRID_W_M2K[9])
     f, verdict = disk_features(b3, disk), cast(Verdict, SimpleNamespace(h_W_m2K=h, share=0.6))
-    high, at = (rest + 0.6 * power for rest, power in (f.answer(f.as_wired, x) for x in (1.05 * h, h)))
+    high, at = (rest + 0.6 * power for rest, power in zip(*f.answer(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL)))))
     shown, moved = cast(DiskFeatures, Shown(f, 10 * (high - at))), []
     for sd in (faults.LOG_H_SD, 1e-3):
         monkeypatch.setattr(faults, "LOG_H_SD", sd)
