@@ -126,6 +126,7 @@ class LogPieces:
     _noise_K: Mapping[str, float] = field(repr=False)
     _place: Place = field(repr=False)
     _piece_rows: int = field(repr=False)
+    _made_of: str = field(repr=False, default="")  # of a file whose rows are kept
 
     @property
     def dt_s(self) -> float:
@@ -193,7 +194,7 @@ class LogPieces:
                 column = frame.setdefault(name, np.empty(len(wanted)))
                 column[first:stop] = piece.frame[name].to_numpy()[wanted[first:stop] - piece.first]
             told += piece.findings
-        made_of = sha256(self.path)
+        made_of = self._made_of or sha256(self.path)
         return Log(pd.DataFrame(frame, copy=False), self.kind, self.path, made_of, self.dt_s, self.metadata, told)
 
 
@@ -255,9 +256,12 @@ def iter_log(
     found += said
     found += missing_and_unused(kind, table, names, without)
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
+    made_of = sha256(file) if raws else ""
     if raws:
         table = replace(table, pieces=partial(in_pieces, joined(raws, [*raws[0].data], place)))
-    return LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
+    return LogPieces(
+        file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows, made_of
+    )
 
 
 def read_log(

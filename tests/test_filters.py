@@ -42,3 +42,14 @@ def test_peaks_are_those_of_find_peaks_highest_first(distance):
     assert sorted(found) == signal.find_peaks(y, height=1.5, distance=distance)[0].tolist()
     assert np.all(np.diff(y[found]) <= 0)
     assert list(peaks(y, 100.0, distance)) == []
+
+
+def test_flat_tops_are_peaks_in_their_middle_as_in_scipy() -> None:
+    y = np.array([0.0, 1.0, 1.0, 0.0, 3.0, 3.0, 3.0, 3.0, 0.0, 2.0, 2.0, 2.5])  # the last rises to the end
+    assert sorted(peaks(y, 0.5, 1)) == list(signal.find_peaks(y, height=0.5)[0]) == [1, 5]
+
+
+def test_what_is_not_finite_reaches_no_sample_before_it() -> None:
+    drive = np.ones(LONG + 900)
+    drive[LONG + 10] = np.nan
+    assert np.flatnonzero(np.isnan(first_order(0.9, drive)))[0] == LONG + 10

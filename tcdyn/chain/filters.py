@@ -28,7 +28,7 @@ def first_order(decay: complex, drive: NDArray) -> NDArray:
     array([1.  , 0.5 , 4.25])
     """
     n = len(drive)
-    if n < LONG:
+    if n < LONG or not np.isfinite(drive).all():  # a block would take what is not finite to its beginning
         bands = np.ones((2, n), dtype=np.result_type(drive, decay), order="F")
         bands[1] = -decay
         solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs
@@ -58,14 +58,17 @@ def largest_match(y: Array, shapes: Array) -> Array:
 
 def peaks(y: Array, height: float, distance: int) -> Iterator[int]:
     """Samples of the maxima of ``y`` (N,) above ``height``, highest first, each ``distance`` or more samples from a
-    higher one: those of ``scipy.signal.find_peaks``.
+    higher one, or from an equal one behind it; of a flat top its middle. Where no two are equal, they are those of
+    ``scipy.signal.find_peaks``.
 
     >>> list(peaks(np.array([0.0, 3.0, 2.0, 5.0, 0.0, 4.0, 0.0]), 2.5, 3))
     [3]
     """
-    rise = np.diff(y)
-    left = 1 + np.flatnonzero((y[1:-1] >= height) & (rise[:-1] > 0) & (rise[1:] < 0))
+    first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0)  # of each run of equal values
+    level, rise = y[first], np.diff(y[first])
+    tops = 1 + np.flatnonzero((level[1:-1] >= height) & (rise[:-1] > 0) & (rise[1:] < 0))
+    left = (first[tops] + first[tops + 1] - 1) // 2
     while len(left):
-        top = int(left[np.argmax(y[left])])
+        top = int(left[len(left) - 1 - np.argmax(y[left][::-1])])
         yield top
         left = left[np.abs(left - top) >= distance]

@@ -75,14 +75,16 @@ def _bursts(some: Sequence[Intensity]) -> tuple[NDArray[np.intp], Array]:
 
 def _steady(some: Sequence[Intensity], t_s: Array) -> Array:
     """Levels (Q, T) [K2/s3] without bursts."""
-    return np.stack([np.array(q.levels)[np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)] for q in some])
+    return np.stack(
+        [np.array(q.levels, dtype=float)[np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)] for q in some]
+    )
 
 
 def levels_at(some: Sequence[Intensity], t_s: Array) -> Array:
     """q(t) (Q, T) [K2/s3] of each of ``some`` at ``t_s`` (T,)."""
     owner, (start, height, decay, power, *_) = _bursts(some)
-    q, age = _steady(some, t_s), (t_s - start) / decay
-    np.add.at(q, owner, np.where(age >= 0, height * (1.0 + np.maximum(age, 0.0) / power) ** -power, 0.0))
+    q, age = _steady(some, t_s), np.maximum(t_s - start, 0.0) / decay
+    np.add.at(q, owner, np.where(t_s >= start, height * (1.0 + age / power) ** -power, 0.0))
     return q
 
 

@@ -235,8 +235,14 @@ def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, An
     }  # fmt: skip
     digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
     units = {n: vars(u) for n, u in source.units.items()}
-    log = source.table.path.name
-    return {"schema": STATE, "log": log, "records": digests, "settings": vars(settings), "units": units}
+    key = {
+        "schema": STATE,
+        "log": source.table.path.name,
+        "records": digests,
+        "settings": vars(settings),
+        "units": units,
+    }
+    return key | {"channels": [c for channels in source.channels for c in channels.columns]}  # memory is by their order
 
 
 def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def bin_width(errors_K: ArrayLike) -> float:
     return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12))
 
 
-def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, width_K: float | None = None) -> Axes:
+def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None) -> Axes:
     """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
 
     The dashed lines hold 95 % of the errors between them.
@@ -44,7 +44,7 @@ def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, width_K: float | None
     e = np.asarray(errors_K, dtype=float)
     width = bin_width(e) if width_K is None else width_K
     counts, edges = error_histogram(e, width)
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white")
+    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white", label=label or None)
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     for end in np.nanquantile(e, [0.025, 0.975]):
         ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")

@@ -142,6 +142,8 @@ def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() ->
     moved = q.moved(7.0, 8.5, shift_s=2.0)
     assert moved.starts_s == (-2.0, 6.5)
     assert moved.bursts[0].start_s == 6.5
+    whole = Intensity((0.0,), (1,), (Burst(0.0, 0.5, 2.0),))  # levels without a decimal point
+    assert whole.at(0.0) == 1.5
     assert q.jumps(np.array([6.0, 7.0])).tolist() == [[0.0, 0.0], [0.25, 9.0]]
     t = np.linspace(0, 30, 30_001)
     quick = Intensity((0.0,), (0.5,), (Burst(3.0, 8.0, 2.0, 4.0), Burst(5.0, 2.0, 0.5)))
