@@ -234,15 +234,9 @@ def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, An
         f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)
     }  # fmt: skip
     digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
-    units = {n: vars(u) for n, u in source.units.items()}
-    key = {
-        "schema": STATE,
-        "log": source.table.path.name,
-        "records": digests,
-        "settings": vars(settings),
-        "units": units,
-    }
-    return key | {"channels": [c for channels in source.channels for c in channels.columns]}  # memory is by their order
+    order = [c for channels in source.channels for c in channels.columns]  # of what is remembered
+    told = {"units": {n: vars(u) for n, u in source.units.items()}, "channels": order, "settings": vars(settings)}
+    return {"schema": STATE, "log": source.table.path.name, "records": digests, **told}
 
 
 def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
