@@ -40,7 +40,7 @@ def longer(log: Path, rows: int, out: Path) -> Path:
     on, off = np.flatnonzero(frame["contact"] > 0.5)[[0, -1]]
     parts = [np.arange(on), np.arange(on, off - 5000), np.arange(off - 5000, len(frame) - 2000)]
     if rows < len(frame):
-        parts = [np.arange(off - int(0.7 * rows), off + int(0.3 * rows))]
+        parts = [np.arange(max(off - int(0.7 * rows), 0), min(off + int(0.3 * rows), len(frame)))]
     turns = [np.arange(50, on - 50), np.arange(off - 9000, off - 5000), np.arange(len(frame) - 4000, len(frame) - 2000)]
     order = []
     for part, turn in zip(parts, turns if len(parts) > 1 else [turns[0]]):
