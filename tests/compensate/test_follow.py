@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import pandas as pd
 import pytest
 
 from calibration.errors import InputError
+from tcdyn.chain import Chain
 from tcdyn.pipeline.causal import Settings
 from tcdyn.pipeline.follow import FollowRun, follow
+from tcdyn.sensor import sensor_file
 from tests.conftest import Campaign
 
 SHORT_S = (320.0, 345.0)  # ten seconds of load, then the unloading at 330 s
@@ -226,3 +229,20 @@ def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path
     raw = read(log).iloc[: len(done)]
     ours, before = (np.sqrt(np.mean((f["e_degC"] - true["e_degC"]) ** 2)) for f in (done, raw))
     assert ours < before / 2
+
+
+def test_a_state_that_remembers_channels_in_another_order_is_refused(tmp_path: Path) -> None:
+    """What a channel remembers is kept by its place: T1's would go on as T2."""
+    t = np.arange(400) * 0.1
+    log, out, state = tmp_path / "log.csv", tmp_path / "out.csv", tmp_path / "state.json"
+    rng = np.random.default_rng(0)
+    columns = {f"T{k}_degC": 20.0 * k + 0.1 * rng.standard_normal(400) for k in (1, 2)}
+    pd.DataFrame({"time_s": t, **columns}).to_csv(log, index=False)
+    sensors = [sensor_file(f"probe {k}", {f"T{k}": Chain(1.5)}, "stated", [[0.1**2]], [0.0]) for k in (1, 2)]
+    follow(log, sensors, out, state=state, idle_s=0.01, poll_s=0.005)
+    kept = json.loads(state.read_text(encoding="utf-8"))
+    assert kept["channels"] == ["T1_degC", "T2_degC"]
+    kept["channels"].reverse()
+    state.write_text(json.dumps(kept), encoding="utf-8")
+    with pytest.raises(InputError, match="anew"):
+        follow(log, sensors, out, state=state, idle_s=0.01, poll_s=0.005)

@@ -425,20 +425,3 @@ def test_a_million_rows_need_no_more_memory_than_a_hundred_thousand(tmp_path: Pa
     assert many[2] < min(few[2] + 60, 450)  # MB
     out = tmp_path / f"out{ending}"
     assert len(pd.read_parquet(out) if ending == ".parquet" else written(out)) == 1_000_000
-
-
-def test_a_state_that_remembers_channels_in_another_order_is_refused(tmp_path: Path) -> None:
-    """What a channel remembers is kept by its place: T1's would go on as T2."""
-    t = np.arange(400) * 0.1
-    log, out, state = tmp_path / "log.csv", tmp_path / "out.csv", tmp_path / "state.json"
-    rng = np.random.default_rng(0)
-    columns = {f"T{k}_degC": 20.0 * k + 0.1 * rng.standard_normal(400) for k in (1, 2)}
-    pd.DataFrame({"time_s": t, **columns}).to_csv(log, index=False)
-    sensors = [stated(f"probe {k}", [f"T{k}"], [(1.5, 0.1)]) for k in (1, 2)]
-    follow(log, sensors, out, state=state, idle_s=0.01, poll_s=0.005)
-    kept = json.loads(state.read_text(encoding="utf-8"))
-    assert kept["channels"] == ["T1_degC", "T2_degC"]
-    kept["channels"].reverse()
-    state.write_text(json.dumps(kept), encoding="utf-8")
-    with pytest.raises(InputError, match="anew"):
-        follow(log, sensors, out, state=state, idle_s=0.01, poll_s=0.005)
