@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import correlate1d, median_filter
+from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 
 from calibration import Array, Flags
 from calibration.errors import InputError
@@ -137,10 +137,15 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     out, x = np.zeros(len(values), dtype=bool), values[index]
     limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
     nearest = (rule.longest + 1) // 2  # of the majority that stands far away, one is at most so many samples off
-    if not (np.abs(np.diff(x)) > limit / nearest).any():  # otherwise there is no such majority
+    jumps = np.abs(np.diff(x, append=x[-1:])) > limit / nearest
+    if not jumps.any():  # otherwise there is no such majority
         return out
+    near = maximum_filter1d(jumps, 2 * nearest + 1)
+    if noise_sd is not None:  # with all that medians about these are made of
+        kept = np.flatnonzero(maximum_filter1d(near, 2 * (rule.width // 2 + rule.local // 2) + 1))
+        index, x, near = index[kept], x[kept], near[kept]
     away = np.abs(x - median_filter(x, rule.width, mode="nearest"))
-    far = np.flatnonzero(away > limit)
+    far = np.flatnonzero((away > limit) & near)
     usual: Array = np.zeros(1)
     if rule.local:
         beside = rule.local // 2
@@ -153,8 +158,12 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
 
 def bridged(y: Array, good: Flags) -> Array:
     """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
-    rows = np.arange(len(y))
-    return y if good.all() else np.interp(rows, rows[good], y[good])
+    gone, kept = np.flatnonzero(~good), np.flatnonzero(good)
+    if not len(gone):
+        return y
+    out = np.array(y, dtype=float)
+    out[gone] = np.interp(gone, kept, out[kept])
+    return out
 
 
 def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:

@@ -30,6 +30,7 @@ PARQUET = (".parquet", ".pq")
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 MOST_COLUMNS = 5000
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
+COUNTED_BYTES = 1 << 20  # of text whose rows are counted at once
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
 
 
@@ -201,24 +202,33 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
     """
     separator, where, fields = dialect.separator.encode(), dialect.where, len(dialect.names)
     blank: list[int] = []
-    rows, line = 0, b"\n"
+    rows, seen, line = 0, dialect.skip, b"\n"
     short: tuple[int, int] | None = None
-    for number, line in enumerate(stream, 1):
-        if number <= dialect.skip:
+    for _ in range(dialect.skip):
+        stream.readline()
+    while block := stream.read(COUNTED_BYTES) + stream.readline():
+        cells = np.frombuffer(block, np.uint8)
+        ends = np.flatnonzero(cells == ord("\n"))
+        before = np.searchsorted(np.flatnonzero(cells == ord(separator)), ends)
+        even = np.array_equal(before, np.arange(1, len(ends) + 1) * (fields - 1))
+        if even and short is None and block.endswith(b"\n") and b"\x00" not in block:  # as nearly always
+            rows, seen, line = rows + len(ends), seen + len(ends), block[-1:]
             continue
-        if short is not None and line.strip():
-            raise _row_error(short, fields, where)
-        count = line.count(separator)
-        if count == fields - 1:
-            rows += 1
-        elif not line.strip():
-            blank.append(number)
-        elif count < fields - 1:
-            short = (number, count + 1)
-        elif b'"' not in line:
-            raise _row_error((number, count + 1), fields, where)
-        if b"\x00" in line:
-            raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+        for number, line in enumerate(io.BytesIO(block), seen + 1):
+            if short is not None and line.strip():
+                raise _row_error(short, fields, where)
+            count = line.count(separator)
+            if count == fields - 1:
+                rows += 1
+            elif not line.strip():
+                blank.append(number)
+            elif count < fields - 1:
+                short = (number, count + 1)
+            elif b'"' not in line:
+                raise _row_error((number, count + 1), fields, where)
+            if b"\x00" in line:
+                raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
+        seen = number
     if short is not None:
         raise InputError(
             f"row {short[0]}, the last, has {short[1]} of {fields} fields: the file is truncated",

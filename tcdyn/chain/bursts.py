@@ -101,12 +101,11 @@ def made_white(
     missing = ~good | moved
     searches = [_Search.of(white[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow]
     shown = [_shown(search, missing[:, i]) for search, i in zip(searches, slow)]
+    heights = np.array(shown).reshape(-1, len(y))
+    tells, shows = np.isfinite(heights), heights >= SHOWN
+    able, said = tells.sum(axis=0), shows.sum(axis=0)  # channels
     for k, i in enumerate(slow):
-        others = np.array([*shown[:k], *shown[k + 1 :]]).reshape(-1, len(y))
-        alone = np.zeros(len(y), dtype=bool)
-        if len(others) >= WITNESSES:
-            seen = np.sum(np.isfinite(others), axis=0) >= WITNESSES
-            alone = seen & (np.sort(np.nan_to_num(others), axis=0)[-WITNESSES] < SHOWN)
+        alone = (able - tells[k] >= WITNESSES) & (said - shows[k] < WITNESSES)
         moved[:, i] |= _found(searches[k], dt_s, lags_s[i], alone)
         white[:, i] = bridged(white[:, i], ~moved[:, i])
     return white, moved & good

@@ -39,6 +39,7 @@ BESIDE, OUTSTANDING, LEAST_WAVES = 21, 8.0, 10  # waves about one; standard devi
 HARMONIC, RESTING_HZ = 0.5, 0.5  # largest part of hum in a harmonic; width of a line
 BANDS, UNEXPLAINED = 8, 1.6  # of the spectrum; mean over one, of what was seen over what is expected
 CHANCE = 5.0  # standard deviations by which such a mean must stand out
+SETTLED = 1e-9  # relative change of a level after which another round changes nothing
 TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
 
 
@@ -290,10 +291,13 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
 
     Fisher's scoring of Whittle's likelihood: least squares without negative levels, weighted by the spectrum itself.
     """
-    s = np.maximum(power, 1e-12 * float(np.max(power)))
-    scale = np.linalg.norm(shapes / s[:, None], axis=0)
+    least = 1e-12 * float(np.max(power))
+    s, levels = np.maximum(power, least), np.zeros(shapes.shape[1])
     for _ in range(30):
-        levels = nnls(shapes / scale / s[:, None], power / s)[0] / scale
-        s = np.maximum(shapes @ levels, 1e-12 * float(np.max(power)))
-        scale = np.linalg.norm(shapes / s[:, None], axis=0)
+        rows, before = shapes / s[:, None], levels
+        scale = np.linalg.norm(rows, axis=0)
+        levels = nnls(rows / scale, power / s)[0] / scale
+        s = np.maximum(shapes @ levels, least)
+        if np.allclose(levels, before, rtol=SETTLED, atol=0.0):
+            break
     return levels, float(np.sum(np.log(s) + power / s))
