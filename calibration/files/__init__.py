@@ -205,7 +205,7 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
     rows, seen, line = 0, dialect.skip, b"\n"
     short: tuple[int, int] | None = None
     for _ in range(dialect.skip):
-        stream.readline()
+        line = stream.readline() or line
     while block := stream.read(COUNTED_BYTES) + stream.readline():
         cells = np.frombuffer(block, np.uint8)
         ends = np.flatnonzero(cells == ord("\n"))
