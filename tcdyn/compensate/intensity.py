@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise, product
 from typing import Literal
 
@@ -41,32 +42,40 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     """
     n = len(y)
     t = np.linspace(-1, 1, n)
-    taper = np.hanning(n + 1)[:-1]
-    taper /= np.sqrt(np.sum(taper**2))
-    power = np.abs(np.fft.rfft((y - y.mean() - t @ y / (t @ t) * t) * taper)) ** 2
-    f = np.fft.rfftfreq(n, dt_s)
+    power = np.abs(np.fft.rfft((y - y.mean() - t @ y / (t @ t) * t) * _taper(n))) ** 2
     keep = slice(LEFT_OUT, int(0.45 * n))
-    power, w = power[keep], 2 * np.pi * f[keep]
-    shape = np.abs(chain.frequency_response(f[keep])) ** 2 / (w**4 * dt_s)
-    level = _whittle(power, shape, noise_var)
+    power, w = power[keep], 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[keep]
+    level = _whittle(power, w, dt_s, chain, noise_var)
     for _ in range(3):
         band = NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
-        near = w > band
-        if np.count_nonzero(near) < 100:
+        near = int(np.searchsorted(w, band, side="right"))
+        if len(w) - near < 100:
             break
-        refined = _whittle(power[near], shape[near], noise_var)
+        refined = _whittle(power[near:], w[near:], dt_s, chain, noise_var)
         if float(corner_rad_s(chain, np.array(refined / (noise_var * dt_s)))) < band:
             break  # noise only is left there: what the trace does stands below, in a line, say
         level = refined
     return level
 
 
-def _whittle(power: Array, shape: Array, noise_var: float) -> float:
-    """The q that maximises -sum(log e + power / e), e = noise_var + q shape, over bands of nearly one shape."""
+@lru_cache(maxsize=2)
+def _taper(n: int) -> Array:
+    """Hann's taper (n,) of unit energy, remembered for the other channels."""
+    taper = np.hanning(n + 1)[:-1]
+    return np.asarray(taper / np.linalg.norm(taper))
+
+
+def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
+    """The q that maximises -sum(log e + power / e), e = noise_var + q shape, over bands of nearly one shape.
+
+    ``power`` (F,) at ``w`` (F,) [rad/s].
+    """
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
-    edges = np.unique(np.geomspace(1, len(shape) + 1, BANDS).astype(int) - 1)[:-1]
-    count = np.diff(np.r_[edges, len(shape)])
-    mean, middle = np.add.reduceat(power, edges) / count, np.exp(np.add.reduceat(np.log(shape), edges) / count)
+    edges = np.unique(np.geomspace(1, len(w) + 1, BANDS).astype(int) - 1)[:-1]
+    ends = np.append(edges[1:], len(w))
+    count, middle_w = ends - edges, np.sqrt(w[edges] * w[ends - 1])
+    middle = np.abs(chain.frequency_response(middle_w / (2 * np.pi))) ** 2 / (middle_w**4 * dt_s)
+    mean = np.add.reduceat(power, edges) / count
     for _ in range(3):
         expected = noise_var + np.exp(logs)[:, None] * middle
         best = int(np.argmin((np.log(expected) + mean / expected) @ count))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from calibration import Array
 
@@ -66,39 +66,37 @@ class Intensity:
         return Intensity(tuple((to_s if s == was_s else s) - shift_s for s in self.starts_s), self.levels, bursts)
 
 
-def _bursts(some: Sequence[Intensity]) -> tuple[NDArray[np.intp], Array]:
-    """Of all bursts (B,) the place in ``some`` and, (6, B, 1), their fields in order."""
+def _bursts(some: Sequence[Intensity]) -> tuple[Array, Array]:
+    """Of all bursts (B,) whose they are (Q, B), 1 or 0, and, (6, B, 1), their fields in order."""
     told = [(k, *vars(b).values()) for k, q in enumerate(some) for b in q.bursts]
     table = np.array(told, dtype=float).reshape(-1, 7)
-    return table[:, 0].astype(int), table[:, 1:].T[:, :, None]
+    return (np.arange(len(some))[:, None] == table[:, 0]).astype(float), table[:, 1:].T[:, :, None]
 
 
 def _steady(some: Sequence[Intensity], t_s: Array) -> Array:
     """Levels (Q, T) [K2/s3] without bursts."""
-    return np.stack(
-        [np.array(q.levels, dtype=float)[np.maximum(np.searchsorted(q.starts_s, t_s, "right") - 1, 0)] for q in some]
-    )
+    alike = {(q.starts_s, q.levels) for q in some}
+    rows = {(s, v): np.array(v, dtype=float)[np.maximum(np.searchsorted(s, t_s, "right") - 1, 0)] for s, v in alike}
+    return np.stack([rows[q.starts_s, q.levels] for q in some])
 
 
 def levels_at(some: Sequence[Intensity], t_s: Array) -> Array:
     """q(t) (Q, T) [K2/s3] of each of ``some`` at ``t_s`` (T,)."""
-    owner, (start, height, decay, power, *_) = _bursts(some)
-    q, age = _steady(some, t_s), np.maximum(t_s - start, 0.0) / decay
-    np.add.at(q, owner, np.where(t_s >= start, height * (1.0 + age / power) ** -power, 0.0))
-    return q
+    own, (start, height, decay, power, *_) = _bursts(some)
+    age = np.maximum(t_s - start, 0.0) / decay
+    return _steady(some, t_s) + own @ np.where(t_s >= start, height * (1.0 + age / power) ** -power, 0.0)
 
 
 def levels_between(some: Sequence[Intensity], knots_s: Array) -> Array:
     """Integrals (Q, J) [K2/s2] over the cells of ``knots_s`` (J+1,) of each of ``some``."""
-    owner, (start, height, decay, p, *_) = _bursts(some)
-    q, age = _steady(some, knots_s[:-1]) * np.diff(knots_s), np.maximum(knots_s - start, 0.0) / decay
-    np.add.at(q, owner, np.diff(height * decay * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)), axis=1))
-    return q
+    own, (start, height, decay, p, *_) = _bursts(some)
+    age = np.maximum(knots_s - start, 0.0) / decay
+    added = np.diff(height * decay * p / (p - 1) * (1.0 - (1.0 + age / p) ** (1 - p)), axis=1)
+    return _steady(some, knots_s[:-1]) * np.diff(knots_s) + own @ added
 
 
 def jumps_at(some: Sequence[Intensity], knots_s: Array) -> Array:
     """Variance (J, Q, 2) added to level [K2] and slope [K2/s2] at each knot (J,) by each of ``some``."""
-    owner, (start, *_, level_sd, slope_sd) = _bursts(some)
-    added = np.zeros((len(some), len(knots_s), 2))
-    np.add.at(added, owner, (knots_s == start)[..., None] * np.square(np.stack([level_sd, slope_sd], axis=-1)))
-    return added.swapaxes(0, 1)
+    own, (start, *_, level_sd, slope_sd) = _bursts(some)
+    at = knots_s == start
+    return np.stack([(own @ (at * sd**2)).T for sd in (level_sd, slope_sd)], axis=-1)

@@ -132,23 +132,23 @@ def _flow(drift: bytes, n: int, time_s: float) -> Array:
 def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
     """The information-form Kalman filter, cell by cell: P+ = (I + P L)^-1 P, m+ = m + P+ (s - L m).
 
-    Yields, for all channels and proposals (M, Q): mean before the cell's samples, its step, covariance after them,
-    I + P L and its inverse, and the surprise s - L m.
+    Yields, for all channels and proposals (M, Q): mean before the cell's samples, its step, I + P L, and the surprise
+    s - L m.
     """
-    mean, cov = cells.mean0[..., None].copy(), cells.cov0.copy()
-    eye = np.eye(mean.shape[-2])
+    mean, cov = cells.mean0, cells.cov0.copy()
+    eye, rows = np.eye(cov.shape[-1]), (len(cov), -1, cov.shape[-1])  # what all proposals share is one product
     for j, kind in enumerate(cells.kind):
         cov[..., 0, 0] += cells.jump_var[j, ..., 0]
         cov[..., 1, 1] += cells.jump_var[j, ..., 1]
-        info = cells.information[j]
-        gain = cov @ info + eye
-        surprise = cells.score[j][..., None] - info @ mean
-        shrink = np.linalg.inv(gain)
-        cov = shrink @ cov
-        step = cov @ surprise
-        yield mean, step, cov, gain, shrink, surprise
-        across = cells.transition[kind]
-        mean, cov = across @ (mean + step), across @ cov @ across.swapaxes(-1, -2)
+        info, back = cells.information[j, :, 0], cells.transition[kind, :, 0].swapaxes(-1, -2)
+        gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
+        surprise = cells.score[j] - mean @ info
+        cov = np.linalg.inv(gain) @ cov
+        step = (cov @ surprise[..., None])[..., 0]
+        yield mean, step, gain, surprise
+        mean = (mean + step) @ back
+        for _ in range(2):  # A P A' = ((P A')' A')', which is symmetric
+            cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
 
 
 def likelihood(
@@ -157,10 +157,10 @@ def likelihood(
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
     cells = all_cells(stretch, noise_var, proposals, fine)
     log_det, quad = np.zeros(cells.mean0.shape[:2]), np.zeros(cells.mean0.shape[:2])
-    for (mean, step, _, gain, _, surprise), score in zip(filtered(cells), cells.score):
+    for (mean, step, gain, surprise), score in zip(filtered(cells), cells.score):
         sign, size = np.linalg.slogdet(gain)
         log_det += np.where(sign > 0, size, np.inf)  # lost to rounding: an intensity that no data ask for
-        quad -= ((score[..., None] + surprise) * mean + surprise * step).sum(axis=(-2, -1))
+        quad -= ((score + surprise) * mean + surprise * step).sum(axis=-1)
     used = (stretch.weight > 0).sum(axis=0)
     total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
     value = -0.5 * (log_det + total + (used * np.log(noise_var))[:, None])

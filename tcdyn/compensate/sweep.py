@@ -61,18 +61,21 @@ def swept(cells: Cells) -> Swept:
     """Filter forward, then back by Bryson and Frazier; the first proposal of each channel.
 
     S = (I + P L)^-1, P+ = S P, e = s - L m, m+ = m + P+ e, next m = A m+ = F m + A P+ s with F = A S; back,
-    q = S' e + F' q of the next cell and W = L S + F' W F of the next, its variance: m+ + P+ A' q and
+    q = S' e + F' q of the next cell and W = L S + F' W F of the next, its variance: m + P+ (e + A' q) and
     P+ - P+ A' W A P+, of the next, are those given all samples.
     """
     past, shrink, base = _filtered(cells)
-    info, score, across = cells.information[:, :, 0], cells.score[:, :, 0], cells.transition[cells.kind, :, 0]
-    step = across @ shrink
-    mean = _means(cells.mean0[:, 0], across, step, across @ past, info, score, base)
+    info, score, across = cells.information[:, :, 0], cells.score[:, :, 0], cells.transition[:, :, 0]
+    own, of = np.unique(base, return_inverse=True)  # what has one gain has one of each of these
+    step, gain = (across[cells.kind[own]] @ x[own] for x in (shrink, past))
+    mean = _means(cells.mean0[:, 0], across[cells.kind], step, gain, info, score, of)
     surprise = score - _times(info, mean)
-    pull, weight = _back(step, _times(shrink.swapaxes(-1, -2), surprise), info @ shrink, base)
-    gone = past @ across.swapaxes(-1, -2)
-    mean += _times(past, surprise) + _times(gone, pull[1:])
-    cov = past - gone @ weight[1:] @ gone.swapaxes(-1, -2)
+    pull, weight, held = _back(step, _times(shrink.swapaxes(-1, -2), surprise), info[own] @ shrink[own], of)
+    mean += _times(past, surprise + _times(across[cells.kind].swapaxes(-1, -2), pull[1:]))
+    alike = np.flatnonzero(np.diff(of, prepend=-1) | np.diff(held[1:], prepend=-1))  # the first of some of one cov
+    left = gain[of[alike]].swapaxes(-1, -2)
+    cov = past[alike] - left @ weight[1:][alike] @ left.swapaxes(-1, -2)
+    cov = np.repeat(cov, np.diff(alike, append=len(of)), axis=0)
     return Swept(mean, cov, past, pull[:-1, :, :2], weight[:-1, :, :2, :2])
 
 
@@ -101,38 +104,45 @@ def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
 
 
 def _means(
-    start: Array, across: Array, step: Array, gain: Array, info: Array, score: Array, base: NDArray[np.intp]
+    start: Array, across: Array, step: Array, gain: Array, info: Array, score: Array, of: NDArray[np.intp]
 ) -> Array:
     """m (J, M, n) before each cell's samples: the next is A m + gain (s - L m), or step m + gain s within one gain.
 
-    Not so elsewhere: where little is known yet, that is a difference of large numbers.
+    Not so elsewhere: where little is known yet, that is a difference of large numbers. ``of`` (J,): which of the gains
+    and steps a cell has.
     """
     mean, j = np.empty_like(score), 0
     mean[0] = start
-    for last in [*np.flatnonzero(np.diff(base)).tolist(), len(base) - 1]:  # of the cells from j on that have one gain
+    for last in [*np.flatnonzero(np.diff(of)).tolist(), len(of) - 1]:  # of the cells from j on that have one gain
+        k = of[last]
         if last > j:
-            mean[j : last + 1] = recursion(step[j], np.concatenate([mean[j][None], _times(gain[j], score[j:last])]))
+            mean[j : last + 1] = recursion(step[k], np.concatenate([mean[j][None], _times(gain[k], score[j:last])]))
         if (j := last + 1) < len(mean):
             surprise = score[last] - _times(info[last], mean[last])
-            mean[j] = _times(across[last], mean[last]) + _times(gain[last], surprise)
+            mean[j] = _times(across[last], mean[last]) + _times(gain[k], surprise)
     return mean
 
 
-def _back(step: Array, driven: Array, added: Array, base: NDArray[np.intp]) -> tuple[Array, Array]:
-    """q (J + 1, M, n) and W (J + 1, M, n, n), zero behind the last cell: step' q + driven, step' W step + added."""
-    count, (batch, n) = len(base), driven.shape[1:]
+def _back(step: Array, driven: Array, added: Array, of: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.intp]]:
+    """q (J + 1, M, n) and W (J + 1, M, n, n), zero behind the last cell: step' q + driven, step' W step + added.
+
+    Last, the cell (J + 1,) whose W each has. ``of`` (J,): which of the steps and of what is added a cell has.
+    """
+    count, (batch, n) = len(of), driven.shape[1:]
     pull, weight = np.zeros((count + 1, batch, n)), np.zeros((count + 1, batch, n, n))
-    back, j = step.swapaxes(-1, -2), count - 1
+    back, held, j = step.swapaxes(-1, -2), np.arange(count + 1), count - 1
+    begins = np.searchsorted(of, np.arange(len(step)))
     while j >= 0:
-        weight[j], a = back[j] @ weight[j + 1] @ step[j] + added[j], int(base[j])
+        k = of[j]
+        weight[j], a = back[k] @ weight[j + 1] @ step[k] + added[k], int(begins[k])
         if j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1]):  # one gain down to cell a
-            weight[a:j] = weight[j]
-            pull[a : j + 1] = recursion(back[j], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]]))[:0:-1]
+            weight[a:j], held[a:j] = weight[j], j
+            pull[a : j + 1] = recursion(back[k], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]]))[:0:-1]
             j = a
         else:
-            pull[j] = _times(back[j], pull[j + 1]) + driven[j]
+            pull[j] = _times(back[k], pull[j + 1]) + driven[j]
         j -= 1
-    return pull, weight
+    return pull, weight, held
 
 
 def _ends(cells: Cells) -> NDArray[np.intp]:
