@@ -26,8 +26,8 @@ LEAST_S = np.array([30.0, 200.0, 60.0])  # and, of a log sampled so fast that th
 COURSE = ("contact", "load_N", "friction_N")
 
 
-def stage_times(frame: pd.DataFrame) -> list[tuple[float, float]]:
-    """Begin and end [s] of every loading in an EHL log that an unloading follows, in order; empty where there is none.
+def loadings(frame: pd.DataFrame) -> list[Events]:
+    """Every loading in an EHL log that an unloading follows, in order; empty where there is none.
 
     The longest is found first, then what lies before it and behind it is looked through in the same way.
     """
@@ -40,7 +40,7 @@ def stage_times(frame: pd.DataFrame) -> list[tuple[float, float]]:
         return []
     on, off = found.load_on_s, found.unload_s
     before, after = (frame[rows].reset_index(drop=True) for rows in (t < on - BEFORE_S, t > off + AFTER_S))
-    return [*stage_times(before), (on, off), *stage_times(after)]
+    return [*loadings(before), found, *loadings(after)]
 
 
 def stages(log: Log) -> tuple[Log, ...]:
@@ -48,12 +48,15 @@ def stages(log: Log) -> tuple[Log, ...]:
 
     A log with one test is that test, under its own name.
     """
-    times = stage_times(log.frame)
-    if len(times) < 2:
+    return _parts(log, loadings(log.frame))
+
+
+def _parts(log: Log, found: Sequence[Events]) -> tuple[Log, ...]:
+    if len(found) < 2:
         return (log,)
     t = log.frame["time_s"].to_numpy(dtype=float)
-    starts = [-np.inf, *(off + AFTER_S for _, off in times[:-1])]
-    stops = [*(on - BEFORE_S for on, _ in times[1:]), np.inf]
+    starts = [-np.inf, *(e.unload_s + AFTER_S for e in found[:-1])]
+    stops = [*(e.load_on_s - BEFORE_S for e in found[1:]), np.inf]
     return tuple(
         replace(
             log,
@@ -108,10 +111,12 @@ def all_events(log: LogPieces, kept: Log) -> list[Events]:
     Raises InputError for a log without any, as ``find_events`` does.
     """
     if len(kept.frame) == log.rows:
-        return [find_events(one.frame, log.path.name) for one in stages(kept)]
+        whole = loadings(kept.frame)
+        return whole if len(whole) == 1 else [find_events(x.frame, log.path.name) for x in _parts(kept, whole)]
     found = []
-    for times in stage_times(_course(log, -(-log.rows // LONG_ROWS)).frame):
-        edges = np.clip(_rows(log, [t + s for t in times for s in (-BESIDE_S, BESIDE_S)]), 0, log.rows)
+    for rough in loadings(_course(log, -(-log.rows // LONG_ROWS)).frame):
+        times = [t + s for t in (rough.load_on_s, rough.unload_s) for s in (-BESIDE_S, BESIDE_S)]
+        edges = np.clip(_rows(log, times), 0, log.rows)
         near = np.union1d(np.arange(*edges[:2]), np.arange(*edges[2:]))
         found.append(find_events(log.whole(near, COURSE).frame, log.path.name))
     return found or [find_events(kept.frame, log.path.name)]

@@ -27,6 +27,7 @@ from tcdyn.contact import (
     LEAST_ZERO,
     NOTHING_ADDED,
     SETTLE_S,
+    Events,
     FrictionAdded,
     equal_radius_m,
     hertz_contact,
@@ -80,12 +81,14 @@ def prepare(
     records: Mapping[str, DiskRecord],
     friction_added: Callable[[float, float], FrictionAdded] | None = None,
     left_out: Mapping[str, str] | None = None,
+    events: Events | None = None,
 ) -> EhlTest:
     """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
 
     ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
     friction (section 2.10), which the transducer on the slow shaft does not see. ``left_out``: channels that the
-    analysis goes on without, such as "fast_c", and why; empty where that was asked for.
+    analysis goes on without, such as "fast_c", and why; empty where that was asked for. ``events``: of this log, where
+    they are known already.
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
@@ -97,7 +100,7 @@ def prepare(
         wanted = f"records={missing[0]}.disk.json"
         raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
     frame, t = log.frame, log.frame["time_s"].to_numpy(dtype=float)
-    dt, events = interval_s(t), find_events(frame, where)
+    dt, events = interval_s(t), events or find_events(frame, where)
     stated, told = constants_of(frame, rig)
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load

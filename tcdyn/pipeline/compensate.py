@@ -25,6 +25,7 @@ from tcdyn.campaign.stages import LONG_ROWS, all_events, read_stage
 from tcdyn.compensate.inverse import BeforeUse, before_use, proper_inverse
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.windows import over_window
+from tcdyn.contact import Events
 from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import Alone
@@ -158,7 +159,8 @@ def compensate_log(
         findings.append(look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}"))
     if kind == "ehl":
         try:
-            for events in all_events(pieces, table):
+            each_test = all_events(pieces, table)
+            for events in each_test:
                 known |= {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         except InputError as problem:  # slopes that jump are found by the smoother
             findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag and refine else []
@@ -171,7 +173,8 @@ def compensate_log(
     fits: Mapping[str, Alone] = {}
     if refine and way.removes_lag and kind == "ehl" and here <= set(records):
         progress("common lags from the unloading")
-        traces, fits, said = _refined(table, rig, records)
+        one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
+        traces, fits, said = _refined(table, rig, records, one_test)
         findings += said
     frame = table.frame.copy()
     for disk, record in records.items():
@@ -224,12 +227,12 @@ def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> 
 
 
 def _refined(
-    table: Log, rig: Rig, records: Mapping[str, DiskRecord]
+    table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
 ) -> tuple[dict[str, DiskTraces], Mapping[str, Alone], list[Finding]]:
     """Traces of both disks and joint fits for their lags; what could not be had is empty, and why is said."""
     traces: dict[str, DiskTraces] = {}
     try:
-        test = prepare(table, rig, records)
+        test = prepare(table, rig, records, events=events)
         traces = dict(test.disks)
         return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:

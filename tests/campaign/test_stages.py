@@ -11,7 +11,7 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import Log
 from tcdyn.campaign import solve
-from tcdyn.campaign.stages import stage_of, stage_times, stages
+from tcdyn.campaign.stages import loadings, stage_of, stages
 from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
@@ -39,7 +39,9 @@ def joined_log(made: tuple[StudyRig, StudyRig]) -> Log:
 def test_each_loading_is_found_in_order(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
     length = float(made[0].log.frame["time_s"].iloc[-1]) + 1 / 75
     wanted = [(m.told["load_on_s"] + k * length, m.told["unload_s"] + k * length) for k, m in enumerate(made)]
-    assert np.array(stage_times(joined_log.frame)) == pytest.approx(np.array(wanted), abs=0.3)  # loading takes 0.3 s
+    assert np.array([(e.load_on_s, e.unload_s) for e in loadings(joined_log.frame)]) == pytest.approx(
+        np.array(wanted), abs=0.3
+    )  # loading takes 0.3 s
     first, second = stages(joined_log)
     assert (first.path.stem, second.path.stem) == ("EHL_D4.1", "EHL_D4.2")
     assert first.frame["time_s"].iloc[-1] < wanted[1][0]
