@@ -151,3 +151,14 @@ def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() ->
     inside = [t[(t >= a) & (t <= b)] for a, b in pairwise(cells)]
     exact = [trapezoid(quick.at(part), part) for part in inside]
     assert quick.between(cells) == pytest.approx(exact, abs=6e-3)  # half a step of height 8 at 3 s, of 1 ms
+
+
+def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:
+    y = trace(400, jump=0.0)
+    y[300:340, 0] = y[300, 0]  # of 400: stands still for two seconds
+    y[100:112, 1] = np.nan
+    told = {f.code: f for f in stretch_of(y, DT, CHAIN, (), 0.05, ["a", "b"]).findings}
+    still, gone = told["trace.stuck"], told["trace.bad"]
+    assert (still.subject, still.numbers["first_sample"]) == ("a", pytest.approx(300, abs=1))
+    assert still.numbers["percent"] == pytest.approx(100 * 40 / 400, abs=0.3)
+    assert (gone.subject, gone.numbers["percent"]) == ("b", pytest.approx(100 * 12 / 400, abs=0.3))
