@@ -150,7 +150,8 @@ def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
     }[name]  # fmt: skip
     if name == "compensate --sensor":
         write_sensor(sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0]), tmp_path / said[3])
-    heavy = "scipy.stats scipy.signal control sysidentpy matplotlib jinja2 nptdms joblib rich tcdyn.identify"
+    heavy = "scipy.stats scipy.signal control sysidentpy matplotlib jinja2 nptdms joblib rich"
+    heavy += " tcdyn.identify tcdyn.campaign.posterior"
     code = (
         "import sys\nfrom tcdyn.cli.app import app\n"
         f"try: app({[*said, '-q']})\n"
