@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -149,6 +150,7 @@ def run(command: Callable[[], Any]) -> int:
 
 def main() -> None:
     """Entry point of the ``tcdyn`` command."""
+    gc.set_threshold(50_000)  # to look for circles after each 700 new objects took a tenth of a second; few were found
     sys.exit(run(lambda: app(standalone_mode=True)))
 
 
