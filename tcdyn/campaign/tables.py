@@ -8,7 +8,7 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.errors import printable
 from calibration.estimate import rounded
-from tcdyn.campaign.joined import JoinedCampaign
+from tcdyn.campaign.result import JoinedCampaign
 
 LATEX = {
     "test": "test",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -72,6 +73,7 @@ class LazyCommand(TyperCommand):
     def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
         """The context of the real command."""
         command = load_command(str(self.name))
+        command.add_help_option = args[:1] == [] or args[0] not in getattr(command, "commands", ())  # as for the root
         try:
             return command.make_context(info_name, args, parent=parent, **extra)
         except USAGE_ERROR as problem:
@@ -93,10 +95,12 @@ class LazyCommands(TyperGroup):
         super().__init__(**{**settings, "commands": stand_ins})
 
 
+_ROOT_ASKED = sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS  # else its options only keep a command waiting
 app = typer.Typer(
     cls=LazyCommands,
     no_args_is_help=True,
-    add_completion=sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS,  # its options cost a command a third of its help
+    add_completion=_ROOT_ASKED,
+    add_help_option=_ROOT_ASKED,  # typer brings pydantic to tell that it was not given
     help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
     epilog=EPILOG,
 )
@@ -146,6 +150,7 @@ def run(command: Callable[[], Any]) -> int:
 
 def main() -> None:
     """Entry point of the ``tcdyn`` command."""
+    gc.set_threshold(50_000)  # to look for circles after each 700 new objects took a tenth of a second; few were found
     sys.exit(run(lambda: app(standalone_mode=True)))
 
 

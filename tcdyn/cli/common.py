@@ -14,7 +14,6 @@ from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
 
 from calibration.errors import InputError, printable
 
@@ -124,7 +123,6 @@ def one_disk(value: str) -> str:
 
 Disk = Annotated[str, typer.Option(help="fast or slow", callback=one_disk)]
 
-
 TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
     "calibrate": {"static lines": 0.1, "plunge": 0.2, "grey-box fit": 7.5, "other chain": 11.0},
     "compensate": {"reading": 1.3, "common lags": 4.4, "junctions": 4.5, "writing": 1.4, "report": 2.2},
@@ -176,6 +174,14 @@ class TimeLeft:
         return f"about {left / 60:.0f} min left" if left > 100 else f"about {max(5 * round(left / 5), 5)} s left"
 
 
+def _terminal() -> Any:
+    """Standard error where it is a terminal, None elsewhere."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    return console if console.is_terminal else None
+
+
 @contextmanager
 def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = True) -> Iterator[Callable[[str], None]]:
     """A function to call with each stage's name; on a terminal it shows as a spinner with time gone by and time left.
@@ -183,7 +189,6 @@ def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = T
     With ``verbose`` every stage stays on a line of its own, and the last one says how long all took. ``command``: whose
     stages these are, of ``TYPICAL``; ``page``: whether it writes a report.
     """
-    console = Console(stderr=True, quiet=quiet)
     left = TimeLeft({s: t for s, t in TYPICAL.get(command, {}).items() if page or "report" not in s})
     if verbose and not quiet:
         begin = monotonic()
@@ -196,7 +201,7 @@ def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = T
         yield line
         print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
         return
-    if quiet or not console.is_terminal:
+    if quiet or (console := _terminal()) is None:
         yield lambda what: None if quiet else print(f"... {printable(what)}", file=sys.stderr)
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -215,8 +220,7 @@ def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = T
 @contextmanager
 def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
-    console = Console(stderr=True, quiet=quiet)
-    if quiet or not console.is_terminal:
+    if quiet or (console := _terminal()) is None:
         yield lambda name, n, m: None if quiet else print(f"... {n} of {m}: {printable(name)}", file=sys.stderr)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -273,23 +277,19 @@ def in_options(text: str, parameters: Iterable[str] | None = None) -> str:
     return text
 
 
-def in_one_line(what: str, findings: Iterable[Finding]) -> None:
-    """One line on standard error that tells of the first finding above a note, also under --quiet and --json."""
+def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
+    """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
     from calibration.finding import doubts, once
 
-    asking = doubts(once(findings))
-    if asking:
+    if asking := doubts(once(findings)):
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
         print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence))}{more}", file=sys.stderr)
+    return bool(asking)
 
 
 def end(what: str, findings: Iterable[Finding]) -> None:
     """End with 1 where something asks for a look, told in one line on standard error; with 0 otherwise."""
-    from calibration.finding import doubts
-
-    asking = doubts(findings)
-    if asking:
-        in_one_line(what, asking)
+    if in_one_line(what, findings):
         raise typer.Exit(1)
 
 

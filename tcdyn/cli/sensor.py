@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from calibration.record import InputFile
     from tcdyn.sensor import SensorFile
 
-app = typer.Typer(no_args_is_help=True, help="The lag of any thermocouple, as a file that compensate and follow take.")
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    help="The lag of any thermocouple, as a file that compensate and follow take.",
+)
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
 Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]

@@ -21,7 +21,7 @@ from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
-from tcdyn.campaign import kept_of, rig_fingerprint
+from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.contact import (
     LEAST_ZERO,
@@ -64,7 +64,7 @@ class BetaRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        return sealed(data | {"kept": kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
+        return sealed(data | {"kept": campaign.kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -250,7 +250,7 @@ def estimate_beta(
             found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
         except InputError as problem:
             raise problem.at(table.path.name) from None
-        return BetaRun(table, found, rig_fingerprint(rig, records), count, records)
+        return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)
 
     return without_lost(attempt, without, rig, progress)
 

@@ -17,7 +17,7 @@ from calibration.estimate import Z95
 from tcdyn.campaign import solve
 from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.joined import BENT_P, junctions
+from tcdyn.campaign.result import BENT_P, junctions
 from tcdyn.campaign.trends import trend
 from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
 

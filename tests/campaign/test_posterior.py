@@ -21,10 +21,10 @@ from calibration.rig import load_rig, parse_rig
 from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve
 from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.joined import junctions
 from tcdyn.campaign.kept import Loading
 from tcdyn.campaign.lines import fit_line
 from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior, u_if_known
+from tcdyn.campaign.result import junctions
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.simulate.measure import simulate_oven
