@@ -8,7 +8,7 @@ import pytest
 from tcdyn.chain import Chain
 from tcdyn.contact import Events
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import power_seen
+from tcdyn.partition.power import power_seen
 
 DT_s, TAU_s, LEVEL_W = 1 / 75, 0.7, 360.0
 
