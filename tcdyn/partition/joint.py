@@ -19,17 +19,16 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.rim import Profile
+from tcdyn.conduction.rim import Profile, bank_means
 from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import effects, known_round
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.power import held_power
 from tcdyn.partition.seen import LOG_H, LOG_LAGS, LOG_TAU2, PARAMETERS, SHARE, SeenRim, lags, with_lags
 from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
-from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, stretch_of
+from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
 LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
@@ -114,7 +113,10 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
     known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
-    model = SeenRim(window, held_power(test, rows), test.dt_s, like)
+    longest = max(lags(theta))
+    power, _ = power_seen(test, rows, with_lags(like, (longest,)))
+    bank = bank_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
+    model = SeenRim(window.rim.driven_by(window.blocks @ power, bank), longest, window.weight)
     return Side(
         disk=disk.name,
         of=known.of,

@@ -23,11 +23,10 @@ from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
 from tcdyn.partition.effects import effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.power import power_seen
 from tcdyn.partition.seen import LOG_H, SHARE, lags, with_lags
 from tcdyn.partition.statement.steel import by_conductivity_slope
 from tcdyn.partition.statement.track import by_shift
-from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, sampled
+from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, power_seen, sampled
 
 STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
 PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film

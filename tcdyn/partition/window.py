@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,9 +22,8 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.flux import track
 from tcdyn.conduction.modal import RimGains
 from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, bank_means, cardinal, lag_bank, node_rates
+from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.power import film_seen, power_seen
 from tcdyn.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
@@ -34,7 +34,6 @@ COARSE_BLOCK_S = 0.1
 GRADIENT_STEP_M = 0.25e-3
 LEAST_SEEN = 1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
-NO_NODE = 1e-6  # a lag this near to one of the bank's is taken to lie beside it
 POWER = slice(0, 1)  # of the rim's inputs
 
 
@@ -151,16 +150,6 @@ class RimMeans:
         other = replace(self, inputs=inputs, banks=np.concatenate([bank[None], self.banks[self.rest]]))
         other.__dict__["_kept"] = self._kept
         return other
-
-    def slower(self, tau_s: float, h_W_m2K: float) -> Array:
-        """What the power's answer changes by as it passes one more lag L, (R, P) for a share of one.
-
-        On the bank's lags L_k of rates r_k it is (L - 1) L_k = (L_k - L) r_k/(1/tau - r_k), and so is L itself.
-        """
-        rate, gains = 1 / tau_s, self.gains(h_W_m2K).gains[0]
-        rate *= 1 + NO_NODE * bool(np.any(np.abs(np.log(rate / self.rates_1_s)) < NO_NODE))
-        more = gains * self.rates_1_s / (rate - self.rates_1_s)
-        return self.banks[0] @ (more - more.sum(axis=1)[:, None] * cardinal(self.rates_1_s, np.log([rate]))).T
 
     def answer(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
@@ -286,3 +275,26 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
 def sampled(window: DiskWindow, of_blocks: Array) -> Array:
     """What was worked out on block means (R, M), straight between them, (N, M)."""
     return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
+
+
+def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
+    """What the changed film, if any, comes to and its change by its exponent, (N,) [K] each, seen through ``chain``."""
+    film = test.film[disk.name][rows].T if disk.name in test.film else ()
+    return [x if chain is None else chain.response(x, test.dt_s) for x in film]
+
+
+def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
+    """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and how ``lag_bank`` is to hold it.
+
+    It is held between samples and ends at an instant inside one. Through the chain, for readings left lagged, the
+    sample in which it ends carries its average, which keeps the energy and places the step to second order in dt.
+    """
+    power, t, off = test.power_W[rows], test.time_s[rows], test.events.unload_s
+    k = int(np.searchsorted(t, off)) - 1
+    ends = 0 <= k < len(t) - 1 and power[k] > 0 and power[k + 1] == 0
+    part = float((off - t[k]) / test.dt_s) if ends else 1.0
+    if chain is None:
+        return power, {"hold": "zoh", "switches": (Switch(k, part, float(power[k]), 0.0),) if ends else ()}
+    held = power.copy()
+    held[max(k, 0)] *= part
+    return chain.response(held, test.dt_s, hold="zoh"), {}

@@ -17,7 +17,6 @@ from tcdyn.chain import equalised
 from tcdyn.conduction.rim import lag_bank, node_rates
 from tcdyn.partition.effects import by_inputs, departures, stated_effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.power import film_seen, power_seen
 from tcdyn.partition.statement.track import SHIFT_STEP_M, by_edge
 from tcdyn.partition.uneven import sensed
 from tcdyn.partition.window import (
@@ -26,6 +25,8 @@ from tcdyn.partition.window import (
     Perturbation,
     RimMeans,
     between,
+    film_seen,
+    power_seen,
 )  # fmt: skip
 from tcdyn.traces import STAND_IN_K, DiskTraces
 
