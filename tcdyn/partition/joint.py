@@ -22,9 +22,19 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, bank_means
 from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import effects, known_round
+from tcdyn.partition.effects import (
+    LOG_H,
+    LOG_LAGS,
+    LOG_TAU2,
+    PARAMETERS,
+    SHARE,
+    SeenRim,
+    effects,
+    known_round,
+    lags,
+    with_lags,
+)
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.seen import LOG_H, LOG_LAGS, LOG_TAU2, PARAMETERS, SHARE, SeenRim, lags, with_lags
 from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in

@@ -9,8 +9,8 @@ from calibration import Array
 from tcdyn.chain import Chain
 from tcdyn.conduction.rim import bank_means, node_rates
 from tcdyn.contact import Events
+from tcdyn.partition.effects import lagged
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.seen import lagged
 from tcdyn.partition.window import power_seen
 
 DT_s, TAU_s, LEVEL_W = 1 / 75, 0.7, 360.0
