@@ -15,7 +15,7 @@ import numpy as np
 from calibration import Array
 from calibration.disk import DISKS
 from tcdyn.campaign.kept import ANSWERS, KeptTest, Loading
-from tcdyn.campaign.noise import slow_waves, whole_noise, zero_u
+from tcdyn.campaign.noise import whole_noise, zero_u
 from tcdyn.fitting import Optimum
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import MODEL_K
@@ -69,9 +69,7 @@ def compressed(
         ]
     )
     u, rows = fewer_rows(np.hstack([answers, shapes, j[:, k:]]))
-    residuals = np.split(best.residual[:data], [len(sides[0].y)])
-    waves = max(slow_waves(test, s, theta[4 * i :], r) for i, (s, r) in enumerate(zip(sides, residuals)))
-    lower = np.linalg.cholesky(waves * whole_noise(test, sides, theta, u))
+    lower = np.linalg.cholesky(whole_noise(test, sides, theta[:k], u, best.residual[:data]))
     rows, right = np.linalg.solve(lower, rows), np.linalg.solve(lower, -u.T @ best.residual[:data])
     seen = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(ANSWERS))
     power_W = test.friction_N * test.sliding_speed_m_s

@@ -15,6 +15,7 @@ from scipy import fft, ndimage
 from calibration import Array
 from calibration.noise import white_noise_sd
 from tcdyn.contact import SETTLE_S, line_length
+from tcdyn.cores import side_by_side
 from tcdyn.fitting import wave_factor
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, Side
@@ -82,7 +83,9 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     kept = f < HIGHEST_Hz
     rates = gains.rates / (gains.rates + 2j * np.pi * f[kept, None])
     weights = np.where(f[kept] == 0, 1.0, 2.0) / length
-    seen = [fft.rfft(window.blocks.T @ each[:, p], n=length, axis=0)[kept] for p in range(each.shape[1])]
+    seen = np.zeros((each.shape[1], len(rates), each.shape[2]), dtype=complex)
+    for p, used in enumerate(np.atleast_2d(each.any(axis=0))):
+        seen[p][:, used] = fft.rfft(window.blocks.T @ each[:, p, used], n=length, axis=0)[kept]
     out = np.zeros((toward.shape[1],) * 2)
     for i, sigma in enumerate(sd):
         through = sum(
@@ -99,16 +102,16 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     return out
 
 
-def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Array) -> Array:
-    """Covariance (D, D) of combinations ``toward`` (m, D), orthonormal, of both sides' data: own noise and inputs'.
+def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Array, residual: Array) -> Array:
+    """Covariance (D, D) of combinations ``toward`` (m, D), orthonormal, of both sides' data: own noise and inputs', all
+    widened by the slow waves of the ``residual`` (m,) beyond it.
 
     Power and ambient are taken as each side's own.
     """
     ends = np.cumsum([len(s.y) for s in sides])[:-1]
-    parts = np.split(toward, ends)
-    return np.eye(toward.shape[1]) + sum(
-        driven_noise(test, s, theta[4 * i : 4 * i + 4], p) for i, (s, p) in enumerate(zip(sides, parts))
-    )
+    parts = [*zip(sides, theta.reshape(-1, 4), np.split(toward, ends), np.split(residual, ends))]
+    found = side_by_side(lambda x: (slow_waves(test, x[0], x[1], x[3]), driven_noise(test, *x[:3])), parts)
+    return max(waves for waves, _ in found) * (np.eye(toward.shape[1]) + sum(driven for _, driven in found))
 
 
 def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array) -> float:

@@ -128,7 +128,7 @@ TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, mea
     "compensate": {"reading": 1.3, "common lags": 4.4, "junctions": 4.5, "writing": 1.4, "report": 2.2},
     "deconvolve": {"reading": 1.7, "common lags": 4.5, "junctions": 70, "writing": 0.6, "report": 2.2},
     "beta": {"reading": 5.0, "sensor map": 4.6, "steady": 0.3, "joint fits": 2.2, "other structures": 0.6,
-             "compensation": 0.9, "cooling fit, fast": 0.9, "cooling fit, slow": 4.0, "writing the report": 15.0},
+             "compensation": 5.8, "writing the report": 15.0},
     "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
     "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
 }  # fmt: skip

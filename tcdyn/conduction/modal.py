@@ -263,24 +263,35 @@ def rim_gains(
     """
     if not h_W_m2K >= 0:
         raise InputError(f"rim_gains: h_W_m2K must not be negative; got {h_W_m2K}")
-    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh, split_ambient)
+    s, within, driven, weights = _driven(
+        rim, h_W_m2K, half_width_m, rates.tobytes(), profile, flux, mesh, split_ambient
+    )
     read_r, read_z = readings(rim, tuple(points), mesh)
     at_r, at_z = read_r[:, 1:] @ s.shape_r, read_z @ s.shape_z
-    lam, collect = s.rates, s.collect
-    if lam.min() < rates[0]:
-        raise InputError(
-            f"the rim's slowest mode {lam.min():.3g} 1/s is below the bank's lowest {rates[0]:.3g}",
-            remedy="give node_rates a smaller slowest_per_s",
-        )
-    forces = s.force_r[s.source_r]
-    within = slice(None) if lam.max() < rates[-1] else (lam < rates[-1]).ravel()
-    slow = collect @ (forces[:, :, None] * s.force_z[:, None, :]).reshape(len(forces), -1)[:, within]
-    slow = slow[:, None] * (at_r[:, :, None] * at_z[:, None, :] / lam).reshape(len(at_r), -1)[:, within]
-    weights, total = unscaled_cardinal(rates, np.log(lam.ravel()[within]))
-    gains = np.asarray(np.tensordot(slow / total, weights, 1), dtype=float)
+    seen = (at_r[:, :, None] * at_z[:, None, :]).reshape(len(at_r), -1)[:, within]
+    gains = np.asarray(np.tensordot(driven[:, None] * seen, weights, 1), dtype=float)
     # what the modes beyond the bank add to the steady answer belongs to its fastest lag
-    whole = (at_r * s.force_r[:, None, :]) @ (1 / lam) * at_z
-    gains[:, :, -1] += collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(axis=2) - slow.sum(axis=2)
+    whole = (at_r * s.force_r[:, None, :]) @ (1 / s.rates) * at_z
+    gains[:, :, -1] += s.collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(axis=2) - gains.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     inputs = inputs_of(len(rim.boundary_z_m), split_ambient)
     return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
+
+
+@lru_cache(maxsize=16)
+def _driven(
+    rim: Rim, h: float, half_width: float, rates: bytes, profile: Profile, flux: Flux, mesh: Mesh, split: bool
+) -> tuple[Spectrum, Any, Array, Array]:
+    """What all points have in common: the modes, which M of them the bank holds, their steady amplitudes (I, M) for a
+    unit of every input, and their ``cardinal`` weights (M, K), the amplitudes divided by these weights' sums."""
+    s, nodes = spectrum(rim, h, half_width, profile, flux, mesh, split), np.frombuffer(rates)
+    if s.rates.min() < nodes[0]:
+        raise InputError(
+            f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the bank's lowest {nodes[0]:.3g}",
+            remedy="give node_rates a smaller slowest_per_s",
+        )
+    within = slice(None) if s.rates.max() < nodes[-1] else (s.rates < nodes[-1]).ravel()
+    rates_within = s.rates.ravel()[within]
+    weights, total = unscaled_cardinal(nodes, np.log(rates_within))
+    sources = (s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]).reshape(len(s.source_r), -1)[:, within]
+    return s, within, s.collect @ sources / (rates_within * total), weights

@@ -31,6 +31,7 @@ from tcdyn.partition.alternatives import (
 from tcdyn.partition.cooling import (
     Alone,
     CoolingFit,
+    CoolingShift,
     compensated,
     cooling_errors,
     cooling_fit,
@@ -184,17 +185,18 @@ def analyse(
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures")
     structures = alternatives(fitted, joint, both)
-    progress("compensation")
+    progress("compensation and cooling fits")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
-    done = side_by_side(lambda d: smoothed(test, test.disks[d], rows, chains[d], joint[d].estimates["lag_s"].u), DISKS)
-    cooled, cooling, shifts = {}, {}, {}
-    for d, junctions in zip(DISKS, done):
-        one = cooled[d] = compensated(test, test.disks[d], rows, junctions, profile)
-        progress(f"cooling fit, {d} disk")
-        prior = log_h_prior(test.disks[d].setup.surface)
-        fit = cooling[d] = cooling_fit(one.window, lines[d].line, test.events.unload_s, window_s, one.noise_K, prior)
-        shifts[d] = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), lines[d])
-    windows = {d: one.window for d, one in cooled.items()}
+
+    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift]:
+        disk, line = test.disks[d], lines[d]
+        junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
+        one, prior = compensated(test, disk, rows, junctions, profile), log_h_prior(disk.setup.surface)
+        fit = cooling_fit(one.window, line.line, test.events.unload_s, window_s, one.noise_K, prior)
+        shift = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), line)
+        return one.window, one.shown, fit, shift
+
+    windows, shown, cooling, shifts = (dict(zip(DISKS, x)) for x in zip(*side_by_side(alone, DISKS)))
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
     for d in DISKS:
@@ -212,7 +214,7 @@ def analyse(
     checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
     return Partition(
         test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
-        {d: one.shown for d, one in cooled.items()}, windows, sensors, structures, tuple(findings),
+        shown, windows, sensors, structures, tuple(findings),
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ with its prior, so that the answer's covariance holds it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,22 +20,30 @@ from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, bank_means
+from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import effects, known_round
+from tcdyn.partition.effects import (
+    LOG_H,
+    LOG_LAGS,
+    LOG_TAU2,
+    PARAMETERS,
+    SHARE,
+    SeenRim,
+    effects,
+    known_round,
+    lags,
+    with_lags,
+)
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
 from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
-from tcdyn.partition.window import POWER, DiskWindow, RimMeans, disk_window, power_seen, stretch_of
+from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, power_seen, stretch_of
 from tcdyn.traces import NOISE_ORDER, DiskTraces
 
-PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
-SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
 LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
-LEAST_PART = 1e-7  # of the sum of both lags
-LOG_H_STEP, LARGEST_LOG_H = 1e-3, 14.0  # a search that goes beyond a million W/m2K has lost its way
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 Starts = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
@@ -104,18 +112,6 @@ class BothFit:
     optimum: Optimum = field(repr=False, compare=False)
 
 
-def lags(p: Array) -> tuple[float, float]:
-    """tau1 and tau2 [s] of the parameters of a disk; a second lag that would be longer than the sum is all of it."""
-    total, second = float(np.exp(p[LOG_LAGS])), float(np.exp(p[LOG_TAU2]))
-    second = min(second, (1 - LEAST_PART) * total)
-    return total - second, second
-
-
-def with_lags(like: Chain, taus_s: tuple[float, ...]) -> Chain:
-    """The chain with ``taus_s`` for the two largest lags of ``like``, the rest as there."""
-    return replace(like, taus_s=(*taus_s, *sorted(like.taus_s, reverse=True)[2:]))
-
-
 def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float) -> Side:
     """The disk's readings brought to the chain of ``theta``, and what nobody measured about that point."""
     rows, like = stretch_of(test, window_s), disk.mean_chain
@@ -127,31 +123,15 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
     noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
     known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
-    rim, blocks, weight = window.rim, window.blocks, window.weight
-
-    def heated(taus_s: tuple[float, ...]) -> RimMeans:
-        power, _ = power_seen(test, rows, with_lags(like, taus_s))
-        return rim.driven_by(blocks @ power, bank_means(power, test.dt_s, rim.rates_1_s, window.counts))
-
-    def model(p: Array) -> tuple[Array, Array] | None:
-        """By log h a central difference; by the logarithm of a lag tau, which the power P passes as L = 1/(1 + tau s),
-        (L - 1) L P: the seen power through the same lag once more, less itself."""
-        if not p[LOG_H] < LARGEST_LOG_H:
-            return None
-        share, h = p[SHARE], float(np.exp(p[LOG_H]))
-        rest, power = heated(lags(p)).answer(h * np.exp([0.0, LOG_H_STEP, -LOG_H_STEP]))
-        at, up, down = rest + share * power
-        by_tau = [share * (heated((*lags(p), tau)).through(POWER, h) - power[0]) for tau in lags(p)]
-        one, two = lags(p)
-        of_lags = by_tau[0] * (one + two) / one, by_tau[1] - by_tau[0] * two / one
-        slopes = [power[0], (up - down) / (2 * LOG_H_STEP), *of_lags]
-        return (at * weight).ravel(), np.stack([(s * weight).ravel() for s in slopes], axis=1)
-
+    longest = max(lags(theta))
+    power, _ = power_seen(test, rows, with_lags(like, (longest,)))
+    bank = bank_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
+    model = SeenRim(window.rim.driven_by(window.blocks @ power, bank), longest, window.weight)
     return Side(
         disk=disk.name,
         of=known.of,
-        y=(window.y * weight).ravel(),
-        effect=(known.change * weight).reshape(len(known.of), -1).T,
+        y=(window.y * window.weight).ravel(),
+        effect=(known.change * window.weight).reshape(len(known.of), -1).T,
         model=model,
         prior_lag_s=disk.common_lag_s,
         prior_lag_u_s=max(disk.common_lag_u_s, LEAST_LAG_U_S),
@@ -159,7 +139,7 @@ def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, pr
         rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
         prior_log_h=log_h_prior(disk.setup.surface),
         window=window,
-        heated=heated,
+        heated=model.heated,
     )
 
 
@@ -247,7 +227,8 @@ def joint_fits(
 
     Raises InputError when the log ends before the window.
     """
-    fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
+    each = side_by_side(lambda d: disk_fit(test, test.disks[d], *start[d], window_s, profile), DISKS)
+    fits = dict(zip(DISKS, each))
     sides = [fits[d].side for d in DISKS]
     problem = joint_problem(sides)
     theta = np.zeros(len(problem.names))

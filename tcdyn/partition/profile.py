@@ -23,6 +23,7 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note
 from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
+from tcdyn.cores import side_by_side
 from tcdyn.fitting import crossing, eliminated, least, minimise, profile
 from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
 from tcdyn.partition.window import POWER
@@ -33,7 +34,7 @@ H_NODES, SHAPE_NODES = 13, 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))  # up to this width in log S
 RANK = 60  # directions of data space that a disk's table spans: what they leave out is below 1e-8 K
 OTHER_SHAPES = (0.0, -0.7, 0.7)  # starts of the second lag's logarithm: the posterior may have two valleys in it
-ENOUGH = 1e-7
+ENOUGH = 1e-4  # of the sum of squares that a step would still gain; the step is taken, and leaves far less
 STEP_U, FARTHEST_U = 0.3, 6.0  # in standard uncertainties
 TOP = 8.99  # of the deviance: three standard uncertainties of a parabola
 LEVEL = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
@@ -47,7 +48,9 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     as the uncertainties of h and lag ask for; beyond them there is no answer.
     """
     nodes_h = log_nodes(*_reach([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
-    low, high = _reach([float(np.exp(p[LOG_LAGS])) for p in points], lag_u_s)
+    sums = [float(np.exp(p[LOG_LAGS])) for p in points]
+    low, high = _reach(sums, lag_u_s)
+    high = min(high, float(np.log(max(2 * max(sums), 1 / side.window.rim.rates_1_s[0]))))  # what the bank has
     nodes_sum = log_nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
     nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
     weight = side.window.weight
@@ -64,30 +67,38 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
     basis = np.linalg.qr(np.vstack([side.y, side.effect.T, mixed]).T)[0]
     rest, power = rest @ basis, (power @ basis).reshape(H_NODES, -1)
-    axes = [(nodes, np.log(nodes[[0, -1]])) for nodes in (nodes_h, nodes_sum, nodes_shape)]
+    table = _Table((nodes_h, nodes_sum, nodes_shape), rest, power)
+    return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=table)
 
-    def model(p: Array) -> tuple[Array, Array] | None:
+
+@dataclass(frozen=True)
+class _Table:
+    """Answers ``rest`` (H, D) and ``power`` (H, S Q D) on ``nodes`` of h, the lags' sum and their shape."""
+
+    nodes: tuple[Array, Array, Array]
+    rest: Array
+    power: Array
+
+    def __call__(self, p: Array) -> tuple[Array, Array] | None:
         """A second lag that would be longer than the sum is all of it."""
         ratio = min(float(np.exp(p[LOG_TAU2] - p[LOG_LAGS])), 1.0)
         q = 4 * (1 - ratio) * ratio
         q_slope = 4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0  # by log tau2, and the opposite by log S
         weights = []
-        for (nodes, (low, high)), x in zip(axes, (p[LOG_H], p[LOG_LAGS], q)):
-            if not low <= x <= high:
+        for nodes, x in zip(self.nodes, (p[LOG_H], p[LOG_LAGS], q)):
+            if not np.log(nodes[0]) <= x <= np.log(nodes[-1]):
                 return None
             at = cardinal(nodes, np.array([x]))
             weights.append(np.concatenate([at, cardinal_slope(nodes, at)]))
         by_h, by_sum, by_q = weights  # at the point, and the slope there
-        at_h = by_h @ power
-        at_sum = (by_sum @ at_h[0].reshape(len(nodes_sum), -1)).reshape(2, SHAPE_NODES, -1)
+        at_h = (by_h @ self.power).reshape(2, len(self.nodes[1]), -1)
+        at_sum = (by_sum @ at_h[0]).reshape(2, SHAPE_NODES, -1)
         seen, seen_q = by_q @ at_sum[0]
-        share, seen_h = p[SHARE], by_q[0] @ (by_sum[0] @ at_h[1].reshape(len(nodes_sum), -1)).reshape(SHAPE_NODES, -1)
-        still, still_h = by_h @ rest
+        share, seen_h = p[SHARE], by_q[0] @ (by_sum[0] @ at_h[1]).reshape(SHAPE_NODES, -1)
+        still, still_h = by_h @ self.rest
         by_shape = share * seen_q * q_slope
         slopes = [seen, still_h + share * seen_h, share * (by_q[0] @ at_sum[1]) - by_shape, by_shape]
         return still + share * seen, np.stack(slopes, axis=1)
-
-    return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=model)
 
 
 @dataclass(frozen=True)
@@ -112,17 +123,22 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     ``deviance``: sum of squares above its least, all else refitted [1]. The fits' own windows serve,
     nothing is filtered again.
     """
-    one, tables, found = np.eye(8), {}, []
-    for d, together in zip(DISKS, (both.theta[:4], both.theta[4:])):
+    one = np.eye(8)
+
+    def alone(d: str) -> tuple[pd.DataFrame, dict[str, Any]]:
         fit, e = joint[d], joint[d].estimates
-        tables[d] = rim_table(fit.side, [fit.theta, together], e["h"].u, e["lag_s"].u)
+        together = both.theta[:4] if d == DISKS[0] else both.theta[4:]
+        table = rim_table(fit.side, [fit.theta, together], e["h"].u, e["lag_s"].u)
         turn = float if d == "fast" else (lambda share: 1.0 - share)
         numbers = {
             "beta": Number(one[SHARE, :4], turn, turn, (0.0, 1.0)),
             "h": _logarithm(one[LOG_H, :4]),
             "lag_s": _logarithm(one[LOG_LAGS, :4], fit.side.rest_of_lag_s),
         }
-        found.append(_profiles(d, [tables[d]], fit.theta, numbers, e, fit.inflation))
+        found = _profiles(d, [table], fit.theta, numbers, e, fit.inflation)
+        return found, {"y": table.y, "effect": table.effect, "model": table.model}
+
+    found, tables = zip(*side_by_side(alone, DISKS))
     h_fast, h_slow = one[LOG_H], one[4 + LOG_H]
     numbers = {
         "beta": Number(one[SHARE], within=(0.0, 1.0)),
@@ -130,8 +146,9 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         "h_slow": _logarithm(h_slow),
         "exponent": Number((h_fast - h_slow) / float(np.log(both.speed_ratio))),
     }
-    found.append(_profiles("both", [*tables.values()], both.theta, numbers, both.estimates, both.inflation))
-    return pd.concat(found, ignore_index=True)
+    sides = [replace(joint[d].side, **table) for d, table in zip(DISKS, tables)]
+    whole = _profiles("both", sides, both.theta, numbers, both.estimates, both.inflation)
+    return pd.concat([*found, whole], ignore_index=True)
 
 
 def _profiles(
@@ -158,17 +175,18 @@ def _profiles(
     best = least(tried)
     whole = minimise(problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=ENOUGH)
     noise, per_sd = told(whole, sides)
-    frames = []
-    for name, n in numbers.items():
-        e = estimates[name]
+
+    def walked(name: str) -> pd.DataFrame:
+        n, e = numbers[name], estimates[name]
         white, other = n.toward @ noise @ n.toward, np.sum((n.toward @ per_sd) ** 2)
         walk = profile(
             best, n.toward, u=e.u, scale=float((inflation * white + other) / (white + other)),
             step=STEP_U, drop=TOP, reach=FARTHEST_U, value=n.value, at=n.at, within=n.within, tolerance=ENOUGH,
         )  # fmt: skip
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
-        frames.append(pd.DataFrame({"fit": fit, "parameter": name, **columns}))
-    return pd.concat(frames, ignore_index=True)
+        return pd.DataFrame({"fit": fit, "parameter": name, **columns})
+
+    return pd.concat(side_by_side(walked, [*numbers]), ignore_index=True)
 
 
 def _reach(values: Sequence[float], u: float) -> tuple[float, float]:

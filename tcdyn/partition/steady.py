@@ -12,6 +12,7 @@ from calibration import Array
 from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
+from tcdyn.cores import side_by_side
 from tcdyn.partition.effects import effects, inner_gradient
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.steel import follows_temperature, linear_about
@@ -205,7 +206,8 @@ def steady_lines(
     test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
     """Steady line of each disk from the lagged readings, and the speed law's point on both; of one disk a start."""
-    lines = {d: disk_line(test, disk, rows, profile, weights) for d, disk in test.disks.items()}
+    each = side_by_side(lambda disk: disk_line(test, disk, rows, profile, weights), [*test.disks.values()])
+    lines = dict(zip(test.disks, each))
     if len(lines) < len(DISKS):
         starts = {d: (one.line.at(START_H_W_M2K), START_H_W_M2K) for d, one in lines.items()}
         return lines, SpeedLawPoint(np.nan, np.nan, np.nan, np.nan, starts)
@@ -219,13 +221,12 @@ def at_one_radius(test: EhlTest) -> EhlTest:
     rig.toml states another depth, the gradient of the model itself, at the speed law's share and h, tells what they
     would read. First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay
     untouched."""
-    off = {d: disk.setup.deeper_than_edge_m for d, disk in test.disks.items()}
-    if not any(np.any(o) for o in off.values()):
+    if not (off := {d: o for d, x in test.disks.items() if np.any(o := x.setup.deeper_than_edge_m)}):
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
         _, speed = steady_lines(test, rows)
-        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in off if np.any(off[d])}
+        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in off}
         test = replace(test, disks={**test.disks, **moved})
     return test
 
@@ -279,8 +280,7 @@ def surface_temperatures(
     "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
     places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
     """
-    values: dict[str, float] = {}
-    drawn: dict[str, Array] = {}
+    values, drawn = dict[str, float](), dict[str, Array]()
     for d, h, share, sign in (("fast", speed.h_fast, speed.beta, 1), ("slow", speed.h_slow, 1 - speed.beta, -1)):
         rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
         last = (to_parting >= -LAST_S) & (to_parting < -0.2)

@@ -20,9 +20,9 @@ from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.nonuniform import cached_gains
 from tcdyn.conduction.rim import Rim, bank_means, lag_bank, points_of
 from tcdyn.fitting import Optimum, free_directions, inverse, wave_factor
-from tcdyn.partition.effects import effects
+from tcdyn.partition.effects import LOG_H, SHARE, effects, lags, with_lags
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, SHARE, DiskFit, lags, with_lags
+from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.statement.steel import by_conductivity_slope
 from tcdyn.partition.statement.track import by_shift
 from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, power_seen, sampled

@@ -203,7 +203,7 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     if "setup" not in record.model_fields_set:
         return []
     own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
-    if not (changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]):
+    if own == stated or not (changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]):
         return []
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]

@@ -81,5 +81,7 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
     found = driven_noise(test, side, theta, toward)
     assert asked == pytest.approx([700.0])
     assert np.abs(found - expected).max() < 0.02 * np.diag(expected).max()  # a lag of a sample is not quite one of none
-    both = whole_noise(test, [side, side], np.tile(theta, 2), np.vstack([toward, 2 * toward]))
+    both = whole_noise(
+        test, [side, side], np.tile(theta, 2), np.vstack([toward, 2 * toward]), np.zeros(2 * len(toward))
+    )
     assert both == pytest.approx(np.eye(3) + 5 * found)  # and the data's own noise

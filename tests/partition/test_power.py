@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from calibration import Array
 from tcdyn.chain import Chain
+from tcdyn.conduction.rim import bank_means, node_rates
 from tcdyn.contact import Events
+from tcdyn.partition.effects import lagged
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import power_seen
 
@@ -32,3 +35,17 @@ def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(pa
     (jump,) = exact["switches"]
     assert (jump.index, jump.before, jump.after) == (last, LEVEL_W, 0.0)
     assert jump.fraction == pytest.approx(part, abs=1e-9)
+
+
+@pytest.mark.parametrize("tau_s", [0.05, 0.6, 1 / node_rates(DT_s)[20]])
+def test_one_more_lag_is_weights_on_the_bank(tau_s: float) -> None:
+    """Means of a slow input and its bank through a lag, one on a node among them, are those of the input filtered
+    first: to 1e-5, as the bank's interpolation is good to 1e-6, straight lines between its samples to 7.5^2 dt^2/12."""
+    dt_s, rates = 0.1 * DT_s, node_rates(DT_s)
+    u = np.sin(2 * np.pi * 0.3 * np.arange(5000) * dt_s) ** 4
+
+    def means(x: Array) -> tuple[Array, Array]:
+        return x[-2000:].reshape(40, 50).mean(axis=1), bank_means(x, dt_s, rates, [50] * 40)
+
+    for found, expected in zip(lagged(*means(u), rates, tau_s), means(Chain((tau_s,)).response(u, dt_s))):
+        np.testing.assert_allclose(found, expected, atol=1e-5)

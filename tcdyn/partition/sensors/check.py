@@ -16,15 +16,7 @@ from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.cores import side_by_side
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors.faults import (
-    DepthTest,
-    Fault,
-    Verdict,
-    depth_test,
-    hypotheses,
-    judge,
-    settled,
-)
+from tcdyn.partition.sensors.faults import DepthTest, Fault, depth_test, hypotheses, judge, settled
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
 from tcdyn.partition.sensors.rest import UNSOUND_P, at_rest
 from tcdyn.partition.window import between
@@ -119,20 +111,19 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
     junctions read nearly alike (d and f) cannot be told apart: ``blind`` lists such pairs.
     """
-    features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
+    looked_at = dict(zip(test.disks, side_by_side(lambda d: _looked_at(test, test.disks[d]), [*test.disks])))
+    features = {d: f for d, (f, _, _) in looked_at.items()}
     groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
     likely, depths, before_load = {}, {}, at_rest(test)
-    found = {d: _dead(test, test.disks[d], f) for d, f in features.items()}
-    alive = [d for d in features if not found[d]]
-    judged = dict(zip(alive, side_by_side(lambda d: _judged(test, features[d], test.disks[d]), alive)))
-    for d, f in features.items():
-        if not found[d]:
-            sound, best, suspect, pairs = judged[d]
+    found = {d: dead for d, (_, dead, _) in looked_at.items()}
+    for d, (_, _, judged) in looked_at.items():
+        if judged is not None:
+            depth, best, suspect, pairs = judged
             resting = (Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d])
             found[d], likely[d] = tuple(resting) or suspect, best
-            if not found[d]:
-                blind[d], depths[d] = pairs, depth_test(f, test.disks[d], sound)
+            if depth is not None and not found[d]:
+                blind[d], depths[d] = pairs, depth
     crossed = _crossed(test, features, sum(likely.values())) if all(found.values()) and len(likely) == 2 else None
     if crossed is not None:
         found = dict.fromkeys(DISKS, (crossed,))
@@ -154,10 +145,19 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     )
 
 
-def _judged(
-    test: EhlTest, f: DiskFeatures, disk: DiskTraces
-) -> tuple[Verdict, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]:
-    """The sound verdict, the log likelihood of what is believed, the suspect if there is one, and the blind swaps."""
+Judged = tuple[DepthTest | None, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]
+
+
+def _looked_at(test: EhlTest, disk: DiskTraces) -> tuple[DiskFeatures, tuple[Suspect, ...], Judged | None]:
+    """A disk's features, the dead of its channels, and what is judged of it where there are none."""
+    f = disk_features(test, disk)
+    dead = _dead(test, disk, f)
+    return replace(f), dead, None if dead else _judged(test, f, disk)  # what it worked out stays here
+
+
+def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:
+    """Where the test places the junctions of a sound disk, the log likelihood of what is believed, the suspect if there
+    is one, and the blind swaps."""
     (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out))
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
@@ -169,15 +169,15 @@ def _judged(
         odds = first.log_likelihood - sound.log_likelihood
         if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < UNSOUND_P:
             told = {**also, "chi2": sound.chi2, "dof": sound.dof}  # no swap stops a run that it does not explain
-            return sound, sound.log_likelihood, (Suspect(disk.name, "unknown", (), None, odds, told),), ()
+            return None, sound.log_likelihood, (Suspect(disk.name, "unknown", (), None, odds, told),), ()
         named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
-        return sound, first.log_likelihood, (named,), ()
+        return None, first.log_likelihood, (named,), ()
     if chdtrc(sound.dof, sound.chi2) < UNSOUND_P:
         unknown = Suspect(disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof})
-        return sound, sound.log_likelihood, (unknown,), ()
+        return None, sound.log_likelihood, (unknown,), ()
     near = sound.log_likelihood - BLIND_LOG_ODDS
     blind = tuple(v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near)
-    return sound, sound.log_likelihood, (), blind
+    return depth_test(f, disk, sound), sound.log_likelihood, (), blind
 
 
 def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) -> Suspect | None:

@@ -161,31 +161,33 @@ class DiskFeatures:
         """What the data ``seen`` show more about a point by a unit of each of ``effects.stated``, of the harmonic round
         the bore, then by a standard uncertainty of the flux's place and of the film's exponent, a second of common lag,
         a second of later load, and the share, (Q, D)."""
+        if (order, h_W_m2K) not in self._kept:
+            self._kept[order, h_W_m2K] = self._without_heat_and_by_share(order, h_W_m2K)
+        still, by_share = self._kept[order, h_W_m2K]
+        return np.asarray(still + share * by_share)
+
+    def _without_heat_and_by_share(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
+        """``effects`` for a share of none, and what they grow by a share of one: they are linear in it."""
         departing, sizes = self._departures
         driven_to, harmonic, late, film = self._whatever_order(h_W_m2K)
-        rest, power = self.answer(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
+        shown = self.answer(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
         gradient = self.gradient(order, ((h_W_m2K, NOMINAL),))
-        shown = rest + share * power
-        rates = self.slope[:, [order[i] for row in self._rows for i in row]]
-        lasts = (self.event == "steady").astype(float)
-        slow = [
-            *[lasts] * len(self.setup.inner),
-            *(gradient[0] + share * gradient[1])[0].T,
-            *rates.T[len(self.setup.outer) :],
-            lasts,
-        ]  # the rim follows
-        driven = np.array(slow)[:, :, None] * driven_to[:, None]
-        known = stated_effects((shown[1:] - shown[0]) / sizes[:, None, None], driven, lasts, rates, self.drives)
-        later = share * late
-        loading = later * (self.event == "loading")[:, None]
-        beside = np.zeros_like(later)
+        shifted = np.zeros((2, 2, *late.shape))
         if self.shift_u_m:
-            rest, by_share = self.answer(
-                order, tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-            )
-            one, other = rest + share * by_share
-            beside = (one - other) * self.shift_u_m / (2 * SHIFT_STEP_M)
-        return np.concatenate([known, harmonic, [beside, film, later, loading, power[0]]])[:, self.seen]
+            cases = tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+            shifted = np.array(self.answer(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
+        lasting, loading = (self.event == "steady").astype(float), (self.event == "loading")[:, None]
+        rising, heat, nothing = self.slope[:, [order[i] for row in self._rows for i in row]], shown[1][0], 0.0 * late
+        found = []
+        for x, along_r, (one, other), of_share in zip(shown, gradient, shifted, (False, True)):
+            lasts, rates = (nothing[:, 0], nothing) if of_share else (lasting, rising)
+            slow = [*[lasts] * len(self.setup.inner), *along_r[0].T, *rates.T[len(self.setup.outer) :], lasts]
+            driven = np.array(slow)[:, :, None] * driven_to[:, None]  # the rim follows
+            known = stated_effects((x[1:] - x[0]) / sizes[:, None, None], driven, lasts, rates, self.drives)
+            more = [nothing, late, late * loading, nothing] if of_share else [film, nothing, nothing, heat]
+            beside = one - other, *more
+            found.append(np.concatenate([known, harmonic * (not of_share), beside])[:, self.seen])
+        return found[0], found[1]
 
     def _whatever_order(self, h_W_m2K: float) -> tuple[Array, Array, Array, Array]:
         """Of an h, whichever column reads which place: steady answers by what drives the rim, effects of the harmonic
