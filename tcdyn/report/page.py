@@ -38,6 +38,7 @@ UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 SHORT = 20  # rows; a table of so many stays on one printed page
 COMPRESSION = 3  # of pictures: a third quicker than the usual 6, and larger by a fortieth
+MARGIN_IN = 0.1  # round a picture
 LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 
 
@@ -103,7 +104,11 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
     buffer = io.BytesIO()
     told: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
-    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **told)
+    figure.set_dpi(dpi)
+    if engine := figure.get_layout_engine():
+        engine.execute(figure)
+    figure.set_layout_engine(None)  # what bbox_inches="tight" does, without drawing once more in order to measure
+    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches=figure.get_tightbbox().padded(MARGIN_IN), **told)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
