@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable
@@ -146,6 +147,7 @@ def run(command: Callable[[], Any]) -> int:
 
 def main() -> None:
     """Entry point of the ``tcdyn`` command."""
+    gc.set_threshold(100_000)  # objects, not 700: what one command leaves in cycles is little
     sys.exit(run(lambda: app(standalone_mode=True)))
 
 
