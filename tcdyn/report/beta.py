@@ -46,9 +46,9 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     shown = [partial(make, p, truth) for make in (lead, answer_sections)]
     shown += [partial(make, p) for make in (fit_section, uncertainty_sections, uneven_section)]
     folded = structure_section, around_section, transient_sections, profile_section, test_sections
-    every = made(*shown, *(partial(make, p) for make in folded))
-    appendix = [replace(s, folded=True) for s in chain(*every[len(shown) :])]
-    return sorted([*chain(*every[: len(shown)]), *appendix], key=attrgetter("folded"))
+    every = made(*(partial(make, p) for make in folded), *shown)  # what takes longest first
+    appendix = [replace(s, folded=True) for s in chain(*every[: len(folded)])]
+    return sorted([*chain(*every[len(folded) :]), *appendix], key=attrgetter("folded"))
 
 
 def lead(p: Partition | OneDisk, truth: float | None = None) -> Section:
