@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -87,10 +88,10 @@ def beta(
             runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:
             runs = (estimate(log, own_rig, records, stage=stage, **options),)
-        data = [run.to_dict() for run in runs]
+        data = cache(lambda: [run.to_dict() for run in runs])  # with profiles, which a report alone makes beside others
         files = [] if out is None else [out] if len(runs) == 1 else [numbered(out, k) for k in range(1, len(runs) + 1)]
-        for file, content in zip(files, data):
-            write_text(file, dump(content))
+        for k, file in enumerate(files):
+            write_text(file, dump(data()[k]))
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
@@ -100,7 +101,7 @@ def beta(
             tests: Any = {run.log.path.stem: run.partition for run in runs}
             write: Any = write_one_disk_report if len(records) == 1 else write_beta_report
             write(report, tests, sources=sources_of(runs, record, rig))
-    tell.json(lambda: data[0] if len(data) == 1 else data)
+    tell.json(lambda: data()[0] if len(runs) == 1 else data())
     for run in runs:
         if len(runs) > 1:
             tell.say(f"{run.log.path.stem}:")

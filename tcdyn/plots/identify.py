@@ -38,7 +38,8 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     ax.plot([], [], color=FAST, label=f"{model.input_name}, right axis", **style)
     twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
     head = f"fit {model.statistics['fit_percent']:.2f} %"
-    return dressed(ax, "time [s]", label(model.output_name, model.output_unit), head=head, loc="best")
+    ax.set_title(head, loc="left", fontsize="medium")  # over the power of ten of an axis of any unit
+    return dressed(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
 
 
 def _dashed(hold: str) -> dict[str, Any]:

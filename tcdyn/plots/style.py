@@ -54,7 +54,7 @@ def dressed(ax: Axes, x: str, y: str, *, head: str = "", legend: bool = False, *
     """``ax`` with its labels, units in them, a heading, and a legend where asked for or where ``options`` place one."""
     ax.set(xlabel=x, ylabel=y)
     if head:
-        ax.set_title(head, loc="left", fontsize="medium")
+        ax.set_title(head, loc="left", fontsize="medium", y=1.0)  # no place to be looked for
     if legend or options:
         ax.legend(**{"frameon": False, "fontsize": "small", **options})
     return finish(ax)

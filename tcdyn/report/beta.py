@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 import pandas as pd
@@ -28,7 +30,7 @@ from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, pictured
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
 from tcdyn.report.around import around_section, uneven_section
-from tcdyn.report.page import Answer, Section, write_page
+from tcdyn.report.page import Answer, Section, made, write_page
 
 ASSUMED = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "
@@ -40,18 +42,13 @@ ASSUMED = (
 
 
 def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
-    """Sections for one test, most wanted first; what few ask for is folded."""
-    appendix = [
-        structure_section(p),
-        around_section(p),
-        *transient_sections(p),
-        profile_section(p),
-        *test_sections(p),
-    ]
-    shown = [*answer_sections(p, truth), fit_section(p), *uncertainty_sections(p)]
-    shown.append(uneven_section(p))
-    folded = [s for s in shown if s.folded] + [replace(s, folded=True) for s in appendix]
-    return [s for s in shown if not s.folded] + folded
+    """Sections for one test, that of the page's head first, then most wanted first; what few ask for is folded."""
+    shown = [partial(make, p, truth) for make in (lead, answer_sections)]
+    shown += [partial(make, p) for make in (fit_section, uncertainty_sections, uneven_section)]
+    folded = structure_section, around_section, transient_sections, profile_section, test_sections
+    every = made(*(partial(make, p) for make in folded), *shown)  # what takes longest first
+    appendix = [replace(s, folded=True) for s in chain(*every[: len(folded)])]
+    return sorted([*chain(*every[len(folded) :]), *appendix], key=attrgetter("folded"))
 
 
 def lead(p: Partition | OneDisk, truth: float | None = None) -> Section:
@@ -250,30 +247,28 @@ def write_beta_report(
 ) -> Path:
     """One page for one test or several; ``sources``: the files they come from; ``truths``: of simulated ones."""
     truths = truths or {}
-    parts = {
-        name: (lead(p, truths.get(name)), beta_sections(p, truths.get(name)), answer(p)) for name, p in tests.items()
-    }
+    parts = {name: (beta_sections(p, truths.get(name)), answer(p)) for name, p in tests.items()}
     return write_tests(path, tests, parts, sources, bool(truths))
 
 
 def write_tests(
     path: str | Path,
     tests: Mapping[str, Partition | OneDisk],
-    parts: Mapping[str, tuple[Section, list[Section], Answer]],
+    parts: Mapping[str, tuple[list[Section], Answer]],
     sources: pd.DataFrame | None,
     simulated: bool = False,
 ) -> Path:
-    """One page of tests; ``parts``: of each the picture of its head, its sections and its answer."""
+    """One page of tests; ``parts``: of each its sections, that of the page's head first, and its answer."""
     (one,) = parts if len(tests) == 1 else ("",)
     before = {name: "" if one else f"{name}: " for name in tests}
     sections: list[Section] = []
-    for name, (head, own, _) in parts.items():
-        sections += [replace(s, title=f"{name}: {s.title}") for s in ([] if one else [head]) + own]
+    for name, (own, _) in parts.items():
+        sections += [replace(s, title=f"{name}: {s.title}") for s in (own[1:] if one else own)]
     return write_page(
         path, "Heat partition: " + ", ".join(tests), sections,
         verdict="\n\n".join(before[name] + verdict(p) for name, p in tests.items()),
         findings=[f if one else f.at(name) for name, p in tests.items() for f in p.noticed],  # the verdict stands above
         assumptions=list(dict.fromkeys(line for p in tests.values() for line in assumed(p))),
-        answers=[replace(said, value=before[name] + said.value) for name, (_, _, said) in parts.items()],
-        lead=parts[one][0] if one else None, sources=sources, simulated=simulated,
+        answers=[replace(said, value=before[name] + said.value) for name, (_, said) in parts.items()],
+        lead=parts[one][0][0] if one else None, sources=sources, simulated=simulated,
     )  # fmt: skip

@@ -19,8 +19,8 @@ from tcdyn.report.page import Answer, Section
 
 
 def one_disk_sections(p: OneDisk) -> list[Section]:
-    """Sections for one test of one disk, most wanted first; what few ask for is folded."""
-    shown = [*_answers(p), fit_section(p, [p.disk]), _budget(p)]
+    """Sections for one test of one disk, the page's head first, most wanted first; what few ask for is folded."""
+    shown = [lead(p), *_answers(p), fit_section(p, [p.disk]), _budget(p)]
     return [*shown, *(replace(s, folded=True) for s in (_line(p), _round(p), *test_sections(p)))]
 
 
@@ -83,5 +83,5 @@ def _round(p: OneDisk) -> Section:
 
 def write_one_disk_report(path: str | Path, tests: Mapping[str, OneDisk], sources: pd.DataFrame | None = None) -> Path:
     """One page for one test of one disk or several; ``sources``: the files they come from."""
-    parts = {name: (lead(p), one_disk_sections(p), answer(p)) for name, p in tests.items()}
+    parts = {name: (one_disk_sections(p), answer(p)) for name, p in tests.items()}
     return write_tests(path, tests, parts, sources)

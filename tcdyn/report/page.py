@@ -9,7 +9,7 @@ import base64
 import html
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import resources
@@ -17,6 +17,7 @@ from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from calibration.errors import InputError
@@ -38,6 +39,7 @@ UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 SHORT = 20  # rows; a table of so many stays on one printed page
 COMPRESSION = 3  # of pictures: a third quicker than the usual 6, and larger by a fortieth
+MARGIN_IN = 0.1  # round a picture
 LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 
 
@@ -45,8 +47,8 @@ LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
 class Section:
     """A heading with any of: paragraphs of text (blank line between them), a table, a figure with its caption.
 
-    ``folded``: opened by a click, and left out in print unless it is open; ``drawn``: the figure as :attr:`image`, once
-    it has been drawn.
+    ``folded``: opened by a click, and left out in print unless it is open; ``image``: the figure once it is drawn, as a
+    ``data:`` address, ``width_in`` [inch] wide, by which a narrow screen knows how small it may be shown.
     """
 
     title: str
@@ -55,7 +57,8 @@ class Section:
     figure: Figure | None = None
     caption: str = ""
     folded: bool = False
-    drawn: str = ""
+    image: str = ""
+    width_in: float = 0.0
 
     @property
     def paragraphs(self) -> list[str]:
@@ -74,15 +77,12 @@ class Section:
         """Whether heading, words and table stay on one printed page."""
         return self.table is None or len(self.table) <= SHORT
 
-    @property
-    def image(self) -> str:
-        """The figure as a ``data:`` address; empty without one."""
-        return self.drawn or ("" if self.figure is None else figure_data_uri(self.figure))
-
-    @property
-    def width_in(self) -> float:
-        """The figure's width [inch], by which a narrow screen knows how small it may be drawn."""
-        return 0.0 if self.figure is None else float(self.figure.get_figwidth())
+    def drawn(self) -> Section:
+        """The section with an image in the place of its figure."""
+        if self.figure is None:
+            return self
+        image, width_in = figure_data_uri(self.figure), float(self.figure.get_figwidth())
+        return replace(self, figure=None, image=image, width_in=width_in)
 
 
 @dataclass(frozen=True)
@@ -95,15 +95,27 @@ class Answer:
 
 
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
-    """The figure as a ``data:`` address, so that the page needs no other file; names stand in it sign by sign."""
+    """The figure as a ``data:`` address, so that the page needs no other file; names stand in it sign by sign.
+
+    It is drawn once and cut a tenth of an inch beyond what is drawn.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.text import Text
+    from PIL import Image, ImageOps
 
     for words in figure.findobj(Text):
         if "\\math" not in words.get_text():  # no number of a logarithmic axis: a dollar is a dollar
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
-    buffer = io.BytesIO()
-    told: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
-    figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **told)
+    canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
+    figure.set_dpi(dpi)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    left, top, right, bottom = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
+    if min(left, top, picture.width - right, picture.height - bottom) > 0:
+        cut = picture.crop((left, top, right, bottom))
+        ImageOps.expand(cut, round(MARGIN_IN * dpi), "white").save(buffer, "png", compress_level=COMPRESSION)
+    else:  # something may reach beyond the figure
+        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
@@ -145,7 +157,8 @@ def render_page(
     import jinja2
 
     every = [*sections] if lead is None else [lead, *sections]
-    every = [replace(s, drawn=image) for s, image in zip(every, side_by_side(lambda s: s.image, every))]
+    drawn = iter(side_by_side(Section.drawn, [s for s in every if s.figure is not None]))
+    every = [s if s.figure is None else next(drawn) for s in every]
     lead, sections = (None, every) if lead is None else (every[0], every[1:])
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
@@ -165,6 +178,16 @@ def render_page(
         plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
     )
     return CONTROL.sub(" ", page)
+
+
+def made(*makers: Callable[[], Section | Sequence[Section]]) -> list[list[Section]]:
+    """The drawn sections of each of ``makers``, which make one or several and work side by side."""
+
+    def sections(make: Callable[[], Section | Sequence[Section]]) -> list[Section]:
+        found = make()
+        return [s.drawn() for s in ([found] if isinstance(found, Section) else found)]
+
+    return side_by_side(sections, makers)
 
 
 def write_page(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> Path:

@@ -86,8 +86,8 @@ def test_the_certificate_shows_the_plunges(tmp_path):
     write_rig_log(simulate_plunge("fast", seed=3, bath_degC=95.0)[0], tmp_path / "p.csv")
     found = calibrate_disk(load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"])
     traces, rest = plunge_sections(found.fit)
-    assert traces.image.startswith("data:image/png")
-    assert rest.image.startswith("data:image/png")
+    assert traces.drawn().image.startswith("data:image/png")
+    assert rest.drawn().image.startswith("data:image/png")
     # what is left in a single sample is the simulated noise of 0.1 to 0.15 degC
     assert all(float(rest.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
+from io import BytesIO
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from matplotlib.patches import Rectangle
 
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
@@ -14,7 +19,7 @@ from calibration.record import read_record
 from tcdyn.pipeline.tables import u_of_beta
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
-from tcdyn.report.page import Section, pm, render_page, table_html
+from tcdyn.report.page import Section, figure_data_uri, pm, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
 
 
@@ -36,6 +41,14 @@ def test_a_picture_scrolls_at_a_readable_size_and_stays_with_its_heading_in_prin
     assert page.index('<div class="scroll"><img') < page.index('style="--in: 8.5"') < page.index("<figcaption>what")
     long = pd.DataFrame({"row": range(40)})
     assert 'class="keep"' not in render_page("B3", [Section("x", table=long)])
+
+
+@pytest.mark.parametrize(("end", "width_in"), [(0.75, 1.2), (1.25, 2.2)])
+def test_a_picture_ends_a_tenth_of_an_inch_beyond_what_is_drawn_and_so_beyond_its_figure(end, width_in) -> None:
+    drawn = Figure(figsize=(2.0, 2.0))
+    drawn.add_artist(Rectangle((0.25, 0.25), end - 0.25, 0.5))
+    picture = imread(BytesIO(b64decode(figure_data_uri(drawn, 100).split(",")[1])))
+    assert picture.shape[:2] == pytest.approx((120, 100 * width_in), abs=2)  # of pixels that are partly covered
 
 
 def test_cells_are_set_by_what_they_hold() -> None:

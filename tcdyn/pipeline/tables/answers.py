@@ -81,7 +81,7 @@ def budget_table(p: Partition) -> pd.DataFrame:
     cooling fit; the headline's largest first, last all together."""
     speed, cooling = p.budget.together
     both, by_way = both_budget(p), {r.source: r for r in p.budget.rows}
-    rows = sorted({*both, *by_way}, key=lambda source: -both.get(source, 0.0))
+    rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
     total = sum(u**2 for u in both.values()) ** 0.5
     table = [[both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BY_WAY)] for x in rows]
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
