@@ -136,6 +136,8 @@ def test_a_noisy_speed_with_dropouts_is_followed() -> None:
     # 20 rpm through a parabola of 75 samples leaves 2/3 % at its ends, 0.4 % within; a second bridged by a straight
     # line across an exponential of 3 s misses it by (1/3)^2 / 8 = 1.4 % of itself
     assert np.abs(course - SPEED / 3000.0)[near].max() < 0.025
+    behind = (T > 64.5) & (T < 90)  # of the noise, 2/3 %, what such a parabola leaves
+    assert (course - SPEED / 3000.0)[behind].std() < 0.002
 
 
 def test_a_change_below_two_per_cent_is_none() -> None:

@@ -12,7 +12,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.sensor import read_sensor
 from tcdyn.sensor.film import STREAMS, Film, Stream
-from tcdyn.sensor.plunge import plunge_sensor
+from tcdyn.sensor.plunge import find_step, plunge_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_world import FINE, Array, lagged, write
 
@@ -34,6 +34,16 @@ def truth(taus_s: tuple[float, ...]) -> list[float]:
     t = np.arange(0, 12 * sum(taus_s), 1e-3 * sum(taus_s))
     step = lagged(np.r_[0.0, np.ones(len(t) - 1)], taus_s, float(t[1]))
     return [sum(taus_s), *(float(np.interp(q, step, t)) for q in (0.5, 1 - np.exp(-1), 0.9))]
+
+
+@pytest.mark.parametrize(("noise_K", "down"), [(0.02, False), (0.2, False), (0.2, True)])
+def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: bool) -> None:
+    t, y, entry = plunged((1.5,), 0.05, 500, noise_K, 0, 0.01)
+    step = find_step(110.0 - y if down else y, 0.05)
+    assert entry - 0.2 < step.entry_s < entry + 0.3
+    assert step.before_degC == pytest.approx(90.0 if down else 20.0, abs=0.1)
+    assert step.size_K == pytest.approx(-70.0 if down else 70.0, abs=0.2)
+    assert step.rise_s == pytest.approx(1.5, abs=0.3)
 
 
 @pytest.mark.parametrize(
