@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,7 +11,6 @@ from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.modal import (
     RimGains,
-    Spectrum,
     forcing,
     inputs_of,
     outer_source,
@@ -21,11 +19,9 @@ from tcdyn.conduction.modal import (
     spectrum,
     surface_weight,
 )
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal, cardinal_slope
+from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
 FILM_BASIS = 150  # enough for effects of a film that varies little
-H_STEP = 1e-5  # of h
-SAME_RATE = 1e-6  # of a rate: nearer ones are taken to be one
 BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
 
 
@@ -81,9 +77,15 @@ def rim_gains_nonuniform(
         raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
     mean = float(film.mean())
     s = spectrum(rim, mean, half_width_m, profile, flux, mesh)
-    lam, rows = s.rates, forcing(s) * s.rates  # (m, n) and (I, m, n) [1/s]
-    coupling, more, surface = _varied(rim, s, film - mean, mesh)
-    rows[-1] += more
+    lam, last = s.rates, surface_weight(rim, mesh.nr)
+    weight = np.ones(mesh.nz)
+    weight[[0, -1]] = 0.5
+    unit = s.shape_z * np.sqrt(weight)[:, None]
+    varying = outer_source(rim, mesh.nr) * (film - mean)
+    coupling = unit.T @ (varying[:, None] * unit)  # between z-modes (n, n) [1/s]
+    rows = forcing(s) * lam  # (I, m, n) [1/s]
+    rows[-1] += np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
+    surface = s.shape_r[-1] * np.sqrt(last)  # last entry v of each unit-norm r-mode
     # steady: (lam + v v' x C) x = rows, so c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam
     free = rows / lam
     compliance = (surface[:, None] ** 2 / lam).sum(axis=0)
@@ -103,61 +105,6 @@ def rim_gains_nonuniform(
     return RimGains(inputs_of(len(rim.boundary_z_m)), tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
 
 
-def _varied(rim: Rim, s: Spectrum, film_W_m2K: Array, mesh: Mesh) -> tuple[Array, Array, Array]:
-    """What a film that departs by ``film_W_m2K`` (nz,) from the modes' own does: coupling (n, n) [1/s] between z-modes
-    at the surface, forcing (m, n) [1/s] by a kelvin of air, and the last entries (m,) of the r-modes, of unit norm."""
-    weight, last = np.ones(mesh.nz), surface_weight(rim, mesh.nr)
-    weight[[0, -1]] = 0.5
-    unit, varying = s.shape_z * np.sqrt(weight)[:, None], outer_source(rim, mesh.nr) * film_W_m2K
-    more = np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
-    return unit.T @ (varying[:, None] * unit), more, s.shape_r[-1] * np.sqrt(last)
-
-
-def film_slope(
-    rim: Rim,
-    h_W_m2K: float,
-    along: tuple[float, float],
-    points: Sequence[Point],
-    half_width_m: float,
-    rates: Array,
-    profile: Profile = "modal",
-    flux: Flux = "hertz",
-    mesh: Mesh = MESH_IV,
-) -> Array:
-    """By how much the gains (I, P, K) of ``rim_gains`` change as its film departs ``along`` the track, see
-    ``film_along``, to first order.
-
-    The gains are a function f of the modes' matrix, that of a uniform film diagonal; by a coupling B it changes by
-    B_ij (f(lam_i) - f(lam_j))/(lam_i - lam_j) (Daleckii & Krein 1951), by B_ij f' where both are one. The steady answer
-    is exact, the dynamics are those of the slowest ``FILM_BASIS`` modes; what all nodes have in common is a step of h.
-    """
-    film = film_along(h_W_m2K, along, mesh.nz)
-    step, all_z = H_STEP * h_W_m2K, (points, half_width_m, rates, profile, flux, mesh)
-    higher, here = (rim_gains(rim, h, *all_z).gains for h in (h_W_m2K + step, h_W_m2K))
-    s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
-    lam, rows = s.rates, forcing(s) * s.rates
-    coupling, more, surface = _varied(rim, s, film - film.mean(), mesh)
-    at_surface = np.einsum("m,imn->in", surface, rows / lam)
-    exact = -(surface[:, None] / lam)[None] * (at_surface @ coupling)[:, None, :]
-    exact[-1] += more / lam
-    read_r, read_z = readings(rim, tuple(points), mesh)
-    seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
-    keep = lam <= np.sort(lam, axis=None)[min(FILM_BASIS, lam.size) - 1]
-    (m, n), rate, driven, shown = np.nonzero(keep), lam[keep], rows[:, keep], seen[:, keep]
-    between = np.outer(surface[m], surface[m]) * coupling[np.ix_(n, n)]
-    gap = rate[:, None] - rate
-    one = np.abs(gap) < SAME_RATE * rate
-    apart, same = np.where(one, 0.0, between / np.where(one, 1.0, gap)), np.where(one, between, 0.0)
-    weights = cardinal(rates, np.log(np.minimum(rate, rates[-1])))
-    by_rate = (cardinal_slope(rates, weights) - weights) / rate[:, None] ** 2
-    weights /= rate[:, None]
-    gains = (driven[:, None] * (shown @ apart.T) - (driven @ apart)[:, None] * shown) @ weights
-    gains += (driven[:, None] * (shown @ same.T)) @ by_rate
-    gains[-1] += (more[keep] * shown) @ weights
-    gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - gains.sum(axis=2)
-    return np.asarray(gains + (higher - here) * (film.mean() - h_W_m2K) / step)
-
-
 @lru_cache(maxsize=2048)
 def cached_gains(
     rim: Rim,
@@ -172,14 +119,16 @@ def cached_gains(
     along: tuple[float, float] = (0.0, 0.0),
 ) -> RimGains:
     """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
-    two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it, which
-    the others do to first order."""
+    two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it."""
     if any(along):
-        same = points, half_width_m, np.array(rates), profile, flux, mesh
-        slope = film_slope(rim, h_W_m2K, along, *same)
+        h_z, same = film_along(h_W_m2K, along, mesh.nz), (points, half_width_m, np.array(rates), profile, flux, mesh)
+        varied = rim_gains_nonuniform(rim, h_z, *same, basis=FILM_BASIS)
+        if not film:
+            return varied
         whole = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
-        more = np.concatenate([slope, np.zeros((len(whole.gains) - len(slope), *slope.shape[1:]))])
-        return replace(whole, gains=whole.gains + more, static=whole.static + more.sum(axis=2))
+        parts = ("gains", "direct", "static")
+        rows = (np.concatenate([getattr(varied, x), getattr(whole, x)[len(varied.inputs) :]]) for x in parts)
+        return RimGains(whole.inputs, tuple(points), whole.rates, *rows)
     split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
     if not film:
         return split

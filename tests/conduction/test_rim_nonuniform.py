@@ -6,7 +6,7 @@ from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, res
 
 from calibration.errors import InputError
 from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.nonuniform import FILM_BASIS, film_along, film_in_steps, film_slope, rim_gains_nonuniform
+from tcdyn.conduction.nonuniform import FILM_BASIS, film_along, film_in_steps, rim_gains_nonuniform
 from tcdyn.conduction.referees import scheme
 from tcdyn.conduction.rim import Mesh, node_rates
 
@@ -68,21 +68,3 @@ def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along)
     few, many = changed(FILM_BASIS), changed(600)
     assert np.abs(many).max() > 0.01
     assert np.abs(few - many).max() < 0.05 * np.abs(many).max()  # a share of an uncertainty that is a guess itself
-
-
-@pytest.mark.parametrize("along", [(1.0, 0.0), (0.0, 1.0)])
-def test_the_slope_by_a_shape_is_the_difference_of_small_ones(rim, points, along):
-    """Of the same few modes, 0.01 of the shape either way: to 1e-4 by the cube of it, and to 2e-3 by the mean over the
-    nodes, a fiftieth of the second shape, which those modes carry in one way here and in another there."""
-    rates, step = node_rates(DT), 0.01
-    one, other = (
-        rim_gains_nonuniform(
-            rim, film_along(700.0, (s * along[0], s * along[1]), 53), points, B, rates, mesh=MESH, basis=FILM_BASIS
-        )
-        for s in (step, -step)
-    )
-    slope = film_slope(rim, 700.0, along, points, B, rates, mesh=MESH)
-    expected = (one.gains - other.gains) / (2 * step)
-    for found, gains in zip(slope, expected):
-        assert np.abs(found - gains).max() < 2e-3 * np.abs(gains).max()
-        assert np.abs(found.sum(axis=1) - gains.sum(axis=1)).max() < 1e-5 * np.abs(gains.sum(axis=1)).max()

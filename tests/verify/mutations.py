@@ -98,7 +98,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         "drive = ramp * u[:-1] + (rise - ramp) * u[1:]", "tests/conduction/test_rim_bank.py",
     ),
     Mutation(
-        "uneven film: sign of its departure", "tcdyn/conduction/nonuniform.py", "film - mean, m", "mean - film, m",
+        "uneven film: sign of its departure", "tcdyn/conduction/nonuniform.py", "* (film - mean)", "* (mean - film)",
         "tests/conduction/test_rim_nonuniform.py",
     ),
     Mutation(

@@ -16,9 +16,12 @@ from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans
 SHIFT_STEP_M = 0.25e-3
 SHIFT = Unmeasured("flux shift", "place of the flux")
 EDGE = Unmeasured("edge", "inner row of few junctions")
+ALONG_STEP = 0.1
 ALONG = {
-    Unmeasured(f"film along {name}", "film along the track"): Perturbation(film=along)
-    for name, along in (("the width", (1.0, 0.0)), ("the middle", (0.0, 1.0)))
+    Unmeasured(f"film along {name}", "film along the track"): [
+        Perturbation(film=(s * tilt, s * crown)) for s in (ALONG_STEP, -ALONG_STEP)
+    ]
+    for name, tilt, crown in (("the width", 1.0, 0.0), ("the middle", 0.0, 1.0))
 }
 
 
@@ -33,10 +36,12 @@ def by_shift(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
 
 def by_film(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Array]:
     """What the outer row shows more when h departs from its mean by all of itself along each of ``film_along``'s two
-    shapes, to first order, (R, P) [K] each."""
-    rest, heat = rim.answer(h_W_m2K)
-    varied = {what: rim.answer(h_W_m2K, p) for what, p in ALONG.items()}
-    return {what: (there - rest) + share * (heated - heat) for what, (there, heated) in varied.items()}
+    shapes, (R, P) [K] each."""
+    out = {}
+    for what, pair in ALONG.items():
+        one, other = (rest + share * heat for rest, heat in (rim.answer(h_W_m2K, p) for p in pair))
+        out[what] = np.asarray(one - other) / (2 * ALONG_STEP)
+    return out
 
 
 def by_edge(rim: RimMeans, h_W_m2K: float) -> Array | None:
