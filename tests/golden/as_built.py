@@ -30,6 +30,7 @@ from calibration.rig import load_rig
 from tcdyn.compensate import deconvolve
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline.tables import cooling_by_window, referee_table
+from tcdyn.report import page
 from tcdyn.simulate.plunge import simulate_hole
 from tests.cli.fault_commands import LONG, QUICK, Trial, files_of_campaign, small_files
 from tests.conftest import small_campaign
@@ -100,8 +101,13 @@ def pictures() -> Iterator[list[Figure]]:
         if isinstance(to, str | Path):
             Path(to).touch()
 
+    def on_page(figure: Figure, dpi: int = 0) -> str:
+        found.append(figure)
+        return "data:,"
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Figure, "savefig", seen)
+        patch.setattr(page, "figure_data_uri", on_page)
         yield found
 
 
