@@ -207,12 +207,10 @@ def noise_of(
     chance = 1 + CHANCE / float(np.sqrt(AVERAGED * count * seen.size / BANDS))
     worst = max(bands) if max(bands) > chance else 1.0
     wider = max(bands[0], 1.0) ** 0.5 if worst > UNEXPLAINED else 1.0
-    if not coloured:
-        # differences would count the lines in
+    if not coloured:  # differences would count the lines in
         level = wider * (np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]]) if lines else white_K)
         return replace(white.white(level), lines=lines, unexplained=worst)
-    level = wider * np.sqrt(before + after)
-    share = passed_share(best, dt_s)
+    level, share = wider * np.sqrt(before + after), passed_share(best, dt_s)
     sections = spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
     return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)
 
@@ -291,8 +289,7 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
 
     Fisher's scoring of Whittle's likelihood: least squares without negative levels, weighted by the spectrum itself.
     """
-    least = 1e-12 * float(np.max(power))
-    s, levels = np.maximum(power, least), np.zeros(shapes.shape[1])
+    s, levels = np.maximum(power, least := 1e-12 * float(np.max(power))), np.zeros(shapes.shape[1])
     for _ in range(30):
         rows, before = shapes / s[:, None], levels
         scale = np.linalg.norm(rows, axis=0)
