@@ -87,7 +87,7 @@ def prepare(
 
     ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
     friction (section 2.10), which the transducer on the slow shaft does not see. ``left_out``: channels that the
-    analysis goes on without, such as "fast_c", and why; empty where that was asked for. ``events``: the log's, if known.
+    analysis goes on without, such as "fast_c", and why; empty where that was asked for. ``events``: its own, if known.
     Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name

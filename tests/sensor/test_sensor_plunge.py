@@ -38,7 +38,7 @@ def truth(taus_s: tuple[float, ...]) -> list[float]:
 
 @pytest.mark.parametrize(("noise_K", "down"), [(0.02, False), (0.2, False), (0.2, True)])
 def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: bool) -> None:
-    t, y, entry = plunged((1.5,), 0.05, 500, noise_K, 0, 0.01)
+    _, y, entry = plunged((1.5,), 0.05, 500, noise_K, 0, 0.01)
     step = find_step(110.0 - y if down else y, 0.05)
     assert entry - 0.2 < step.entry_s < entry + 0.3
     assert step.before_degC == pytest.approx(90.0 if down else 20.0, abs=0.1)
