@@ -17,6 +17,7 @@ from tcdyn.partition.alternatives import FITS_Z, NAMED_LOG_ODDS, WAYS, alternati
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.effects import Unmeasured
 from tcdyn.partition.joint import joint_problem
+from tcdyn.partition.statement.track import by_shift
 from tcdyn.partition.structures import STEM_SD, STRUCTURES, About, structures
 from tcdyn.partition.window import Perturbation
 from tcdyn.pipeline import tables
@@ -132,6 +133,17 @@ def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(sound:
         slope = (high - low) / 2e-3
         assert a.lossier(np.ones(len(a.base))) == pytest.approx(slope, abs=0.03 * np.abs(slope).max())
         assert not a.moved(Perturbation()).any()
+
+
+def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(sound: tuple[StudyRig, Partition]) -> None:
+    """A junction slower by a straight line, not by the readings' slope; the flux moved one way, and to both sides."""
+    _, p = sound
+    for k, d in enumerate(DISKS):
+        a = About.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        slopes, lines = a.later()[0], a.later(0.05)[0]
+        assert np.std(lines - slopes) < 0.5 * np.std(slopes)  # most of it where the slope jumps
+        moved = a.moved(Perturbation(shift_m=1e-5)) / 1e-5
+        assert by_shift(a.rim, a.share, a.h_W_m2K) == pytest.approx(moved, abs=0.02 * np.abs(moved).max())
 
 
 def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from tcdyn.sensor import read_sensor
 from tcdyn.sensor.film import STREAMS, Film, Stream
+from tcdyn.sensor.fits import colour_of
 from tcdyn.sensor.plunge import find_step, plunge_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_world import FINE, Array, lagged, write
@@ -162,3 +164,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert run_cli(*words, "--medium", "water") == 2
     assert run_cli("sensor", "plunge", log, "--column", "T9", "--out", out) == 2
     assert "T9" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size_K", [0.01, 30.0])
+def test_the_colour_of_residuals_is_told_in_any_unit(size_K: float) -> None:
+    rng = np.random.default_rng(4)
+    white = size_K * rng.standard_normal(400)
+    coloured = lfilter([1.0], [1.0, -0.8], white)
+    found, level = colour_of(coloured, 3)
+    assert (found.ar[0], level / size_K) == pytest.approx((-0.8, 1.0), abs=0.15)
+    none, level = colour_of(white, 3)
+    assert none.white
+    assert level / size_K == pytest.approx(1.0, abs=0.15)
