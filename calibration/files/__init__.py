@@ -207,13 +207,13 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
     for _ in range(dialect.skip):
         line = stream.readline() or line
     while block := stream.read(COUNTED_BYTES) + stream.readline():
-        cells = np.frombuffer(block, np.uint8)
-        ends = np.flatnonzero(cells == ord("\n"))
-        before = np.searchsorted(np.flatnonzero(cells == ord(separator)), ends)
-        even = np.array_equal(before, np.arange(1, len(ends) + 1) * (fields - 1))
-        if even and short is None and block.endswith(b"\n") and b"\x00" not in block:  # as nearly always
-            rows, seen, line = rows + len(ends), seen + len(ends), block[-1:]
-            continue
+        if short is None and len(block) < 2 * COUNTED_BYTES and block.endswith(b"\n") and b"\x00" not in block:
+            cells = np.frombuffer(block, np.uint8)
+            ends = np.flatnonzero(cells == ord("\n"))
+            before = np.searchsorted(np.flatnonzero(cells == ord(separator)), ends)
+            if np.array_equal(before, np.arange(1, len(ends) + 1) * (fields - 1)):  # as nearly always
+                rows, seen, line = rows + len(ends), seen + len(ends), block[-1:]
+                continue
         for number, line in enumerate(io.BytesIO(block), seen + 1):
             if short is not None and line.strip():
                 raise _row_error(short, fields, where)

@@ -18,6 +18,7 @@ from pyarrow import csv as pacsv
 
 from calibration.errors import InputError
 
+TEXT_ROWS = 20_000  # made text of at once
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
@@ -152,17 +153,18 @@ def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
 
 
 def _put(frame: pd.DataFrame, stream: IO[bytes]) -> None:
-    """The rows as CSV, the two halves made text of side by side."""
-    table, half = _arrow(frame), (len(frame) + 1) // 2
+    """The rows as CSV, two parts made text of side by side, of so few rows that memory does not grow with the frame."""
+    table = _arrow(frame)
 
-    def text(part: pa.Table) -> pa.Buffer:
+    def text(first: int) -> pa.Buffer:
         out = pa.BufferOutputStream()
-        pacsv.write_csv(part, out, pacsv.WriteOptions(include_header=False))
+        pacsv.write_csv(table.slice(first, TEXT_ROWS), out, pacsv.WriteOptions(include_header=False))
         return out.getvalue()
 
     with ThreadPoolExecutor(2) as both:
-        for made in both.map(text, [table[:half], table[half:]]):
-            stream.write(made)
+        for first in range(0, len(frame), 2 * TEXT_ROWS):
+            for made in both.map(text, [first, first + TEXT_ROWS]):
+                stream.write(made)
 
 
 def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:

@@ -151,15 +151,15 @@ def log_nodes(low: float, high: float, count: int) -> Array:
     return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
 
 
-def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_PER_S) -> Array:
-    """Rates of the bank: nodes from ``slowest_per_s`` to 40/dt, (K,) [1/s].
+def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_PER_S, longest_s: float = 0.0) -> Array:
+    """Rates of the bank: nodes from ``slowest_per_s``, or that of a lag of ``longest_s``, to 40/dt, (K,) [1/s].
 
     >>> node_rates(1 / 75)[[0, -1]].round(6)
     array([3.e-01, 3.e+03])
     """
     if not dt_s > 0:
         raise InputError(f"node_rates: dt_s must be positive; got {dt_s}")
-    return log_nodes(float(np.log(slowest_per_s)), float(np.log(40.0 / dt_s)), count)
+    return log_nodes(-float(np.log(max(1 / slowest_per_s, longest_s))), float(np.log(40.0 / dt_s)), count)
 
 
 @lru_cache(maxsize=16)

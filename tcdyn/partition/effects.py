@@ -185,7 +185,7 @@ def lagged(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Array
     the L_k themselves by ``cardinal``: good to 1e-6 for a lag within the bank's; one beyond is taken for its last.
     """
     rate = 1 / tau_s
-    rate *= 1 + NO_NODE * bool(np.any(np.abs(np.log(rate / rates_1_s)) < NO_NODE))
+    rate *= 1 + 3 * NO_NODE * bool(np.any(np.abs(np.log(rate / rates_1_s)) < NO_NODE))
     seen = bank @ cardinal(rates_1_s, np.log(np.clip([rate], *rates_1_s[[0, -1]])))[0]
     return seen, (rate * bank - rates_1_s * seen[:, None]) / (rate - rates_1_s)
 

@@ -237,9 +237,8 @@ def disk_window(
 
     Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
     """
-    t, dt, off = test.time_s[rows], test.dt_s, test.events.unload_s
+    t, dt, off, straight = test.time_s[rows], test.dt_s, test.events.unload_s, disk.setup.steel.straight(temperatures)
     inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
-    straight = disk.setup.steel.straight(temperatures)
     first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
     starts = np.concatenate([np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)])
@@ -247,7 +246,8 @@ def disk_window(
     each = np.repeat(1.0 / counts, counts), np.arange(first, len(t))
     blocks = sparse.csr_array((*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t)))
     seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
-    (power, held), rates = power_seen(test, rows, chain), node_rates(dt)
+    lags_s = chain.taus_s if chain else ()  # whose longest, and twice that, a fit makes of the bank
+    (power, held), rates = power_seen(test, rows, chain), node_rates(dt, longest_s=2 * max(lags_s, default=0.0))
     bank = blocks @ lag_bank(power, dt, rates, **held) if held else bank_means(power, dt, rates, counts)
     inner = straight[:, inner_row] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]

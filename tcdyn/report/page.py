@@ -106,16 +106,23 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     for words in figure.findobj(Text):
         if "\\math" not in words.get_text():  # no number of a logarithmic axis: a dollar is a dollar
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
-    canvas, buffer = FigureCanvasAgg(figure), io.BytesIO()
+    was, canvas, buffer = (figure.canvas, figure.dpi), FigureCanvasAgg(figure), io.BytesIO()
     figure.set_dpi(dpi)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     left, top, right, bottom = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
-    if min(left, top, picture.width - right, picture.height - bottom) > 0:
+    placed = [words for part in (figure, *figure.axes) for words in part.get_children() if isinstance(words, Text)]
+    boxes = [words.get_window_extent() for words in placed if words.get_text()]  # headings, whose width no layout heeds
+    left_in, right_in = min([left, *(b.x0 for b in boxes)]), max([right, *(b.x1 for b in boxes)])
+    inside = min(left_in, top, picture.width - right_in, picture.height - bottom) > 0
+    figure.set_canvas(was[0])
+    figure.set_dpi(was[1])
+    if inside and figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
         cut = picture.crop((left, top, right, bottom))
         ImageOps.expand(cut, round(MARGIN_IN * dpi), "white").save(buffer, "png", compress_level=COMPRESSION)
     else:  # something may reach beyond the figure
-        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", metadata={"Software": None})
+        more: Any = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
+        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **more)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 

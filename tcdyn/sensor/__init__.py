@@ -44,3 +44,8 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module("tcdyn.sensor.file"), name)
+
+
+def __dir__() -> list[str]:
+    """The names of this room, asked for already or not."""
+    return sorted(__all__)

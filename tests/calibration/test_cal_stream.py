@@ -15,6 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
+from calibration import files
 from calibration import log as reading
 from calibration.errors import InputError
 from calibration.log import iter_log, read_log, write_log
@@ -255,3 +256,18 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
     rows, peak_MB = map(int, out.stdout.split())
     assert rows == k * len(frame)
     assert peak_MB < 600, peak_MB  # the log's numbers alone are 900 MB, the interpreter and its libraries 130
+
+
+@pytest.mark.parametrize("size", [16, 4096, 1 << 20])
+def test_rows_are_counted_alike_in_blocks_of_any_size(size, tmp_path, monkeypatch):
+    """A bad row is named by its line wherever a block ends; blank lines count as lines, not as rows."""
+    monkeypatch.setattr(files, "COUNTED_BYTES", size)
+    lines = csv_text(ehl_frame(3000)).splitlines()
+    sound = read_log(write(tmp_path, "x.csv", "\n".join([*lines[:900], "", *lines[900:]]) + "\n"), "ehl")
+    assert len(sound.frame) == len(lines) - 1
+    for change, said in ((lambda x: x.rpartition(",")[0], "fields"), (lambda x: x[:-1] + "\x00", "zero bytes")):
+        bad = [*lines[:2000], change(lines[2000]), *lines[2001:]]
+        with pytest.raises(InputError, match=rf"row 2001 .*{said}"):
+            read_log(write(tmp_path, "x.csv", "\n".join(bad) + "\n"), "ehl")
+    with pytest.raises(InputError, match=rf"row {len(lines)}, the last, has 1 of .* truncated"):
+        read_log(write(tmp_path, "x.csv", "\n".join([*lines[:-1], lines[-1].split(",")[0]])), "ehl")

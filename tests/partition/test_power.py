@@ -37,11 +37,11 @@ def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(pa
     assert jump.fraction == pytest.approx(part, abs=1e-9)
 
 
-@pytest.mark.parametrize("tau_s", [0.05, 0.6, 1 / node_rates(DT_s)[20]])
+@pytest.mark.parametrize("tau_s", [0.05, 0.6, 5.0, 1 / node_rates(DT_s)[20], (1 + 0.99e-6) / node_rates(DT_s)[20]])
 def test_one_more_lag_is_weights_on_the_bank(tau_s: float) -> None:
     """Means of a slow input and its bank through a lag, one on a node among them, are those of the input filtered
     first: to 1e-5, as the bank's interpolation is good to 1e-6, straight lines between its samples to 7.5^2 dt^2/12."""
-    dt_s, rates = 0.1 * DT_s, node_rates(DT_s)
+    dt_s, rates = 0.1 * DT_s, node_rates(DT_s, longest_s=2 * tau_s)
     u = np.sin(2 * np.pi * 0.3 * np.arange(5000) * dt_s) ** 4
 
     def means(x: Array) -> tuple[Array, Array]:

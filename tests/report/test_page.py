@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
@@ -49,6 +50,18 @@ def test_a_picture_ends_a_tenth_of_an_inch_beyond_what_is_drawn_and_so_beyond_it
     drawn.add_artist(Rectangle((0.25, 0.25), end - 0.25, 0.5))
     picture = imread(BytesIO(b64decode(figure_data_uri(drawn, 100).split(",")[1])))
     assert picture.shape[:2] == pytest.approx((120, 100 * width_in), abs=2)  # of pixels that are partly covered
+
+
+def test_a_heading_wider_than_its_picture_is_whole_wherever_the_border_falls() -> None:
+    """Between two letters too; the figure is left as it was."""
+    for pad in range(12):
+        drawn = Figure(figsize=(2.0, 1.5), layout="constrained")
+        (ax := drawn.add_subplot()).set_title("iiiiiiiiii" * 4 + "i" * pad)
+        was = drawn.canvas, drawn.dpi
+        picture = imread(BytesIO(b64decode(figure_data_uri(drawn, 100).split(",")[1])))
+        assert (drawn.canvas, drawn.dpi) == was
+        drawn.set_dpi(100)
+        assert picture.shape[1] >= ax.title.get_window_extent(FigureCanvasAgg(drawn).get_renderer()).width
 
 
 def test_cells_are_set_by_what_they_hold() -> None:
