@@ -157,7 +157,7 @@ def campaign(
     and absolute, the exponent of the speed law, trends, and which test does not belong; table.csv and table.tex are for
     a paper. What is finished is kept: run the same command again to go on after a stop, or to add logs; a .beta.json
     may stand in the place of its log. A log that cannot be analysed has its reason in the table and does not stop the
-    others; the exit code is then 1, and 2 when none could.
+    others; the exit code is then 1, and 2 when none could: then table and page of an earlier run stay as they are.
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
@@ -183,13 +183,15 @@ def campaign(
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
 
-    report = write_campaign_report(out / PAGE_FILE, run, record_rows(records, record))
+    nothing, files = len(run.failed) == len(run.outcomes), {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
+    if not (nothing and files["report"].exists()):
+        write_campaign_report(files["report"], run, record_rows(records, record))
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)
     tell.json(run.card)
     tell.warn(run.findings)
     tell.say(run.summary())
-    tell.files(table=out / TABLE_FILE, report=report)
+    tell.files(**files)
     in_one_line("campaign", run.findings)
     if run.failed or doubts(run.findings):
-        raise typer.Exit(2 if len(run.failed) == len(run.outcomes) else 1)
+        raise typer.Exit(2 if nothing else 1)

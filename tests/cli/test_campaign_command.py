@@ -159,6 +159,11 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(campaign: Campaign, bad_log: P
     table = pd.read_csv(tmp_path / "o" / "campaign.csv")
     assert table["error"].notna().all()
     assert (tmp_path / "o" / "campaign.html").exists()
+    for name in ("campaign.csv", "campaign.html"):
+        (tmp_path / "o" / name).write_text("of an earlier run", encoding="utf-8")
+    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1, "-q") == 2
+    kept = {(tmp_path / "o" / name).read_text(encoding="utf-8") for name in ("campaign.csv", "campaign.html")}
+    assert kept == {"of an earlier run"}
 
 
 def test_bad_requests_get_one_sentence(

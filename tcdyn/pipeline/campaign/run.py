@@ -132,6 +132,7 @@ def run_campaign(
     whose log is not at hand: it stands as it is. ``models``: files of curves to lay over the tests. With ``dask`` (a
     scheduler's address) the workers must see the logs under the same paths. Raises InputError for no log, two of the
     same name, a given answer that is not as it was written or of another rig, and a curve that the tests do not reach.
+    Where no log could be analysed, the table of an earlier run stays as it is.
     """
     paths = [Path(p) for p in logs]
     _check_names(paths)
@@ -168,7 +169,8 @@ def run_campaign(
         progress(path.stem, len(outcomes), len(paths))
     ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
-    write_text(folder / TABLE_FILE, table_csv(table))
+    if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
+        write_text(folder / TABLE_FILE, table_csv(table))
     whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
     if whole is not None:
         write_text(folder / JOINED_FILE, json_text(whole.to_dict()))
