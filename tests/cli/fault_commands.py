@@ -257,7 +257,8 @@ def whole_truth(
         done, made = trial.refused(at, problem, homes)
         ended += done.code == 2
         said = complaints(trial.before, sound, done, trial.grows)
-        wrong += [f"{problem} at {at} of {len(calls)} ({made[at - 1]}): {one}" for one in said]
+        where = made[at - 1] if at <= len(made) else "not reached: it ended otherwise by itself"
+        wrong += [f"{problem} at {at} of {len(calls)} ({where}): {one}" for one in said]
     return len(turns), ended, wrong
 
 

@@ -117,7 +117,7 @@ def refusing(machine: Machine, homes: Sequence[Home] = FILES) -> Iterator[Machin
         yield machine
 
 
-STAMPS = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\+00:00)?|[0-9a-f]{64}")
+STAMPS = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\+00:00)?|\b[0-9a-f]{16}(?:[0-9a-f]{48})?\b")
 
 
 def content(folder: Path) -> dict[str, bytes]:
