@@ -291,7 +291,5 @@ def _driven(
             remedy="give node_rates a smaller slowest_per_s",
         )
     within = slice(None) if s.rates.max() < nodes[-1] else (s.rates < nodes[-1]).ravel()
-    rates_within = s.rates.ravel()[within]
-    weights, total = unscaled_cardinal(nodes, np.log(rates_within))
-    sources = (s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]).reshape(len(s.source_r), -1)[:, within]
-    return s, within, s.collect @ sources / (rates_within * total), weights
+    weights, total = unscaled_cardinal(nodes, np.log(s.rates.ravel()[within]))
+    return s, within, forcing(s).reshape(len(s.collect), -1)[:, within] / total, weights
