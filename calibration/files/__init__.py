@@ -30,7 +30,7 @@ PARQUET = (".parquet", ".pq")
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 MOST_COLUMNS = 5000
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
-COUNTED_BYTES = 1 << 20  # of text whose rows are counted at once
+COUNTED_BYTES = 1 << 17  # of text whose rows are counted at once
 _NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
 
 

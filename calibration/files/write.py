@@ -128,7 +128,8 @@ def log_writer(
         with open(beside, "wb") as stream:
             stream.write("".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8"))
             stream.write((",".join(_cell(n) for n in names) + "\n").encode("utf-8"))
-            yield lambda frame: _put(frame, stream)
+            plain = pacsv.WriteOptions(include_header=False)  # by no other threads: each keeps memory of its own
+            yield lambda frame: pacsv.write_csv(_arrow(frame), stream, plain)
 
 
 def _cell(name: str) -> str:
