@@ -177,14 +177,17 @@ def campaign(
     rolling = read_bearing(bearing) if bearing else None
     left_out_of(without or (), own_rig.setups)
     settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
+    files = {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
+    earlier = {what for what, path in files.items() if path.exists()}
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), tell.silent) as progress:
         run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
 
-    nothing, files = len(run.failed) == len(run.outcomes), {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
-    if not (nothing and files["report"].exists()):
+    if nothing := len(run.failed) == len(run.outcomes):
+        files = {what: path for what, path in files.items() if what not in earlier}
+    if "report" in files:
         write_campaign_report(files["report"], run, record_rows(records, record))
     for lost in run.failed:
         print(f"tcdyn: {lost.error}", file=sys.stderr)

@@ -153,7 +153,9 @@ def test_another_log_of_the_same_name_is_analysed_again(
     assert [o.error for o in run_campaign([other], settings_of(campaign), done[0]).failed] == ["called"]
 
 
-def test_all_logs_bad_is_exit_2_and_still_a_table(campaign: Campaign, bad_log: Path, tmp_path: Path) -> None:
+def test_all_logs_bad_is_exit_2_and_still_a_table(
+    campaign: Campaign, bad_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     missing = tmp_path / "EHL_none.csv"
     assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1, "-q") == 2
     table = pd.read_csv(tmp_path / "o" / "campaign.csv")
@@ -161,7 +163,9 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(campaign: Campaign, bad_log: P
     assert (tmp_path / "o" / "campaign.html").exists()
     for name in ("campaign.csv", "campaign.html"):
         (tmp_path / "o" / name).write_text("of an earlier run", encoding="utf-8")
-    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1, "-q") == 2
+    capsys.readouterr()
+    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1) == 2
+    assert "campaign.csv" not in capsys.readouterr().out  # which names what was written
     kept = {(tmp_path / "o" / name).read_text(encoding="utf-8") for name in ("campaign.csv", "campaign.html")}
     assert kept == {"of an earlier run"}
 
