@@ -3,6 +3,7 @@ processes, here or a Dask scheduler's."""
 
 from __future__ import annotations
 
+import mmap
 import multiprocessing
 import os
 import pickle
@@ -11,6 +12,8 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import accumulate
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
@@ -21,6 +24,7 @@ Job = TypeVar("Job")
 Answer = TypeVar("Answer")
 CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
+LARGE = 1 << 16  # bytes of an array from which on it is handed over where it is, not in a message
 TURNS = 256  # that jobs are given out in, a byte for each
 CORES = "TCDYN_CORES"  # how many side_by_side may use; those that this process may run on if not set
 
@@ -29,7 +33,7 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
     """``function`` of each of ``jobs``, which are independent of each other, in their order.
 
     Copies of this process (fork) work with it, ``most`` processes in all; each takes the next job when it is done with
-    one. They know all that it knows, and send back nothing but their answers, pickled. What a copy fails to answer, for
+    one. They know all that it knows, and give back nothing but their answers, pickled. What a copy fails to answer, for
     whatever reason, is done here, and told here. All is done here, one after the other, where one core is to be used
     (``CORES`` in the environment), where the system is not Linux or this process has threads, which cannot be copied
     safely (one that redraws a line of progress can), and within another ``side_by_side``.
@@ -58,15 +62,13 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
     try:
         found = answers(0)
         for copy in filter(None, copies):
-            found |= _sent(copy[1])
+            found |= copy.answers()
         with _one_core():
             return [found[k] if k in found else function(job) for k, job in enumerate(jobs)]
     finally:
         os.close(next_turn)
-        for process, receiver in filter(None, copies):
-            process.terminate()
-            process.join()
-            receiver.close()
+        for copy in filter(None, copies):
+            copy.end()
 
 
 def _hands() -> int:
@@ -90,14 +92,52 @@ def _one_core() -> Iterator[None]:
         os.environ |= {} if before is None else {CORES: before}
 
 
-def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> tuple[BaseProcess, Connection] | None:
-    """A copy of this process that begins with ``turn``, and where its answers come from; None if none is to be had."""
-    receiver, sender = multiprocessing.Pipe(duplex=False)
+@dataclass(frozen=True)
+class _Copy:
+    """A copy of this process: it writes its answers to a file in ``memory``, and then tells where each part stands."""
+
+    process: BaseProcess
+    told: Connection
+    memory: int
+
+    def answers(self) -> dict[int, Any]:
+        """Its answers by the place of their jobs; none if it ended without them."""
+        try:
+            places = pickle.loads(self.told.recv_bytes())
+            whole = memoryview(mmap.mmap(self.memory, 0, access=mmap.ACCESS_COPY))
+            first, *arrays = (whole[start:stop] for start, stop in places)
+            found: dict[int, Any] = pickle.loads(first, buffers=arrays)
+        except (EOFError, OSError, MemoryError):
+            return {}
+        return found
+
+    def end(self) -> None:
+        """Stop it, whether or not it is done."""
+        self.process.terminate()
+        self.process.join()
+        self.told.close()
+        os.close(self.memory)
+
+
+def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None:
+    """A copy of this process that begins with ``turn``; None if none is to be had."""
+    try:
+        memory = os.memfd_create("answers")
+    except OSError:
+        return None
+    told, teller = multiprocessing.Pipe(duplex=False)
 
     def work() -> None:
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's
         with suppress(BaseException):
-            sender.send_bytes(pickle.dumps(answers(turn), pickle.HIGHEST_PROTOCOL))
+            parts = _parts(answers(turn))
+            *starts, length = accumulate((-(-len(part) // 64) * 64 for part in parts), initial=0)
+            os.ftruncate(memory, length)
+            with mmap.mmap(memory, length) as shared:
+                for start, part in zip(starts, parts):
+                    shared[start : start + len(part)] = part
+            places = [(start, start + len(part)) for start, part in zip(starts, parts)]
+            teller.send_bytes(pickle.dumps(places))
 
     process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
     try:
@@ -105,20 +145,25 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> tuple[BasePr
             warnings.simplefilter("ignore", DeprecationWarning)  # of libraries' own threads, which heed a fork
             process.start()
     except OSError:
-        receiver.close()
+        told.close()
+        os.close(memory)
         return None
     finally:
-        sender.close()
-    return process, receiver
+        teller.close()
+    return _Copy(process, told, memory)
 
 
-def _sent(receiver: Connection) -> dict[int, Any]:
-    """The answers of a copy by the place of their jobs; none if it ended without them."""
-    try:
-        found: dict[int, Any] = pickle.loads(receiver.recv_bytes())
-    except (EOFError, OSError, MemoryError):
-        return {}
-    return found
+def _parts(found: object) -> list[memoryview]:
+    """What ``found`` is made of, pickled, and then the bytes of each large array in it."""
+    arrays: list[memoryview] = []
+
+    def in_place(array: pickle.PickleBuffer) -> bool:
+        large = (whole := array.raw()).nbytes >= LARGE
+        arrays.extend([whole] if large else [])
+        return not large
+
+    first = pickle.dumps(found, pickle.HIGHEST_PROTOCOL, buffer_callback=in_place)
+    return [memoryview(first), *arrays]
 
 
 def spread(

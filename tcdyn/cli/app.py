@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
@@ -151,6 +152,7 @@ def run(command: Callable[[], Any]) -> int:
 def main() -> None:
     """Entry point of the ``tcdyn`` command."""
     gc.set_threshold(50_000)  # to look for circles after each 700 new objects took a tenth of a second; few were found
+    atexit.register(gc.freeze)  # nor is anything looked through once more at the end
     sys.exit(run(lambda: app(standalone_mode=True)))
 
 
