@@ -16,7 +16,7 @@ from pandas.api.types import union_categoricals
 from calibration import Array, Flags
 from calibration.checks.clock import Sampling, check_time, moved, weighed
 from calibration.checks.kind import check_kind
-from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck
+from calibration.checks.trace import LONGEST_NAN_S, ColumnCheck, Course
 from calibration.columns import LAYOUTS, SWITCHES, Kind, couples_in
 from calibration.errors import InputError
 from calibration.files import Table, read_whole, sha256
@@ -25,13 +25,20 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, Place, graded
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
-from calibration.opened import COMPENSATED, missing_and_unused, open_log
+from calibration.opened import (
+    COMPENSATED,
+    log_kind,
+    missing_and_unused,
+    not_there,
+    open_log,
+    refuse_spare_records,
+)
+from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
 
+MOST = 1 << 17  # rows of a file that are kept in memory at most: 29 min at 75 Hz
 __all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
-
-RUN, MOST = 64, 1 << 17  # rows in a run: neighbours stay neighbours; rows kept in memory at most (29 min at 75 Hz)
 
 
 @dataclass(frozen=True)
@@ -205,7 +212,7 @@ def iter_log(
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
     Put together they are ``read_log``'s frame. A file of more than 131072 rows is read again with each walk. The first
-    time, here, keeps its time and switches, and of the other columns a sample of at most 131072 rows, every k-th run of
+    time, here, keeps its time and switches, and of the other columns a sample of at most 32768 rows, every k-th run of
     64: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged there,
     before any piece is given.
 
@@ -222,37 +229,30 @@ def iter_log(
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
     others = [name for name in names if name != "time_s" and name not in levels]
-    found, sample = list[Finding](), list[pd.DataFrame]()
-    every, seen, place = 1, 0, Place(table.where)
+    found, course, place = list[Finding](), Course(), Place(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
         place, time = raw.place, raw.data[names["time_s"]]
         found += raw.findings
         clock += time.tobytes()
         for name, parts in levels.items():
             parts.append(pd.Categorical(raw.data[names[name]]))
-        index = np.arange(seen, seen + len(time))
-        sample.append(pd.DataFrame({n: raw.data[names[n]] for n in others}, index)[index // RUN % every == 0])
-        seen += len(time)
+        course.see({n: raw.data[names[n]] for n in others})
         raws.append(raw)
-        if seen > MOST:
+        if course.rows > MOST:
             raws.clear()
-        while sum(map(len, sample)) > MOST:
-            every *= 2
-            sample = [part[part.index // RUN % every == 0] for part in sample]
-    if not sample:
+    if not course.rows:
         raise InputError("no rows", where=table.where)
     sampling = check_time(np.frombuffer(clock), place)
     del clock
     place = replace(place, time_s=sampling.time_s, dt_s=sampling.dt_s)
-    course = pd.concat(sample)
-    noise_K: dict[str, float] = {}
+    sample, noise_K = course.frame(), dict[str, float]()
     for name in others:
-        values = course[name].to_numpy()
-        noise_K[name] = course_noise_K(name, values, course.index.to_numpy(), place)
-        course[name] = clean(name, values, noise_K[name])
+        values = sample[name].to_numpy()
+        noise_K[name] = course_noise_K(name, values, sample.index.to_numpy(), place)
+        sample[name] = clean(name, values, noise_K[name])
     whole = {name: np.array(union_categoricals(parts), dtype=np.float64) for name, parts in levels.items()}
-    sampling = weighed(sampling, course)
-    switches, said = check_kind(kind, course, whole, place, rig or load_rig(), disk, parted=parted)
+    sampling = weighed(sampling, sample)
+    switches, said = check_kind(kind, sample, whole, place, rig or load_rig(), disk, parted=parted)
     found += said
     found += missing_and_unused(kind, table, names, without)
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
@@ -262,6 +262,19 @@ def iter_log(
     return LogPieces(
         file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows, made_of
     )
+
+
+def log_for(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[LogPieces, list[str]]:
+    """The EHL or immersion log that ``records`` are for, and columns it lacks that its unloading would be fitted with.
+
+    Raises InputError as ``iter_log`` does, and for records that are not of what the log holds.
+    """
+    kind, disk = log_kind(log, rig, records)
+    gone, unused = list[str](), list[str]()
+    if kind == "ehl":
+        refuse_spare_records(log, rig, records)
+        gone, unused = not_there(log, rig, records)
+    return iter_log(log, kind, rig, disk, parted=False, without=gone), unused
 
 
 def read_log(

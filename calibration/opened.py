@@ -1,8 +1,9 @@
-"""A log's file opened: which of its columns is which, in canonical units, and what is not there or not used."""
+"""A log's file and its disks' records: which of its columns is which, in canonical units, what is not there or not
+used."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -11,6 +12,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.columns import (
+    EHL_RUNNING,
     KNOWN,
     LAYOUTS,
     TORQUES,
@@ -29,10 +31,34 @@ from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
 from calibration.finding import Finding, look, note
 from calibration.lines.couples import converted, to_degC
-from calibration.record import DiskRecord
+from calibration.record import DiskRecord, read_record
 from calibration.rig import Rig, load_rig
 
 COMPENSATED = "compensated"
+
+
+def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
+    """Read records and key them by disk; two of one disk, or one of neither, is an error."""
+    out: dict[str, DiskRecord] = {}
+    for path in paths:
+        record = read_record(path)
+        if record.disk not in DISKS:
+            raise InputError(
+                f"the record is of disk {record.disk!r}",
+                where=str(path),
+                expected="a record of the fast or the slow disk",
+            )
+        if record.disk in out:
+            raise InputError(f"a second record of the {record.disk} disk", where=str(path), remedy="give one of each")
+        out[record.disk] = record
+    return out
+
+
+def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
+    """The rig as the records remember it: each disk its own tables, what is common from the first record given."""
+    common = next(iter(records.values())).setup
+    own = {d: records[d].setup if d in records else common for d in DISKS}
+    return Rig(common=common, fast=own["fast"], slow=own["slow"])
 
 
 def layouts_of(rig: Rig, disk: str | None) -> dict[str, Layout]:
@@ -88,6 +114,18 @@ def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str], alike: 
     names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
     gone = [c for c in wanted if named(c, mapping, names) is None]
     return [c for c in gone if not alike or suggestion(c, (n for n in names if n not in KNOWN)) is None]
+
+
+def not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[list[str], list[str]]:
+    """Columns of an EHL log that are neither there nor needed: of a disk without a record, and of what the unloading
+    alone would be fitted with; these once more."""
+    lone = [couples(rig.disk_setup(d).channels, d) for d in DISKS if d not in records]
+    junctions = [c for columns in lone if len(columns_not_there(log, rig, columns)) == len(columns) for c in columns]
+    running = columns_not_there(log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()])
+    torque = not set(TORQUES) <= set(running)
+    needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
+    unused = columns_not_there(log, rig, [c for c in running if c not in needless], alike=True)
+    return [*junctions, *unused], unused
 
 
 def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:

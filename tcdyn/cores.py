@@ -16,12 +16,13 @@ from dataclasses import dataclass
 from itertools import accumulate
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from calibration.errors import InputError
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
+Given = ParamSpec("Given")
 CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
 LARGE = 1 << 16  # bytes of an array from which on it is handed over where it is, not in a message
@@ -69,6 +70,33 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
         os.close(next_turn)
         for copy in filter(None, copies):
             copy.end()
+
+
+def begun(function: Callable[Given, Answer], *args: Given.args, **options: Given.kwargs) -> Callable[Given, Answer]:
+    """``function``, whose answer to these arguments a copy of this process works out from now on.
+
+    The first call with equal arguments waits for that answer; it is ``function``'s own, made here, for any other call,
+    for what the copy fails to answer, and where ``side_by_side`` would do all here.
+
+    >>> begun(pow, 2, 3)(2, 3)
+    8
+    """
+
+    def begin(_: int) -> dict[int, Answer]:
+        with _one_core():
+            return {0: function(*args, **options)}
+
+    copies = [copy] if _hands() > 1 and (copy := _copied(begin, 0)) else []
+
+    def answer(*now: Given.args, **said: Given.kwargs) -> Answer:
+        found: dict[int, Answer] = {}
+        if copies and (now, said) == (args, options):
+            copy = copies.pop()
+            found = copy.answers()
+            copy.end()
+        return found[0] if found else function(*now, **said)
+
+    return answer
 
 
 def _hands() -> int:

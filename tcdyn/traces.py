@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,13 +12,13 @@ from numpy.typing import NDArray
 
 from calibration.checks.clock import interval_s
 from calibration.columns import couples
-from calibration.disk import DISKS, DiskSetup, left_out_of
+from calibration.disk import DiskSetup, left_out_of
 from calibration.errors import InputError
 from calibration.files.seal import ALTERED
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, extrapolated, static_u
 from calibration.noise import SPIKES, bridged, rounding_sd, white_noise_sd
-from calibration.record import DiskRecord, read_record
+from calibration.record import DiskRecord
 from calibration.rig import Rig, UncertaintyTable
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.bursts import noise_and_white
@@ -144,30 +143,6 @@ def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
         zero_s=float(np.mean([c.zero_s for c in chains])),
         delay_s=float(np.mean([c.delay_s for c in chains])),
     )
-
-
-def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
-    """Read records and key them by disk; two of one disk, or one of neither, is an error."""
-    out: dict[str, DiskRecord] = {}
-    for path in paths:
-        record = read_record(path)
-        if record.disk not in DISKS:
-            raise InputError(
-                f"the record is of disk {record.disk!r}",
-                where=str(path),
-                expected="a record of the fast or the slow disk",
-            )
-        if record.disk in out:
-            raise InputError(f"a second record of the {record.disk} disk", where=str(path), remedy="give one of each")
-        out[record.disk] = record
-    return out
-
-
-def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
-    """The rig as the records remember it: each disk its own tables, what is common from the first record given."""
-    common = next(iter(records.values())).setup
-    own = {d: records[d].setup if d in records else common for d in DISKS}
-    return Rig(common=common, fast=own["fast"], slow=own["slow"])
 
 
 def disk_channels(record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True) -> DiskChannels:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 
 from calibration import Array, Flags
 from calibration.columns import is_air
@@ -15,6 +17,7 @@ from calibration.noise import MOST_MISSING, impossible
 
 LONGEST_NAN_S = 0.5
 FROZEN_S = 10.0
+RUN, SAMPLE = 64, 1 << 15  # rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
 
 
 @dataclass
@@ -51,6 +54,29 @@ class Tally:
         if long[k] > self.length:
             self.start, self.length, self.held = int(begin[k]), int(long[k]), float(held[k])
         self.open = int(begin[-1]), int(long[-1]), float(held[-1])
+
+
+@dataclass
+class Course:
+    """Columns that come in pieces, of which ``SAMPLE`` rows at most are kept: all, or every k-th run of ``RUN``."""
+
+    rows: int = 0
+    every: int = 1
+    parts: list[pd.DataFrame] = field(default_factory=list)
+
+    def see(self, columns: Mapping[str, Array]) -> None:
+        """Keep what belongs to it of the next rows, (N,) of each column."""
+        new = pd.DataFrame(columns)
+        new.index += self.rows
+        self.rows += len(new)
+        self.parts.append(new[new.index // RUN % self.every == 0])
+        while sum(map(len, self.parts)) > SAMPLE:
+            self.every *= 2
+            self.parts = [part[part.index // RUN % self.every == 0] for part in self.parts]
+
+    def frame(self) -> pd.DataFrame:
+        """What was kept, by its place in the whole."""
+        return pd.concat(self.parts)
 
 
 @dataclass

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import codecs
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -70,20 +71,15 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
         lines = lines[:-1]  # the last one may be cut
-    tried: list[tuple[float, _Found]] = []
-    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", "."), (" ", ".,")):
-        if separator == " " and tried:
-            break  # spaces part columns only where nothing else does
-        found = (_try(lines, separator, decimal, {k.lower() for k in known}) for decimal in decimals)
-        tried += [layout for layout in found if layout is not None]
-    if not tried:
+    found = _likeliest(tuple(lines), frozenset(k.lower() for k in known))
+    if found is None:
         shown = next((line for line in lines if line.strip() and not line.startswith("#")), "")[:80]
         raise InputError(
             f"no table found (the text begins {shown!r})",
             where=where,
             expected="a header row, then rows of numbers separated by comma, semicolon, tab or spaces",
         )
-    separator, decimal, header, skip, first_row, fields = max(tried, key=lambda t: t[0])[1]
+    separator, decimal, header, skip, first_row, fields = found
     if not header:
         raise InputError(
             f"row {skip + 1} is numbers and no header row stands above it",
@@ -115,6 +111,18 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
         body = re.sub(rb"[ \t]+", b"\t", body)
     metadata = _metadata(lines)
     return Dialect(where, encoding, separator, decimal, tuple(names), skip, first_row, metadata, path, body)
+
+
+@lru_cache(maxsize=4)
+def _likeliest(lines: tuple[str, ...], known: frozenset[str]) -> _Found | None:
+    """The layout that makes most of the ``lines``, remembered: who opens a log asks for its names several times."""
+    tried: list[tuple[float, _Found]] = []
+    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", "."), (" ", ".,")):
+        if separator == " " and tried:
+            break  # spaces part columns only where nothing else does
+        found = (_try(lines, separator, decimal, known) for decimal in decimals)
+        tried += [layout for layout in found if layout is not None]
+    return max(tried, key=lambda t: t[0])[1] if tried else None
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
@@ -174,7 +182,7 @@ def _is_data(parts: list[str], decimal: str) -> bool:
     return good >= max(1.0, 0.6 * len(full)) and any(is_number(p, decimal) for p in full)
 
 
-def _try(lines: list[str], separator: str, decimal: str, known: set[str]) -> tuple[float, _Found] | None:
+def _try(lines: Sequence[str], separator: str, decimal: str, known: Collection[str]) -> tuple[float, _Found] | None:
     """How well the lines fit this separator and decimal mark, and where header and data then are; None: not at all."""
     top = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
     rows, data = list[tuple[int, list[str]]](), list[int]()
@@ -201,7 +209,7 @@ def _try(lines: list[str], separator: str, decimal: str, known: set[str]) -> tup
     return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields)
 
 
-def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: set[str]) -> int | None:
+def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]) -> int | None:
     fits = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and abs(len(parts) - fields) <= 1]
     fits = [k for k in fits if not _is_data(rows[k][1], decimal)]
     if fits:

@@ -67,22 +67,27 @@ def beta(
     --report beta.html
     """
     from calibration.files.write import write_text
-    from calibration.opened import refuse_spare_records
+    from calibration.log import iter_log
+    from calibration.opened import records_by_disk, refuse_spare_records, rig_of
     from calibration.rig import load_rig
-    from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
-    from tcdyn.pipeline.one_disk import estimate_one_disk
-    from tcdyn.traces import records_by_disk, rig_of
+    from tcdyn.cores import begun
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
-    records, rolling = records_by_disk(record), read_bearing(bearing) if bearing else None
-    own_rig = load_rig(rig) if rig else None
-    refuse_spare_records(log, own_rig or rig_of(records), records)
+    records = records_by_disk(record)
+    own_rig = load_rig(rig) if rig else rig_of(records)
+    refuse_spare_records(log, own_rig, records)
+    gone = [f"{name.removesuffix('_degC')}_degC" for name in dict.fromkeys(without or ())]
+    read = begun(iter_log, log, "ehl", own_rig, without=gone) if len(records) > 1 else iter_log
+    from tcdyn.pipeline.bearing import read_bearing  # while the log is read
+    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
+    from tcdyn.pipeline.one_disk import estimate_one_disk
+
+    rolling = read_bearing(bearing) if bearing else None
     estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
     with stages(tell.silent, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
         options = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
-            "without": without or (), "progress": progress,
+            "without": without or (), "read": read, "progress": progress,
         }  # fmt: skip
         if stage is None:
             runs = estimate_stages(log, own_rig, records, estimate, **options)
@@ -163,10 +168,10 @@ def campaign(
     """
     from calibration.disk import left_out_of
     from calibration.finding import doubts
+    from calibration.opened import records_by_disk, rig_of
     from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
     from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
-    from tcdyn.traces import records_by_disk, rig_of
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")

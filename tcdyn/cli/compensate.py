@@ -81,7 +81,10 @@ def compensate(
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
     from calibration.files.write import write_text
+    from calibration.log import log_for
+    from calibration.opened import records_by_disk, rig_of
     from calibration.rig import load_rig
+    from tcdyn.cores import begun
 
     if sensor:
         asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
@@ -95,23 +98,23 @@ def compensate(
         raise InputError(
             "no record and no sensor was given", remedy="add --record DISK.disk.json or --sensor S.sensor.json"
         )
-    from tcdyn.pipeline import compensate_log
-    from tcdyn.traces import records_by_disk
-
     if follow:
         raise InputError("--follow is a command of its own now", remedy=f"tcdyn follow {log} --record ... --out ...")
     if noise_only and (report is not None or covariance is not None):
         raise InputError("--noise-only with --report or --covariance", remedy="give one of them")
     if covariance is not None and method == "inverse":
         raise InputError("--covariance with --method inverse, which states none", remedy="take the smoother")
-    way = _way(method, criterion, bandwidth_hz, noise_only)
     records = records_by_disk(record)
-    rig_table = load_rig(rig) if rig else None
+    own_rig = load_rig(rig) if rig else rig_of(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
+    read = begun(log_for, log, own_rig, records)
+    from tcdyn.pipeline import compensate_log  # while the log is read
+
+    way = _way(method, criterion, bandwidth_hz, noise_only)
     timed = "deconvolve" if method == "deconvolve" else "compensate"
     with stages(tell.silent, verbose, timed, report is not None) as progress:
-        done = compensate_log(log, records, rig_table, refine=refine, way=way, parts=parts, progress=progress)
+        done = compensate_log(log, records, own_rig, refine=refine, way=way, parts=parts, read=read, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         written, noticed = done.write(target, progress)
         if covariance is not None:

@@ -58,11 +58,11 @@ def follow(
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
+    from calibration.opened import records_by_disk
     from calibration.rig import load_rig
     from tcdyn.pipeline.causal import Settings
     from tcdyn.pipeline.follow import follow as run
     from tcdyn.sensor import read_sensor
-    from tcdyn.traces import records_by_disk
 
     if bool(record) == bool(sensor):
         raise InputError("needs --record or --sensor, one of them", remedy="--sensor is for any table, without a rig")

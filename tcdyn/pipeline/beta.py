@@ -16,8 +16,9 @@ from calibration.disk import DISKS, left_out_of
 from calibration.errors import InputError
 from calibration.files.seal import sealed
 from calibration.finding import Finding, look, note
-from calibration.log import COMPENSATED, Log, iter_log
+from calibration.log import COMPENSATED, Log, LogPieces, iter_log
 from calibration.noise import white_noise_sd
+from calibration.opened import rig_of
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig, changed_keys
@@ -40,7 +41,7 @@ from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
-from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of
+from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
 NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
@@ -228,21 +229,23 @@ def estimate_beta(
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
     stage: int | None = None,
+    read: Callable[..., LogPieces] = iter_log,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
     ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
     ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
-    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
+    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest; ``read``: what reads
+    the log, which may have begun already (``tcdyn.cores.begun``). A channel that is dead, missing, or lost for long is
+    left out too, with a finding, as long as the rest still tells beta.
     Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
-        pieces = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        pieces = read(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
         table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:

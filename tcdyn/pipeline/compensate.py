@@ -11,13 +11,12 @@ import numpy as np
 import pandas as pd
 
 from calibration.checks.clock import interval_s
-from calibration.columns import EHL_RUNNING, TORQUES, couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.write import write_log
 from calibration.finding import Finding, graded, look, note, sentences
-from calibration.log import COMPENSATED, Log, LogPieces, iter_log
-from calibration.opened import columns_not_there, log_kind, refuse_spare_records
+from calibration.log import COMPENSATED, Log, LogPieces, log_for
+from calibration.opened import rig_of
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
@@ -33,7 +32,7 @@ from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
 from tcdyn.pipeline.stretches import Stretches, Way, columns_of, one_disk, with_lag
 from tcdyn.sensor.table import once_each
-from tcdyn.traces import DiskTraces, disk_traces, gathered, rig_of
+from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
@@ -128,6 +127,7 @@ def compensate_log(
     refine: bool = True,
     way: Way | None = None,
     parts: bool = False,
+    read: Callable[[str | Path, Rig, Mapping[str, DiskRecord]], tuple[LogPieces, list[str]]] = log_for,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
     """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
@@ -136,6 +136,7 @@ def compensate_log(
     ``refine``: where the log holds an unloading and the records of all its disks are given, the lag common to a disk's
     channels, which a plunge knows loosely, is taken from the unloading with the record as prior; else the record's own.
     ``way``: the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made of, too.
+    ``read``: what reads the log, which may have begun already (``tcdyn.cores.begun``).
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
@@ -144,11 +145,8 @@ def compensate_log(
         )
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
-    kind, own = log_kind(log, rig, records)
-    if kind == "ehl":
-        refuse_spare_records(log, rig, records)
-    gone, unused = _not_there(log, rig, records) if kind == "ehl" else ([], [])
-    pieces = iter_log(log, kind, rig, own, parted=False, without=gone)
+    pieces, unused = read(log, rig, records)
+    kind = pieces.kind
     table = about_unloading(pieces)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
@@ -212,18 +210,6 @@ def about_unloading(pieces: LogPieces) -> Log:
         return read_stage(pieces, None)[0]
     except InputError:
         return pieces.whole(np.arange(LONG_ROWS))
-
-
-def _not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[list[str], list[str]]:
-    """Columns of an EHL log that are neither there nor needed: of a disk without a record, and of what the unloading
-    alone would be fitted with; these once more."""
-    lone = [couples(rig.disk_setup(d).channels, d) for d in DISKS if d not in records]
-    junctions = [c for columns in lone if len(columns_not_there(log, rig, columns)) == len(columns) for c in columns]
-    running = columns_not_there(log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()])
-    torque = not set(TORQUES) <= set(running)
-    needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
-    unused = columns_not_there(log, rig, [c for c in running if c not in needless], alike=True)
-    return [*junctions, *unused], unused
 
 
 def _refined(

@@ -19,13 +19,13 @@ from calibration.files.growing import GrowingTable
 from calibration.files.write import write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
+from calibration.opened import rig_of
 from calibration.result import Result
 from calibration.rig import Rig
 from tcdyn.pipeline.causal import LONGEST_GAP_S, Causal, CausalState, Settings
 from tcdyn.pipeline.learn import begin
 from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
 from tcdyn.pipeline.stretches import DECIMALS
-from tcdyn.traces import rig_of
 
 STATE = "tcdyn.follow/5"
 STOPPED = "stopped"

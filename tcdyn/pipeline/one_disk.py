@@ -13,8 +13,8 @@ from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.seal import sealed
-from calibration.log import Log, iter_log
-from calibration.opened import columns_not_there
+from calibration.log import Log, LogPieces, iter_log
+from calibration.opened import columns_not_there, rig_of
 from calibration.record import DiskRecord
 from calibration.result import Result
 from calibration.rig import Rig
@@ -25,7 +25,6 @@ from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import prepare, without_lost
 from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions, way_row
-from tcdyn.traces import rig_of
 
 
 @dataclass(frozen=True)
@@ -130,6 +129,7 @@ def estimate_one_disk(
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
     stage: int | None = None,
+    read: Callable[..., LogPieces] = iter_log,
     progress: Callable[[str], None] = lambda _: None,
 ) -> OneDiskRun:
     """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of ``estimate_beta``.
@@ -147,7 +147,7 @@ def estimate_one_disk(
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")
-        pieces = iter_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
+        pieces = read(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
         table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:

@@ -10,12 +10,12 @@ import pandas as pd
 import pytest
 
 from calibration.log import write_log
+from calibration.opened import rig_of
 from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.partition.analyse import Partition
 from tcdyn.pipeline import compensate_log, estimate_beta
-from tcdyn.traces import rig_of
 from tests.conftest import Campaign
 
 
