@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
 from calibration.checks.clock import Sampling, check_time, moved, weighed
@@ -25,14 +24,7 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, Place, graded
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
-from calibration.opened import (
-    COMPENSATED,
-    log_kind,
-    missing_and_unused,
-    not_there,
-    open_log,
-    refuse_spare_records,
-)
+from calibration.opened import COMPENSATED, log_kind, missing_and_unused, not_there, open_log, refuse_spare_records
 from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
@@ -227,16 +219,13 @@ def iter_log(
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated, without=without)
     raws: list[Columns] = []  # of a short file all, which is then read once
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
-    levels: dict[str, list[Any]] = {name: [] for name in SWITCHES if name in names}
-    others = [name for name in names if name != "time_s" and name not in levels]
+    others = [name for name in names if name != "time_s" and name not in SWITCHES]
     found, course, place = list[Finding](), Course(), Place(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
         place, time = raw.place, raw.data[names["time_s"]]
         found += raw.findings
         clock += time.tobytes()
-        for name, parts in levels.items():
-            parts.append(pd.Categorical(raw.data[names[name]]))
-        course.see({n: raw.data[names[n]] for n in others})
+        course.see({n: raw.data[names[n]] for n in names if n != "time_s"})
         raws.append(raw)
         if course.rows > MOST:
             raws.clear()
@@ -250,9 +239,8 @@ def iter_log(
         values = sample[name].to_numpy()
         noise_K[name] = course_noise_K(name, values, sample.index.to_numpy(), place)
         sample[name] = clean(name, values, noise_K[name])
-    whole = {name: np.array(union_categoricals(parts), dtype=np.float64) for name, parts in levels.items()}
     sampling = weighed(sampling, sample)
-    switches, said = check_kind(kind, sample, whole, place, rig or load_rig(), disk, parted=parted)
+    switches, said = check_kind(kind, sample, course.whole(), place, rig or load_rig(), disk, parted=parted)
     found += said
     found += missing_and_unused(kind, table, names, without)
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import union_categoricals
 
 from calibration import Array, Flags
-from calibration.columns import is_air
+from calibration.columns import SWITCHES, is_air
 from calibration.errors import InputError
 from calibration.finding import Finding, Place, by_share, look, note
 from calibration.noise import MOST_MISSING, impossible
@@ -58,15 +60,21 @@ class Tally:
 
 @dataclass
 class Course:
-    """Columns that come in pieces, of which ``SAMPLE`` rows at most are kept: all, or every k-th run of ``RUN``."""
+    """Columns that come in pieces, of which ``SAMPLE`` rows at most are kept: all, or every k-th run of ``RUN``.
+
+    Of switches, which have few values, all rows are.
+    """
 
     rows: int = 0
     every: int = 1
     parts: list[pd.DataFrame] = field(default_factory=list)
+    switches: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
     def see(self, columns: Mapping[str, Array]) -> None:
         """Keep what belongs to it of the next rows, (N,) of each column."""
-        new = pd.DataFrame(columns)
+        for name in filter(SWITCHES.__contains__, columns):
+            self.switches[name].append(pd.Categorical(columns[name]))
+        new = pd.DataFrame({name: x for name, x in columns.items() if name not in SWITCHES})
         new.index += self.rows
         self.rows += len(new)
         self.parts.append(new[new.index // RUN % self.every == 0])
@@ -77,6 +85,10 @@ class Course:
     def frame(self) -> pd.DataFrame:
         """What was kept, by its place in the whole."""
         return pd.concat(self.parts)
+
+    def whole(self) -> dict[str, Array]:
+        """All rows of the switches."""
+        return {name: np.array(union_categoricals(parts), float) for name, parts in self.switches.items()}
 
 
 @dataclass

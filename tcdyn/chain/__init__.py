@@ -22,11 +22,10 @@ from tcdyn.chain.chain import (
     cement_lags,
     chains_for,
     discretised,
-    equalised,
     sensors,
 )
 from tcdyn.chain.rational import Hold
-from tcdyn.chain.structures import STRUCTURES, Structure
+from tcdyn.chain.structures import STRUCTURES, Structure, equalised
 
 __all__ = [
     "NO_CONDITIONING",

@@ -1,4 +1,4 @@
-"""The measurement chain, junction to log file: a transfer function in seconds, its state space, channels made alike."""
+"""The measurement chain, junction to log file: a transfer function in seconds, and its state space."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.result import Result
-from tcdyn.chain.rational import Factor, Hold, Rational, Start, product, realise, simulate, simulate_rows
+from tcdyn.chain.rational import Factor, Hold, Rational, Start, product, realise, simulate_rows
 
 if TYPE_CHECKING:
     import control
 
 NO_CONDITIONING = Conditioning(poles=0)
-LEAST_LAG_S = 1e-3  # stands for a lag that is missing where a filter would not be proper without it
 
 
 @dataclass(frozen=True)
@@ -164,6 +163,17 @@ class Chain(Result):
             return replace(self, taus_s=(taus[0] - moved,), delay_s=self.delay_s + moved)
         return replace(self, taus_s=(taus[0] - moved, taus[1] + moved, *taus[2:]))
 
+    def split_s2(self, shift_s: float) -> float:
+        """What ``with_split_shift`` adds to the coefficient of s^2 in 1/G [s2]; that of s stays.
+
+        >>> Chain((0.5, 0.25)).split_s2(0.125)
+        0.015625
+        """
+        both = (self, self.with_split_shift(shift_s))
+        parts = ([*((1.0, tau) for tau in c.taus_s), (1.0, c.delay_s, 0.5 * c.delay_s**2)] for c in both)
+        was, now = (float(product(factors)[2]) for factors in parts)
+        return now - was
+
 
 def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
     """One chain for each of ``count`` channels: a single one is that of all, a number is one lag [s].
@@ -207,46 +217,21 @@ def discretised(
     return np.asarray(b[0]), np.asarray(a)
 
 
-def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
-    """Each column of ``y`` (N, M) [degC] as the ``common`` chain would have shown it: no inverse is needed for it.
-
-    Column i is filtered by G_common / G_i, in which the conditioning cancels; where the common chain has as many lags,
-    noise grows at most by their ratio. A channel with more dead time than the common chain keeps its excess. Before
-    its first sample a column stood at its mean over the first second.
-    """
-    out = np.empty_like(y)
-    for i, chain in enumerate(chains):
-        before = np.mean(y[: max(int(1.0 / dt_s), 1), i])
-        out[:, i] = simulate(_quotient(common, chain), np.concatenate([[before], y[:, i]]), dt_s)[1:]
-    return out
-
-
-def _quotient(upper: Chain, lower: Chain) -> Rational:
-    """G_upper / G_lower without their filter, kept proper by lags of 1 ms; what it would delay less than nothing is
-    left out."""
-    num: Array = product(lower.own_factors())
-    below = list(upper.own_factors())
-    if upper.zero_s != lower.zero_s:
-        num = product([num, (1.0, upper.zero_s)])
-        below.append((1.0, max(lower.zero_s, LEAST_LAG_S)))
-    excess = len(num) - 1 - sum(len(f) - 1 for f in below)
-    below += [(1.0, LEAST_LAG_S)] * excess
-    return Rational(num, tuple(Factor(f) for f in below), max(upper.delay_s - lower.delay_s, 0.0))
-
-
 @dataclass(frozen=True)
 class Sensor:
     """State (x, x', stages of the chain): d state/dt = drift @ state, logged value = output @ state.
 
     x is the junction temperature [degC], x' its slope [K/s]; every stage has unit static gain, so all stages are in
-    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s]. ``ramp``
-    (n, 2): the state of a chain that has followed a level 1, and a slope 1 through zero, for ever; ``scatter`` (n, n):
-    stationary covariance of the stages about the ramp, for slope noise of intensity 1 K2/s3.
+    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s], ``bend_row @
+    state`` that per ``Chain.split_s2`` [K/s2]. ``ramp`` (n, 2): the state of a chain that has followed a level 1, and a
+    slope 1 through zero, for ever; ``scatter`` (n, n): stationary covariance of the stages about the ramp, for slope
+    noise of intensity 1 K2/s3.
     """
 
     drift: Array
     output: Array
     lag_row: Array
+    bend_row: Array
     ramp: Array
     scatter: Array
     delay_s: float
@@ -283,11 +268,11 @@ def _sensor(chain: Chain, size: int) -> Sensor:
             raise InputError(f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter")
         output = output + chain.zero_s * drift[source]
     output = sum(a * output @ np.linalg.matrix_power(drift, k) for k, a in enumerate(chain.conditioning.numerator))
-    lag_row = np.zeros(size)
-    if max(chain.taus_s, default=0.0) > 0:
-        lag_row[:] = drift[2]
-    else:
-        lag_row[1] = 1.0
+    slope_row, lags_s = np.eye(size)[1], [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0]
+    rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])  # of x and of what leaves each lag
+    lag_row = rates[min(len(lags_s), 1)]
+    last = min(len(lags_s), 2)
+    bend_row = (rates[last - 1] - rates[last]) / lags_s[last - 1] if last else np.zeros(size)
     idle = range(at, size)
     drift[idle, idle] = -1.0
     ramp, scatter = np.zeros((size, 2)), np.zeros((size, size))
@@ -297,4 +282,4 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         ramp[2:, 0] = -np.linalg.solve(stages, drift[2:, 0])
         ramp[2:, 1] = v = np.linalg.solve(stages, ramp[2:, 0])
         scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
-    return Sensor(drift, output, lag_row, ramp, scatter, chain.delay_s, chain.lag_s)
+    return Sensor(drift, output, lag_row, bend_row, ramp, scatter, chain.delay_s, chain.lag_s)

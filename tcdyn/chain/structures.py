@@ -1,14 +1,24 @@
-"""Structures of a chain by their usual names: P and the number of poles, then a letter for each further part."""
+"""Structures of a chain by their usual names: P and the number of poles, then a letter for each further part.
+
+Channels of several structures are made alike.
+"""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
 
+import numpy as np
+
+from calibration import Array
 from calibration.errors import InputError
+from tcdyn.chain.chain import Chain
+from tcdyn.chain.rational import Factor, Rational, product, simulate
 
 STRUCTURES = ("P1", "P2", "P1D", "P2D", "P2Z", "P3")  # what plunges are fitted with and told apart by
+LEAST_LAG_S = 1e-3  # stands for a lag that is missing where a filter would not be proper without it
 COUNTED = ("no lag", "one lag", "two lags", "three lags")
 
 
@@ -67,3 +77,30 @@ class Structure:
         words = ("a complex pair", "cement", "a zero", "a dead time", "an integrator")
         asked = (self.pair, self.cement, self.zero, self.delay, self.integrator)
         return " and ".join([COUNTED[len(self.lags)], *compress(words, asked)])
+
+
+def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
+    """Each column of ``y`` (N, M) [degC] as the ``common`` chain would have shown it: no inverse is needed for it.
+
+    Column i is filtered by G_common / G_i, in which the conditioning cancels; where the common chain has as many lags,
+    noise grows at most by their ratio. A channel with more dead time than the common chain keeps its excess. Before
+    its first sample a column stood at its mean over the first second.
+    """
+    out = np.empty_like(y)
+    for i, chain in enumerate(chains):
+        before = np.mean(y[: max(int(1.0 / dt_s), 1), i])
+        out[:, i] = simulate(_quotient(common, chain), np.concatenate([[before], y[:, i]]), dt_s)[1:]
+    return out
+
+
+def _quotient(upper: Chain, lower: Chain) -> Rational:
+    """G_upper / G_lower without their filter, kept proper by lags of 1 ms; what it would delay less than nothing is
+    left out."""
+    num: Array = product(lower.own_factors())
+    below = list(upper.own_factors())
+    if upper.zero_s != lower.zero_s:
+        num = product([num, (1.0, upper.zero_s)])
+        below.append((1.0, max(lower.zero_s, LEAST_LAG_S)))
+    excess = len(num) - 1 - sum(len(f) - 1 for f in below)
+    below += [(1.0, LEAST_LAG_S)] * excess
+    return Rational(num, tuple(Factor(f) for f in below), max(upper.delay_s - lower.delay_s, 0.0))

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from calibration import Array
 from calibration.errors import InputError
 from calibration.noise import SPIKES, bridged
-from tcdyn.chain import Chain, sensors
+from tcdyn.chain import Chain
 from tcdyn.compensate.hidden import Hidden, about, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose, cut_out
 from tcdyn.compensate.levels import Intensity
@@ -99,18 +99,14 @@ def smooth(
         student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
         weight = np.where(fit.stretch.weight > 0, student, 0.0)
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
-    likeliest = fit
     for found in hidden:
         fit = averaged(fit, found)
     sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
     doubts = tuple(_by_event(fit, event, u) for event, u in events.items() if u > 0)
     for moved in doubts:
         sd = np.hypot(sd, moved)
-    split_K: ArrayLike = 0.0
-    if np.any(split := np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var))):
-        divided = tuple(c.with_split_shift(float(u)) for c, u in zip(fit.stretch.chains, split))
-        other = smoothed(replace(fit.stretch, chains=divided, sensors=tuple(sensors(divided))), noise_var, chosen)
-        split_K = other.temperature - likeliest.temperature
+    split = np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var)).tolist()
+    split_K = fit.bend * [c.split_s2(u) for c, u in zip(stretch.chains, split)]
     time = np.arange(len(sd)) * dt_s
     return Compensated.of(
         fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,

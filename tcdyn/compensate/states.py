@@ -173,8 +173,8 @@ class Smoothed:
 
     At the knots but the last, (J, M): ``knot_slope`` [K/s]; ``jump_chi2``: score test for a jump of level, slope or
     both, chi-square of two degrees of freedom when there is none. At the samples, (N, M): ``temperature`` [degC], its
-    ``slope`` [K/s], ``sd`` [K] and ``lag_sensitivity`` [K/s]; ``read``, ``read_var``: what the logger would have
-    written without noise [degC], and its variance [K2].
+    ``slope`` [K/s], ``sd`` [K], ``lag_sensitivity`` [K/s] and ``bend`` [K/s2], see ``Sensor``; ``read``, ``read_var``:
+    what the logger would have written without noise [degC], and its variance [K2].
     """
 
     stretch: Stretch
@@ -187,6 +187,7 @@ class Smoothed:
     slope: Array
     sd: Array
     lag_sensitivity: Array
+    bend: Array
     read: Array
     read_var: Array
 
@@ -197,6 +198,11 @@ def _along(out: Array, powers: Sequence[Array], cell: NDArray[np.intp], along: A
     for coefficients in powers[1:]:
         out *= along
         out += np.ascontiguousarray(coefficients)[cell]
+
+
+def _rises(at_knot: Array, knots_s: Array) -> Array:
+    """Slopes (J, M) to the next of values (J, M) at the knots but the last."""
+    return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
 
 
 def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> Smoothed:
@@ -210,9 +216,9 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
     knots, span = knots_for(stretch, noise_var, proposals), ranges(stretch)
     (total, batch), count = stretch.y.shape, len(knots) - 1
     knot_slope, chi2 = np.empty((2, count, batch))
-    at_samples = np.empty((4, total, batch))
+    at_samples = np.empty((5, total, batch))
     read, read_var = np.zeros((2, total + 1, batch))
-    lag_rows = np.stack([s.lag_row for s in stretch.sensors])
+    lag_rows, bend_rows = (np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in stretch.sensors)))
     for low, first, last, high in pieces(stretch, noise_var, chosen, knots):
         cells = cells_for(stretch, noise_var, proposals, knots[low : high + 1], span)
         found = swept(cells)
@@ -234,19 +240,18 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
         cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * stretch.dt_s, side="right") - 1
         cell = np.clip(cell, 0, len(mean) - 1)
         along = (t - knots[low + cell])[:, None]
-        at_knot = np.einsum("jmn,mn->jm", mean, lag_rows)
-        rises = np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots[low : high + 1])[:, None]
-        temperature, slope, sd, sensitivity = at_samples[:, begin:end]
+        lagging, bent = (np.einsum("jmn,mn->jm", mean, rows) for rows in (lag_rows, bend_rows))
+        temperature, slope, sd, sensitivity, bend = at_samples[:, begin:end]
         for out, powers in (
             (slope, [mean[..., 1]]),
             (temperature, [mean[..., 1], mean[..., 0]]),
             (sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]]),
-            (sensitivity, [rises, at_knot]),
+            *((to, [_rises(at, knots[low : high + 1]), at]) for to, at in ((sensitivity, lagging), (bend, bent))),
         ):
             _along(out, powers, cell, along)
         np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
-    temperature, slope, sd, sensitivity = at_samples
+    temperature, slope, sd, sensitivity, bend = at_samples
     return Smoothed(
-        stretch, noise_var, tuple(chosen), knots, knot_slope, chi2, temperature, slope, sd, sensitivity, read[:-1],
-        read_var[:-1],
+        stretch, noise_var, tuple(chosen), knots, knot_slope, chi2, temperature, slope, sd, sensitivity, bend,
+        read[:-1], read_var[:-1],
     )  # fmt: skip

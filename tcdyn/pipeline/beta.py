@@ -165,12 +165,10 @@ def prepare(
         rig.disk_setup(d).check_rows()
         found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]
-        own = traces.uncertainty
-        wider = {key: math.hypot(getattr(own, key), part) for key, part in stated_u.items()}
+        wider = {key: math.hypot(getattr(traces.uncertainty, key), part) for key, part in stated_u.items()}
         wider["friction_rel"] = math.hypot(wider["friction_rel"], added.u_N / friction_N)
-        uncertainty = own.model_copy(update=wider)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
-        disks[d] = replace(traces, uncertainty=uncertainty, setup=setup)
+        disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update=wider), setup=setup)
     return EhlTest(
         time_s=t,
         dt_s=dt,
@@ -245,8 +243,7 @@ def estimate_beta(
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
-        pieces = read(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-        table, count = read_stage(pieces, stage)
+        table, count = read_stage(read(log, "ehl", rig, without=[f"{name}_degC" for name in left_out]), stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
             found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
