@@ -18,12 +18,13 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.hidden import Hidden, about, averaged, with_hidden
 from tcdyn.compensate.intensity import Criterion, Tradeoff, by_criterion, choose, cut_out
 from tcdyn.compensate.levels import Intensity
-from tcdyn.compensate.pieces import corner_rad_s
+from tcdyn.compensate.pieces import FINE, corner_rad_s
 from tcdyn.compensate.record import SPIKE, Compensated, Stretch, stretch_of
 from tcdyn.compensate.states import Smoothed, all_cells, smoothed
 from tcdyn.compensate.sweep import swept
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+DIFFERENCE = 4.0  # longer cells than an answer's tell what two answers differ by
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
 
 
@@ -135,7 +136,7 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     for to in (event_s - u_s, event_s + u_s):
         events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
         moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
-        answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved).temperature)
+        answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved, DIFFERENCE * FINE).temperature)
     half = np.zeros_like(fit.sd)
     half[first:last] = 0.5 * (answers[1] - answers[0])
     return half

@@ -205,7 +205,7 @@ def _rises(at_knot: Array, knots_s: Array) -> Array:
     return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
 
 
-def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) -> Smoothed:
+def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE) -> Smoothed:
     """States given the whole stretch, its noise variance (M,) and one intensity a channel.
 
     Long stretches go in pieces of cells, each with neighbours on both sides that settle both sweeps: the answer is that
@@ -213,7 +213,7 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity]) ->
     ``swept``'s way back.
     """
     proposals = [[q] for q in chosen]
-    knots, span = knots_for(stretch, noise_var, proposals), ranges(stretch)
+    knots, span = knots_for(stretch, noise_var, proposals, fine), ranges(stretch)
     (total, batch), count = stretch.y.shape, len(knots) - 1
     knot_slope, chi2 = np.empty((2, count, batch))
     at_samples = np.empty((5, total, batch))

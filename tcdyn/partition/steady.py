@@ -12,7 +12,6 @@ from calibration import Array
 from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
-from tcdyn.cores import side_by_side
 from tcdyn.partition.effects import effects, inner_gradient
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement.steel import follows_temperature, linear_about
@@ -206,7 +205,7 @@ def steady_lines(
     test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
     """Steady line of each disk from the lagged readings, and the speed law's point on both; of one disk a start."""
-    each = side_by_side(lambda disk: disk_line(test, disk, rows, profile, weights), [*test.disks.values()])
+    each = [disk_line(test, disk, rows, profile, weights) for disk in test.disks.values()]
     lines = dict(zip(test.disks, each))
     if len(lines) < len(DISKS):
         starts = {d: (one.line.at(START_H_W_M2K), START_H_W_M2K) for d, one in lines.items()}
