@@ -174,7 +174,7 @@ def compensate_log(
         one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
         traces, fits, said = _refined(table, rig, records, one_test)
         findings += said
-    frame = table.frame.copy()
+    frame = table.frame
     for disk, record in records.items():
         one = traces.get(disk) or disk_traces(
             frame, disk, rig, record, named=kind == "ehl", where=table.path.name, lag=way.removes_lag
@@ -190,7 +190,7 @@ def compensate_log(
         frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
         findings += one.findings
-    begun, *_, ended = (float(x) for x in frame["time_s"])
+    begun, ended = (float(frame["time_s"].iloc[k]) for k in (0, -1))
     events_s = sorted(t - begun for t in known if begun < t <= ended) or [
         t for t, _ in next(iter(done.values())).events_s
     ]

@@ -19,7 +19,6 @@ from calibration.files.write import log_writer
 from calibration.finding import Finding
 from calibration.lines.static import shared_u_K
 from calibration.log import LogPieces
-from calibration.noise import white_noise_sd
 from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.chain import sensors
@@ -30,7 +29,7 @@ from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import deconvolve, smooth
 from tcdyn.partition.cooling import Alone, refined_chains, with_common_u
 from tcdyn.sensor.table import Part, parts
-from tcdyn.traces import NOISE_ORDER, DiskTraces, disk_traces, gathered
+from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
 STRETCH_ROWS = 50_000
@@ -77,7 +76,7 @@ def one_disk(traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, flo
     time = frame["time_s"].to_numpy(dtype=float)
     y, dt = traces.measured_degC, interval_s(time)
     given: dict[str, Any] = {
-        "noise_sd": traces.noise_K if traces.noise.coloured or traces.noise.lines else white_noise_sd(y, NOISE_ORDER),
+        "noise_sd": traces.noise_K,
         "lag_covariance": traces.lag_covariance_s2,
         "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
         "names": [c.removesuffix("_degC") for c in traces.columns],
