@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,7 @@ from tcdyn.partition.cooling import (
     refined_chains,
     slowed,
     smoothed,
+    surface_temperatures,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
@@ -55,7 +56,6 @@ from tcdyn.partition.steady import (
     at_one_radius,
     at_own_temperature,
     steady_lines,
-    surface_temperatures,
 )
 from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
@@ -188,15 +188,15 @@ def analyse(
     progress("compensation and cooling fits")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
 
-    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift]:
+    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift, DiskLine]:
         disk, line = test.disks[d], lines[d]
         junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
         one, prior = compensated(test, disk, rows, junctions, profile), log_h_prior(disk.setup.surface)
         fit = cooling_fit(one.window, line.line, test.events.unload_s, window_s, one.noise_K, prior)
         shift = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), line)
-        return one.window, one.shown, fit, shift
+        return one.window, one.shown, fit, shift, replace(line, errors=partial(replace, line.shift))  # as it is known
 
-    windows, shown, cooling, shifts = (dict(zip(DISKS, x)) for x in zip(*side_by_side(alone, DISKS)))
+    windows, shown, cooling, shifts, lines = (dict(zip(DISKS, x)) for x in zip(*side_by_side(alone, DISKS)))
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
     for d in DISKS:

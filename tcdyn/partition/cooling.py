@@ -20,7 +20,17 @@ from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import Starts, disk_fit
 from tcdyn.partition.statement.surface import still
-from tcdyn.partition.steady import LEVELLED_S, ROUNDS, DiskLine, FitShift, SteadyLine, surface_degC
+from tcdyn.partition.steady import (
+    LAST_S,
+    LEVELLED_S,
+    ROUNDS,
+    SURFACE_DEPTH_M,
+    DiskLine,
+    FitShift,
+    SpeedLawPoint,
+    SteadyLine,
+    surface_degC,
+)
 from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.traces import DiskTraces
 
@@ -262,3 +272,29 @@ def cooling_fit(
         power=power,
         h_noise=float(np.sqrt((weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2) * noise_K / curvature),
     )
+
+
+def surface_temperatures(
+    test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow], draws: Mapping[str, Array]
+) -> tuple[dict[str, float], dict[str, Array]]:
+    """Maxima of the running tracks' mean temperature over the last seconds under load, and their Monte Carlo draws.
+
+    "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
+    places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
+    """
+    values, drawn = dict[str, float](), dict[str, Array]()
+    for d, h, share, sign in (("fast", speed.h_fast, speed.beta, 1), ("slow", speed.h_slow, 1 - speed.beta, -1)):
+        rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
+        last = (to_parting >= -LAST_S) & (to_parting < -0.2)
+        places = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m)
+        step = 0.01 * max(h, 10.0)
+        both = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
+        rest, power = (x[:, last, len(rim.setup.outer) :].mean(axis=1) for x in both)
+        track = rest + share * power  # (2, 9)
+        track -= rim.setup.steel.straight(track) - track  # back from Kirchhoff's temperature, to first order
+        by_h = (track[1, k := int(np.argmax(track[0]))] - track[0, k]) / step
+        more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
+        values[f"surface {d}"], drawn[f"surface {d}"] = float(track[0, k]), track[0, k] + more
+    values["delta_T_us"] = (values["surface fast"] - values["surface slow"]) * test.sliding_speed_m_s
+    drawn["delta_T_us"] = (drawn["surface fast"] - drawn["surface slow"]) * test.sliding_speed_m_s
+    return values, drawn

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.disk import DISKS, DiskSetup
 from calibration.errors import InputError
 from tcdyn.conduction.rim import Profile
@@ -168,11 +169,16 @@ class FitShift:
 
 @dataclass(frozen=True)
 class DiskLine:
-    """Map and line of one disk, and the error of (intercept, slope) per standard uncertainty of the unmeasured."""
+    """Map and line of one disk; ``errors`` works out the ``shift`` of (intercept, slope), which not everybody asks."""
 
     map: SteadyMap
     line: SteadyLine
-    shift: FitShift
+    errors: Callable[[], FitShift] = field(repr=False)
+
+    @cached_property
+    def shift(self) -> FitShift:
+        """Error of (intercept, slope) per standard uncertainty of what nobody measured."""
+        return self.errors()
 
 
 def disk_line(
@@ -185,11 +191,18 @@ def disk_line(
     steady = window.at_s < test.events.unload_s - END_GAP_S
     rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
+    return DiskLine(found, found.line, partial(_line_shift, test, disk, window, found.line, power, weights, steady))
+
+
+def _line_shift(
+    test: EhlTest, disk: DiskTraces, window: DiskWindow, line: SteadyLine, power: Array, weights: Array, steady: Flags
+) -> FitShift:
+    """What is to be feared of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) theirs."""
     w, moved = weights / weights.sum(), []
     low, high = 2, len(H_GRID_W_M2K) - 3
     for k in (low, high):
         h = float(H_GRID_W_M2K[k])
-        known = effects(test, disk, window, found.line.at(h), h)
+        known = effects(test, disk, window, line.at(h), h)
         size = np.einsum("rp,rp,p->", power[k], power[k], w)
         moved.append(np.einsum("qrp,rp,p->q", known.change[:, steady], power[k], w) / size)
     h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
@@ -198,7 +211,7 @@ def disk_line(
     spread = 2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()  # twice: so is the boundary
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
-    return DiskLine(found, found.line, FitShift(known.of, per_sd, np.diag([noise**2, 0.0])))
+    return FitShift(known.of, per_sd, np.diag([noise**2, 0.0]))
 
 
 def steady_lines(
@@ -269,31 +282,3 @@ def _levelled(
     whole[rows] = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K) * deeper_m
     whole[rows.stop :] = whole[rows.stop - 1]
     return replace(disk, inner_K=whole)
-
-
-def surface_temperatures(
-    test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow], draws: Mapping[str, Array]
-) -> tuple[dict[str, float], dict[str, Array]]:
-    """Maxima of the running tracks' mean temperature over the last seconds under load, and their Monte Carlo draws.
-
-    "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
-    places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
-    """
-    values, drawn = dict[str, float](), dict[str, Array]()
-    for d, h, share, sign in (("fast", speed.h_fast, speed.beta, 1), ("slow", speed.h_slow, 1 - speed.beta, -1)):
-        rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
-        last = (to_parting >= -LAST_S) & (to_parting < -0.2)
-        places = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m)
-        step = 0.01 * max(h, 10.0)
-        answers = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
-        rest, power = (x[:, last, len(rim.setup.outer) :].mean(axis=1) for x in answers)
-        track = rest + share * power  # (2, 9)
-        track -= rim.setup.steel.straight(track) - track  # back from Kirchhoff's temperature, to first order
-        k = int(np.argmax(track[0]))
-        by_h = (track[1, k] - track[0, k]) / step
-        more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
-        values[f"surface {d}"], drawn[f"surface {d}"] = float(track[0, k]), track[0, k] + more
-    u_s = test.sliding_speed_m_s
-    values["delta_T_us"] = (values["surface fast"] - values["surface slow"]) * u_s
-    drawn["delta_T_us"] = (drawn["surface fast"] - drawn["surface slow"]) * u_s
-    return values, drawn
