@@ -8,9 +8,9 @@ from math import comb
 from typing import Literal
 
 import numpy as np
+import scipy  # scipy.ndimage with its first use: who reads a log need not wait for it
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 
 from calibration import Array, Flags
 from calibration.errors import InputError
@@ -140,11 +140,11 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     jumps = np.abs(np.diff(x, append=x[-1:])) > limit / nearest
     if not jumps.any():  # otherwise there is no such majority
         return out
-    near = maximum_filter1d(jumps, 2 * nearest + 1)
+    near = scipy.ndimage.maximum_filter1d(jumps, 2 * nearest + 1)
     if noise_sd is not None:  # with all that medians about these are made of
-        kept = np.flatnonzero(maximum_filter1d(near, 2 * (rule.width // 2 + rule.local // 2) + 1))
+        kept = np.flatnonzero(scipy.ndimage.maximum_filter1d(near, 2 * (rule.width // 2 + rule.local // 2) + 1))
         index, x, near = index[kept], x[kept], near[kept]
-    away = np.abs(x - median_filter(x, rule.width, mode="nearest"))
+    away = np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
     far = np.flatnonzero((away > limit) & near)
     usual: Array = np.zeros(1)
     if rule.local:
@@ -177,7 +177,7 @@ def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
     """
     half = window // 2
     basis = np.linalg.qr(np.vander(np.linspace(-1, 1, window), order + 1))[0]
-    out = np.asarray(correlate1d(y, basis @ basis[half], mode="nearest"))
+    out = np.asarray(scipy.ndimage.correlate1d(y, basis @ basis[half], mode="nearest"))
     out[:half] = (basis @ (basis.T @ y[:window]))[:half]
     out[len(y) - half :] = (basis @ (basis.T @ y[-window:]))[window - half :]
     return out

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy  # scipy.special with its first use: who reads a log need not wait for it
 from numpy.typing import ArrayLike
-from scipy.special import fdtrc, stdtr, stdtrit  # of F and Student's t; scipy.stats itself is slow to import
 
 from calibration import Array
 from calibration.errors import InputError
@@ -74,7 +74,7 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike 
     sd = float(np.sqrt(rss / dof))
     centre = np.array([1.0, *-mx])
     shape = np.outer(centre, centre) / sxx + np.diag([0.0, *1 / count])
-    wide = (float(stdtrit(dof, 0.975)) / Z95) ** 2
+    wide = (float(scipy.special.stdtrit(dof, 0.975)) / Z95) ** 2
     r_squared = min(max(1.0 - rss / syy, 0.0), 1.0) if syy > 0 else 1.0
     within, within_95 = (shape * max(factor * sd**2, u_y**2) for factor in (1.0, wide))
     return LineFit(x, y, slope, my - slope * mx, within, within_95, residuals, sd, dof, r_squared)
@@ -85,7 +85,7 @@ def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:
     k, n, between, within = _sums_of_squares(fit, groups)
     if k < 3 or n - k < 2 or within <= 0:
         return None
-    return float(fdtrc(k - 2, n - k, between / (k - 2) / (within / (n - k))))
+    return float(scipy.special.fdtrc(k - 2, n - k, between / (k - 2) / (within / (n - k))))
 
 
 def quadratic_p(fit: LineFit) -> float | None:
@@ -96,7 +96,7 @@ def quadratic_p(fit: LineFit) -> float | None:
     z = (fit.x - fit.x.mean()) / np.std(fit.x)
     coefficients, covariance = np.polyfit(z, fit.y, 2, cov=True)
     variance = float(covariance[0, 0])
-    return float(2 * stdtr(n - 3, -abs(coefficients[0]) / np.sqrt(variance))) if variance > 0 else None
+    return float(2 * scipy.special.stdtr(n - 3, -abs(coefficients[0]) / np.sqrt(variance))) if variance > 0 else None
 
 
 def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
@@ -112,7 +112,11 @@ def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float,
         return 0.0, 0.0, None
     between2, within2 = between / (r - 1), within / (n - r - 1)
     shift2 = max(between2 - within2, 0.0) / (n / r)
-    return float(np.sqrt(within2)), float(np.sqrt(shift2 / r)), float(fdtrc(r - 1, n - r - 1, between2 / within2))
+    return (
+        float(np.sqrt(within2)),
+        float(np.sqrt(shift2 / r)),
+        float(scipy.special.fdtrc(r - 1, n - r - 1, between2 / within2)),
+    )
 
 
 def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, float]:
@@ -133,4 +137,4 @@ def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
     rss = fit.sd**2 * fit.dof
     left = np.maximum(rss - fit.residuals**2 / (1 - leverage), 1e-300) / dof
     t = np.abs(fit.residuals) / np.sqrt(left * (1 - leverage))
-    return [int(i) for i in np.flatnonzero(2 * stdtr(dof, -t) < level / n)]
+    return [int(i) for i in np.flatnonzero(2 * scipy.special.stdtr(dof, -t) < level / n)]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import scipy  # scipy.special with its first use: who reads a log need not wait for it
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import fdtrc
 
 from calibration import Array, Flags
 from calibration.errors import InputError
@@ -126,7 +126,7 @@ def _slopes_differ_p(line: LineFit, at: NDArray[np.intp]) -> float | None:
             return None
         own += float(dv @ dv - (df @ dv) ** 2 / (df @ df))
     gained = max(line.sd**2 * line.dof - own, 0.0)
-    return float(fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof))) if own > 0 else None
+    return float(scipy.special.fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof))) if own > 0 else None
 
 
 @dataclass(frozen=True)
