@@ -85,11 +85,29 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     [0.2, 0.2, 0.2, 0.2]
     """
     x = np.asarray(values, dtype=float)
-    d = np.diff(x, n=order, axis=0)
-    away = np.abs(d - np.nanmedian(d, axis=0)) if centred else np.abs(d)
-    sd = MAD_TO_SD * np.nanmedian(away, axis=0) / np.sqrt(comb(2 * order, order))
-    columns = [rounding_sd(column) for column in x.reshape(len(x), -1).T]
-    return np.asarray(np.maximum(sd, np.reshape(columns, x.shape[1:])))
+    told = []
+    for column in np.ascontiguousarray(x.reshape(len(x), -1).T):  # one by one: what is looked at stays near the core
+        d = np.diff(column, n=order)
+        away = middle(np.abs(d - middle(d) if centred else d))
+        told.append(np.maximum(MAD_TO_SD * away / np.sqrt(comb(2 * order, order)), rounding_sd(column)))
+    return np.array(told).reshape(x.shape[1:])
+
+
+def middle(values: Array) -> Array:
+    """``np.nanmedian(values, axis=-1)``, NaN where there is nothing, of long traces in a tenth of its time.
+
+    By itself, because numpy partitions by one place far quicker than by the two that its own median asks for.
+
+    >>> middle(np.array([[3.0, 1.0, np.nan, 2.0], [4.0, 1.0, 2.0, 3.0]]))
+    array([2. , 2.5])
+    """
+    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    counts, out = np.count_nonzero(~np.isnan(rows), axis=-1), np.full(len(rows), np.nan)
+    for count in np.unique(counts[counts > 0]).tolist():
+        alike, k = counts == count, count // 2
+        parted = np.partition(rows[alike], k, axis=-1)  # what is missing comes last
+        out[alike] = parted[:, k] if count % 2 else 0.5 * (parted[:, :k].max(axis=-1) + parted[:, k])
+    return out.reshape(values.shape[:-1])
 
 
 def trace_noise_sd(y: Array) -> float:

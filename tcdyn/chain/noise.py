@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 from calibration import Array, Flags
 from calibration.disk import Conditioning
 from calibration.finding import Finding, look, note
-from calibration.noise import bridged
+from calibration.noise import bridged, middle
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_factor
 
@@ -280,7 +280,7 @@ def _spectra(traces: Sequence[Array], dt_s: float, segment_s: float) -> tuple[Ar
     if np.count_nonzero(keep) < LEAST_WAVES:
         return None
     whole = np.count_nonzero(np.isfinite(power[:, 0]), axis=-1) >= LEAST_SEGMENTS
-    usual: Array = np.nan_to_num(np.nanmedian(np.where(whole[:, None, None], power, 0.0), axis=-1)).T[keep] / bias
+    usual: Array = np.nan_to_num(middle(np.where(whole[:, None, None], power, 0.0))).T[keep] / bias
     return np.asarray(f[keep]), usual, power.shape[-1] // 2
 
 
@@ -295,6 +295,6 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
         scale = np.linalg.norm(rows, axis=0)
         levels = nnls(rows / scale, power / s)[0] / scale
         s = np.maximum(shapes @ levels, least)
-        if np.allclose(levels, before, rtol=SETTLED, atol=0.0):
+        if (np.abs(levels - before) <= SETTLED * np.abs(before)).all():
             break
     return levels, float(np.sum(np.log(s) + power / s))
