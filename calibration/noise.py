@@ -93,7 +93,7 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     return np.array(told).reshape(x.shape[1:])
 
 
-def middle(values: Array) -> Array:
+def middle(values: NDArray[np.floating]) -> Array:
     """``np.nanmedian(values, axis=-1)``, NaN where there is nothing, of long traces in a tenth of its time.
 
     By itself, because numpy partitions by one place far quicker than by the two that its own median asks for.

@@ -14,7 +14,7 @@ from calibration import Array
 from calibration.disk import DiskSetup
 from calibration.errors import InputError
 from calibration.finding import Finding
-from calibration.noise import SPIKES, find_spikes, local_polynomial, white_noise_sd
+from calibration.noise import SPIKES, find_spikes, local_polynomial, middle, white_noise_sd
 
 YOUNG_Pa = 207e9
 POISSON = 0.3
@@ -161,10 +161,10 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     touched = np.any([(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0)
     zero = _zero(t, np.where(touched, np.nan, raw_N), on - SETTLE_S, off + quiet)
     inside = (t > on + SETTLE_S) & (t < off - quiet)
-    level = _line_through((raw_N - zero)[inside], float(np.median(np.diff(t))))
+    level = _line_through((raw_N - zero)[inside], dt_s := float(middle(np.diff(t))))
     force = np.interp(t, t[inside], level)
     ramp_s = events.parting_s / STRAIGHT_FALL
-    if ramp_s > 4 * float(np.median(np.diff(t))):
+    if ramp_s > 4 * dt_s:
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:
         share = (t < off).astype(float)
@@ -177,7 +177,7 @@ def _line_through(raw: Array, dt_s: float) -> Array:
     """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
     filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
-    window = line_length(float(white_noise_sd(filled)), float(np.median(filled)), dt_s, len(filled))
+    window = line_length(float(white_noise_sd(filled)), float(middle(filled)), dt_s, len(filled))
     return local_polynomial(filled, window, min(1, window - 1))
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -18,7 +19,7 @@ from pyarrow import csv as pacsv
 
 from calibration.errors import InputError
 
-TEXT_ROWS = 20_000  # made text of at once
+TEXT_ROWS, AHEAD = 5_000, 4  # made text of at once, so many times before the first must be written
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
@@ -154,7 +155,7 @@ def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
 
 
 def _put(frame: pd.DataFrame, stream: IO[bytes]) -> None:
-    """The rows as CSV, two parts made text of side by side, of so few rows that memory does not grow with the frame."""
+    """The rows as CSV, two parts made text of side by side, of so few rows that memory grows little with the frame."""
     table = _arrow(frame)
 
     def text(first: int) -> pa.Buffer:
@@ -163,9 +164,13 @@ def _put(frame: pd.DataFrame, stream: IO[bytes]) -> None:
         return out.getvalue()
 
     with ThreadPoolExecutor(2) as both:
-        for first in range(0, len(frame), 2 * TEXT_ROWS):
-            for made in both.map(text, [first, first + TEXT_ROWS]):
-                stream.write(made)
+        made = deque[Future[pa.Buffer]]()
+        for first in range(0, len(frame), TEXT_ROWS):
+            made.append(both.submit(text, first))
+            if len(made) > AHEAD:
+                stream.write(made.popleft().result())
+        for last in made:
+            stream.write(last.result())
 
 
 def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:

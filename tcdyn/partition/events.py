@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
-from calibration.noise import bridged
+from calibration.noise import bridged, middle
 from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.partition.parting import NEAR_S, parting_of
 from tcdyn.partition.uneven import Unevenness
@@ -176,8 +176,8 @@ def _levels(force: Array) -> Array | None:
         upper = slow > 0.5 * (low + high)
         if upper.all() or not upper.any():
             return None
-        low, high = float(np.median(slow[~upper])), float(np.median(slow[upper]))
-    noise = 1.4826 * float(np.median(np.abs(filled - calm)))
+        low, high = float(middle(slow[~upper])), float(middle(slow[upper]))
+    noise = 1.4826 * float(middle(np.abs(filled - calm)))
     if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
         return None
     return (calm - low) / (high - low)
