@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import compress
 
 import numpy as np
@@ -122,31 +122,27 @@ def _shown(search: _Search | None, missing: Flags) -> Array:
 
 @dataclass(frozen=True)
 class _Search:
-    """A trace in standard deviations of its noise, ``padded`` by ``widest`` on both sides, and the pulses sought."""
+    """A trace in standard deviations of its noise, ``padded`` by ``widest`` on both sides, and the pulses sought; as
+    ``shapes`` (K, odd) of norm one, without the cubic that is nearest."""
 
     padded: Array
     pulses: tuple[Array, ...]
+    shapes: Array
     beside: int
     widest: int
 
     @classmethod
     def of(cls, y: Array, dt_s: float, noise_sd: float, filter_: Conditioning) -> _Search | None:
         """None where nothing can be sought."""
-        beside, pulses = max(round(BESIDE_S / dt_s), BESIDE), tuple(_pulses(dt_s, filter_))
+        pulses, shapes, beside = _sought(dt_s, filter_)
         widest = max(map(len, pulses)) + 2 * beside
         if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
             return None
-        return cls(np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd, pulses, beside, widest)
+        return cls(np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd, pulses, shapes, beside, widest)
 
     def score(self, padded: Array) -> Array:
         """Largest height of any pulse over its standard deviation, by the middle of its window; zeros at the ends."""
-        odd = max(map(len, self.pulses)) // 2 * 2 + 2 * self.beside + 1
-        shapes = np.zeros((len(self.pulses), odd))
-        for shape, pulse in zip(shapes, self.pulses):
-            rest = _rest(pulse, self.beside)
-            first = odd // 2 - len(rest) // 2
-            shape[first : first + len(rest)] = rest / np.linalg.norm(rest)
-        return np.pad(largest_match(padded, shapes), odd // 2)
+        return np.pad(largest_match(padded, self.shapes), self.shapes.shape[1] // 2)
 
     @cached_property
     def first(self) -> Array:
@@ -188,6 +184,21 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
     return moved[widest:-widest]
 
 
+@lru_cache(maxsize=8)
+def _sought(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...], Array, int]:
+    """Pulses, their shapes, and how many samples beside each are looked at; remembered for the other channels."""
+    beside, pulses = max(round(BESIDE_S / dt_s), BESIDE), tuple(_pulses(dt_s, filter_))
+    odd = max(map(len, pulses)) // 2 * 2 + 2 * beside + 1
+    shapes = np.zeros((len(pulses), odd))
+    for shape, pulse in zip(shapes, pulses):
+        whole = np.pad(pulse, beside)
+        cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, len(whole)), 3))
+        rest = whole - cubic @ (cubic.T @ whole)
+        first = odd // 2 - len(rest) // 2
+        shape[first : first + len(rest)] = rest / np.linalg.norm(rest)
+    return pulses, shapes, beside
+
+
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
     """Pulses of every length through the filter, until they have died away; of height one before it."""
     behind = Rational(np.array(filter_.numerator), tuple(Factor(f) for f in filter_.factors))
@@ -199,13 +210,6 @@ def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
             if filter_.factors:
                 pulse = simulate(behind, pulse, dt_s, "zoh")
             yield pulse[1:]
-
-
-def _rest(shape: Array, beside: int) -> Array:
-    """``shape`` with zeros ``beside`` it, less the cubic that is nearest."""
-    whole = np.pad(shape, beside)
-    cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, len(whole)), 3))
-    return np.asarray(whole - cubic @ (cubic.T @ whole))
 
 
 @dataclass(frozen=True)

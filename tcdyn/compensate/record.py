@@ -69,9 +69,10 @@ def stretch_of(
     called = [f"channel {c + 1}" for c in range(m)] if names is None else list(names)
     if len(called) != m:
         raise InputError(f"smooth: {m} channels but {len(called)} names", expected="one name per channel")
-    noise: Array = np.full(m, [trace_noise_sd(x) for x in data.T] if noise_sd is None else noise_sd, dtype=float)
-    flags, folded_u, coloured = np.stack([_flags(x) for x in data.T], axis=1), np.zeros(m), False
-    step = np.array([rounding_sd(x) for x in data.T])
+    each = np.ascontiguousarray(data.T)
+    noise: Array = np.full(m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float)
+    flags, folded_u, coloured = np.stack([_flags(x) for x in each], axis=1), np.zeros(m), False
+    step = np.array([rounding_sd(x) for x in each])
     rounded = np.where((step >= noise) & (noise_sd is None), step, 0.0)
     found: list[Finding] = []
     for flag, name in zip(flags.T, called):
