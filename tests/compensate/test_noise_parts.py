@@ -11,7 +11,7 @@ from numpy.polynomial.polynomial import polyval
 
 from calibration.disk import Conditioning
 from tcdyn.chain import Chain
-from tcdyn.chain.bursts import LENGTHS, LONGEST_S, _Parts, _parts, _pulses, _rest, find_bursts
+from tcdyn.chain.bursts import LENGTHS, LONGEST_S, _Parts, _parts, _pulses, _sought, find_bursts
 from tcdyn.chain.noise import LoggerNoise, _folded, _levels, _mains, _passed, noise_of, passed_share
 from tcdyn.chain.rational import (
     Factor,
@@ -146,7 +146,13 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert pulses[3][-1] < 1e-3  # eight of the lag
     boxes = list(_pulses(DT, Conditioning(4.0, 0)))
     assert boxes[0].tolist() == [1.0, 1.0, 0.0][: len(boxes[0])]
-    rest, x = _rest(pulses[3], 12), np.linspace(-1, 1, len(pulses[3]) + 24)
+    sought, shapes, beside = _sought(DT, ONE)
+    assert [p.tolist() for p in sought] == [p.tolist() for p in pulses]
+    size = len(pulses[3]) + 2 * beside
+    first, x = shapes.shape[1] // 2 - size // 2, np.linspace(-1, 1, size)
+    rest = shapes[3, first : first + size]
+    assert np.linalg.norm(shapes, axis=1) == pytest.approx(1.0)
+    assert np.linalg.norm(rest) == pytest.approx(1.0)  # zero elsewhere
     assert [float(rest @ x**k) for k in range(4)] == pytest.approx([0.0] * 4, abs=1e-12)
     parts = _parts([pulses[3], pulses[5]], 90, 12, DT, 0.5)
     x = np.linspace(-1, 1, 90)
