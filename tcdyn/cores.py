@@ -140,9 +140,8 @@ class _Copy:
         return found
 
     def end(self) -> None:
-        """Stop it, whether or not it is done."""
+        """Stop it, whether or not it is done; the system takes its memory back while this process goes on."""
         self.process.terminate()
-        self.process.join()
         self.told.close()
         os.close(self.memory)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import threading
 import time
@@ -9,12 +10,13 @@ from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 from rich.progress import Progress
 
 from tcdyn import cores
-from tcdyn.cores import side_by_side
+from tcdyn.cores import begun, side_by_side
 from tcdyn.pipeline import compensate_log, estimate_beta
 from tcdyn.pipeline.beta import BetaRun
 from tests.conftest import Campaign
@@ -111,9 +113,11 @@ def test_without_a_copy_to_be_had_all_is_done_here(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.usefixtures("several")
 def test_nothing_is_left_open() -> None:
-    before = len(os.listdir("/proc/self/fd"))
+    before, until = len(os.listdir("/proc/self/fd")), time.monotonic() + 20
     for _ in range(3):
         side_by_side(where, range(4))
+    while multiprocessing.active_children() and time.monotonic() < until:  # which gives back what they held
+        time.sleep(0.005)
     assert len(os.listdir("/proc/self/fd")) == before
 
 
@@ -153,3 +157,57 @@ def test_the_numbers_are_those_of_one_core(
     assert frames[0].equals(frames[1])
     monkeypatch.setenv(cores.CORES, "2")
     assert estimate_beta(log, campaign.rig, campaign.records).to_dict() == beta_run.to_dict()
+
+
+@pytest.mark.usefixtures("several")
+def test_large_arrays_come_back_as_they_were_and_may_be_written_to() -> None:
+    """Where they lie in memory that was a copy's; small ones, slices and others come in the message."""
+    rng = np.random.default_rng(0)
+    made = [rng.normal(size=(40_000, 3)), rng.normal(size=(3, 40_000)).T, rng.integers(0, 9, 70_000, dtype=np.uint8)]
+    made += [np.zeros(0), np.arange(5.0), rng.normal(size=90_000)[::2], np.asfortranarray(rng.normal(size=(9_000, 2)))]
+    home = os.getpid()
+    first, second = side_by_side(lambda _: (os.getpid(), {"of": made}), range(2))
+    assert first[0] == home != second[0]
+    for one, other in zip(made, second[1]["of"]):
+        assert other.dtype == one.dtype
+        assert np.array_equal(one, other)
+        other += 1
+        assert np.array_equal(one + 1, other)
+
+
+@pytest.mark.usefixtures("several")
+def test_without_memory_to_share_all_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> int:
+        raise OSError("no memory")
+
+    monkeypatch.setattr(os, "memfd_create", refused)
+    assert set(side_by_side(where, range(4))) == {os.getpid()}
+    assert begun(where, 1)(1) == os.getpid()
+    monkeypatch.undo()
+
+
+@pytest.mark.usefixtures("several")
+def test_what_was_begun_is_answered_once_by_a_copy_and_then_as_ever() -> None:
+    home, ask = os.getpid(), begun(lambda x, y=1: (os.getpid(), x + y), 2, y=3)
+    assert ask(2) == (home, 3)  # of other arguments
+    pid, found = ask(2, y=3)
+    assert (pid != home, found) == (True, 5)
+    assert ask(2, y=3) == (home, 5)
+
+
+@pytest.mark.usefixtures("several")
+def test_an_error_of_what_was_begun_is_raised_where_it_is_asked_for() -> None:
+    ask = begun(lambda x: 1 / x, 0)
+    with pytest.raises(ZeroDivisionError):
+        ask(0)
+    with pytest.raises(ZeroDivisionError):
+        ask(0)
+
+
+def test_on_one_core_nothing_is_begun_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(cores.CORES, "1")
+    seen: list[int] = []
+    ask = begun(seen.append, 1)
+    assert seen == []
+    ask(1)
+    assert seen == [1]
