@@ -113,12 +113,18 @@ def test_without_a_copy_to_be_had_all_is_done_here(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.usefixtures("several")
 def test_nothing_is_left_open() -> None:
-    before, until = len(os.listdir("/proc/self/fd")), time.monotonic() + 20
+    def left() -> int:
+        until = time.monotonic() + 20
+        while (
+            multiprocessing.active_children() and time.monotonic() < until
+        ):  # gives back what those that are done held
+            time.sleep(0.005)
+        return len(os.listdir("/proc/self/fd"))
+
+    before = left()
     for _ in range(3):
         side_by_side(where, range(4))
-    while multiprocessing.active_children() and time.monotonic() < until:  # which gives back what they held
-        time.sleep(0.005)
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert left() == before
 
 
 @pytest.mark.parametrize("asked", ["1", "0"])
