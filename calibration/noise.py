@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import comb
+from math import comb, prod
 from typing import Literal
 
 import numpy as np
@@ -101,7 +101,7 @@ def middle(values: NDArray[np.floating]) -> Array:
     >>> middle(np.array([[3.0, 1.0, np.nan, 2.0], [4.0, 1.0, 2.0, 3.0]]))
     array([2. , 2.5])
     """
-    rows = np.ascontiguousarray(values).reshape(-1, values.shape[-1])
+    rows = np.ascontiguousarray(values).reshape(prod(values.shape[:-1]), values.shape[-1])
     counts, out = np.count_nonzero(~np.isnan(rows), axis=-1), np.full(len(rows), np.nan)
     for count in np.unique(counts[counts > 0]).tolist():
         alike, k = counts == count, count // 2

@@ -37,7 +37,8 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
     one. They know all that it knows, and give back nothing but their answers, pickled. What a copy fails to answer, for
     whatever reason, is done here, and told here. All is done here, one after the other, where one core is to be used
     (``CORES`` in the environment), where the system is not Linux or this process has threads, which cannot be copied
-    safely (one that redraws a line of progress can), and within another ``side_by_side``.
+    safely (one that redraws a line of progress can), and within another ``side_by_side``. Large arrays come back in
+    memory that both share, uncopied: a file descriptor for each copy is held as long as one of them is kept.
 
     >>> side_by_side(lambda x: x**2, [3, 1, 2])
     [9, 1, 4]
@@ -149,10 +150,15 @@ class _Copy:
 def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None:
     """A copy of this process that begins with ``turn``; None if none is to be had."""
     try:
-        memory = os.memfd_create("answers")
+        told, teller = multiprocessing.Pipe(duplex=False)
     except OSError:
         return None
-    told, teller = multiprocessing.Pipe(duplex=False)
+    try:
+        memory = os.memfd_create("answers")
+    except OSError:
+        told.close()
+        teller.close()
+        return None
 
     def work() -> None:
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's

@@ -217,3 +217,15 @@ def test_on_one_core_nothing_is_begun_before_it_is_asked_for(monkeypatch: pytest
     assert seen == []
     ask(1)
     assert seen == [1]
+
+
+@pytest.mark.usefixtures("several")
+def test_without_a_pipe_to_be_had_what_was_begun_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(**_: object) -> int:
+        raise OSError(24, "too many open files")
+
+    before = len(os.listdir("/proc/self/fd"))
+    monkeypatch.setattr(cores.multiprocessing, "Pipe", refused)
+    assert begun(where, 1)(1) == os.getpid()
+    assert set(side_by_side(where, range(4))) == {os.getpid()}
+    assert len(os.listdir("/proc/self/fd")) <= before

@@ -200,7 +200,7 @@ def likeliest_burst(
                 [replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p) for p, d, h in NEARBY] for b in best
             ]
         proposed = [[replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)]
-        value, _ = likelihood(window, noise_var, proposed, fine=(4 if nearby else 8) * FINE)
+        value, _ = likelihood(window, noise_var, proposed, fine=(8 if not nearby else 4 if jumps else 2) * FINE)
         first = np.argmax(value > value.max(axis=1, keepdims=True) - ALIKE, axis=1)
         best = [bursts[k] for bursts, k in zip(tried, first)]
     return best

@@ -95,6 +95,9 @@ def pair_sensor(
             raise InputError(f"an exponent of {exponent[0]:g} +- {exponent[1]:g}", expected=expected)
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
+    for name, y in zip(columns, (first, second)):
+        if (count := np.count_nonzero(np.isfinite(y))) < LEAST_ROWS:
+            raise InputError(f"{name} holds {count} numbers", expected=f"at least {LEAST_ROWS}")
     noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
     if np.nanstd(first - second) < 1.05 * np.hypot(noise[0], noise[1]):
         raise InputError(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
-from calibration.noise import SPIKES, SpikeRule, SpikeUse, find_spikes, rounding_sd, white_noise_sd
+from calibration.noise import SPIKES, SpikeRule, SpikeUse, find_spikes, middle, rounding_sd, white_noise_sd
 
 STEP_12_BIT_K = 860 / 2**12
 RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
@@ -70,3 +72,24 @@ def test_without_a_stated_noise_the_usual_distance_from_the_median_stands_for_it
     y = 0.12 * np.random.default_rng(3).standard_normal(2000)
     y[700] += 3.0
     assert find_spikes(y, SpikeRule(6.0, 151)).nonzero()[0].tolist() == [700]
+
+
+def test_the_middle_is_numpys_median_of_what_is_there() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        x = rng.normal(size=(*rng.integers(1, 4, rng.integers(0, 3)), rng.integers(1, 30))).round(
+            int(rng.integers(0, 3))
+        )
+        x[rng.random(x.shape) < rng.choice([0.0, 0.3, 0.9])] = np.nan
+        x[rng.random(x.shape) < 0.05] = np.inf
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # of nothing but NaN
+            assert np.array_equal(middle(x), np.nanmedian(x, axis=-1), equal_nan=True)
+    assert middle(np.zeros((2, 0))).tolist() == pytest.approx([np.nan, np.nan], nan_ok=True)
+
+
+@pytest.mark.parametrize("shape", [(2,), (2, 3), (1,)])
+def test_too_few_samples_tell_no_noise(shape: tuple[int, ...]) -> None:
+    found = white_noise_sd(np.ones(shape), 2)
+    assert found.shape == shape[1:]
+    assert np.isnan(found).all()

@@ -60,6 +60,9 @@ def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
         pair_sensor(t, a, b, ("A", "B"), speed=np.zeros(len(t)))
     with pytest.raises(InputError, match="rows"):
         pair_sensor(t, a, b, ("A", "B"), changes_s=[t[20]])
+    for count in (0, 1, 3):
+        with pytest.raises(InputError, match=f"B holds {count} numbers"):
+            pair_sensor(t, a, np.where(np.arange(len(b)) < count, b, np.nan), ("A", "B"))
 
 
 def test_the_modes_of_a_cylinder_add_to_its_lag() -> None:
