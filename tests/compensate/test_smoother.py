@@ -178,6 +178,18 @@ def test_the_split_of_a_lag_is_counted_and_the_band_holds():
     assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
 
 
+@pytest.mark.parametrize("taus", [(0.52, 0.15), (0.15, 0.52, 0.05), (0.4, 0.4), (0.6,)])
+def test_what_a_split_moves_is_the_difference_of_two_answers(taus: tuple[float, ...]):
+    """The same record through the chain and through that whose lag is divided otherwise; away from the ends."""
+    chain, u, t = Chain(taus, conditioning=B), 0.04, np.arange(0, 30, DT)
+    y = chain.response(100 + 12 * np.sin(2 * np.pi * t / 7), DT)
+    known = {"noise_sd": 0.01, "intensity": 50.0, "find_events": False}
+    one, other = (smooth(y, DT, c, split_u_s=u, **known) for c in (chain, chain.with_split_shift(u)))
+    inside = slice(int(5 / DT), int(25 / DT))
+    moved, said = (other.temperature - one.temperature)[inside], one.split_K[inside]
+    assert np.abs(moved - said).max() < 0.1 * np.abs(moved).max()
+
+
 def test_missing_samples_stay_local_and_widen_the_band():
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
