@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -125,7 +126,7 @@ class LogPieces:
     _noise_K: Mapping[str, float] = field(repr=False)
     _place: Place = field(repr=False)
     _piece_rows: int = field(repr=False)
-    _made_of: str = field(repr=False, default="")  # of a file whose rows are kept
+    _whole: Log | None = field(repr=False, default=None)  # of a file whose rows are kept
 
     @property
     def dt_s(self) -> float:
@@ -179,21 +180,22 @@ class LogPieces:
 
         Needs 8 bytes a value that is kept. Raises InputError as going through the pieces does.
         """
-        source = self
+        source, joined = self, self._whole
+        if joined is not None and rows is None and columns is None:
+            return joined
         if columns is not None:  # what a piece is cut by is never left out
             kept = {"time_s", next(iter(self._noise_K)), *columns}
             some: Any = [{k: x[k] for k in x if k in kept} for x in (self._names, self._noise_K, self.switches)]
             source = replace(self, _names=some[0], _noise_K=some[1], switches=some[2])
         wanted = np.arange(self.rows) if rows is None else rows
-        frame: dict[str, Array] = {}
-        told = self.findings
+        frame, told = dict[str, Array](), self.findings
         for piece in source:
             first, stop = np.searchsorted(wanted, [piece.first, piece.first + len(piece.frame)])
             for name in map(str, piece.frame):
                 column = frame.setdefault(name, np.empty(len(wanted)))
                 column[first:stop] = piece.frame[name].to_numpy()[wanted[first:stop] - piece.first]
             told += piece.findings
-        made_of = self._made_of or sha256(self.path)
+        made_of = sha256(self.path) if joined is None else joined.sha256
         return Log(pd.DataFrame(frame, copy=False), self.kind, self.path, made_of, self.dt_s, self.metadata, told)
 
 
@@ -205,8 +207,7 @@ def iter_log(
 
     Put together they are ``read_log``'s frame. A file of more than 131072 rows is read again with each walk. The first
     time, here, keeps its time and switches, and of the other columns a sample of at most 32768 rows, every k-th run of
-    64: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged there,
-    before any piece is given.
+    64: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged there.
 
     CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 45 bytes for each row of
     the file, 280 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
@@ -241,15 +242,14 @@ def iter_log(
         sample[name] = clean(name, values, noise_K[name])
     sampling = weighed(sampling, sample)
     switches, said = check_kind(kind, sample, course.whole(), place, rig or load_rig(), disk, parted=parted)
-    found += said
-    found += missing_and_unused(kind, table, names, without)
+    found += [*said, *missing_and_unused(kind, table, names, without)]
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
-    made_of = sha256(file) if raws else ""
     if raws:
         table = replace(table, pieces=partial(in_pieces, joined(raws, [*raws[0].data], place)))
-    return LogPieces(
-        file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows, made_of
-    )
+    log = LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
+    with suppress(InputError):  # who goes through it is told
+        log = replace(log, _whole=log.whole() if raws else None)
+    return log
 
 
 def log_for(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[LogPieces, list[str]]:

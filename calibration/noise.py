@@ -153,23 +153,29 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     """
     index = np.flatnonzero(np.isfinite(values))
     out, x = np.zeros(len(values), dtype=bool), values[index]
-    limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
-    nearest = (rule.longest + 1) // 2  # of the majority that stands far away, one is at most so many samples off
-    jumps = np.abs(np.diff(x, append=x[-1:])) > limit / nearest
-    if not jumps.any():  # otherwise there is no such majority
+    if len(x) < 2:
         return out
-    near = scipy.ndimage.maximum_filter1d(jumps, 2 * nearest + 1)
-    if noise_sd is not None:  # with all that medians about these are made of
-        kept = np.flatnonzero(scipy.ndimage.maximum_filter1d(near, 2 * (rule.width // 2 + rule.local // 2) + 1))
-        index, x, near = index[kept], x[kept], near[kept]
-    away = np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
-    far = np.flatnonzero((away > limit) & near)
-    usual: Array = np.zeros(1)
-    if rule.local:
-        beside = rule.local // 2
-        usual = np.median(sliding_window_view(np.pad(away, beside, mode="edge"), rule.local)[far], axis=1)
-    elif noise_sd is None:
-        usual = np.median(away, keepdims=True)
+    limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
+    if noise_sd is None:
+        away = np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
+        far, usual = np.flatnonzero(away > limit), np.median(away, keepdims=True)
+    else:
+        apart = np.zeros(len(x), dtype=bool)  # of the majority that stands far away, one is at most so many samples off
+        for k in range(1, min((rule.longest + 1) // 2, len(x) - 1) + 1):
+            jumps = np.abs(x[k:] - x[:-k]) > limit
+            apart[k:] |= jumps
+            apart[:-k] |= jumps
+        away, windows = np.zeros(len(x)), sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
+
+        def look(at: NDArray[np.intp]) -> NDArray[np.intp]:
+            away[at] = np.abs(x[at] - middle(windows[at]))
+            return at[away[at] > limit]
+
+        far, usual = look(np.flatnonzero(apart)), np.zeros(1)
+        if rule.local:
+            beside = np.clip(far[:, None] + np.arange(rule.local) - rule.local // 2, 0, len(x) - 1)
+            look(np.unique(beside))
+            usual = middle(away[beside])
     out[index[far[away[far] > rule.sigmas * MAD_TO_SD * usual]]] = True
     return out
 

@@ -6,8 +6,11 @@ import atexit
 import gc
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
 from typing import Any
 
 for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -149,11 +152,40 @@ def run(command: Callable[[], Any]) -> int:
     return result if isinstance(result, int) else 0
 
 
+class _Later:
+    """Finds modules that are read with their first use: scipy takes over every public name of numpy, these among them,
+    whose import takes a tenth of a short command's time and which no command uses."""
+
+    names = ("numpy.f2py", "numpy.testing")
+
+    @classmethod
+    def find_spec(cls, name: str, path: Sequence[str] | None, target: Any = None) -> ModuleSpec | None:
+        """The spec of one of ``names``; others are found in the usual way."""
+        spec = PathFinder.find_spec(name, path) if name in cls.names else None
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
+
+
 def main() -> None:
-    """Entry point of the ``tcdyn`` command."""
-    gc.set_threshold(50_000)  # to look for circles after each 700 new objects took a tenth of a second; few were found
-    atexit.register(gc.freeze)  # nor is anything looked through once more at the end
-    sys.exit(run(lambda: app(standalone_mode=True)))
+    """Entry point of the ``tcdyn`` command; what the process holds goes back to the system at once when it ends."""
+    status: Any = 1
+
+    def leave() -> None:
+        with suppress(OSError, ValueError):  # an output that takes no more is told of in the usual way
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+
+    atexit.register(leave)  # the first is called last
+    gc.set_threshold(1_000_000)  # imports make no circles; ``stages`` sets what holds for the work
+    sys.meta_path.insert(0, _Later)
+    try:
+        status = run(lambda: app(standalone_mode=True))
+    except SystemExit as asked:
+        status = asked.code or 0
+        raise
+    sys.exit(status)
 
 
 if __name__ == "__main__":
