@@ -46,6 +46,7 @@ SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
+SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next would move it by a thousandth of that
 Starts = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
 JOINT_WINDOW_S = 10.0
 
@@ -258,11 +259,13 @@ def disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: 
     tau1 = max(taus[0], 0.02)
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
     theta = np.array([share, np.log(max(h, 20.0)), np.log(tau1 + tau2), np.log(tau2)])
-    for enough in ROUGHLY, ROUGHLY, ENOUGH:  # each pass equalises with the chain that the one before found
+    for enough in ROUGHLY, ENOUGH, ENOUGH:  # each pass equalises with the chain that the one before found
         side = disk_side(test, disk, theta, window_s, profile, tau2)
         problem = joint_problem([side])
         best = minimise(problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough)
-        theta = best.theta
+        moved, theta = np.abs(best.theta[:4] - theta[:4]), best.theta
+        if enough == ENOUGH and np.all(moved < SETTLED * np.sqrt(np.diag(best.covariance)[:4])):
+            break
     share, (h, total) = float(theta[SHARE]), map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
     inflation, noise, per_sd = _known(best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total]))
     beta, chain = share if disk.name == "fast" else 1.0 - share, with_lags(disk.mean_chain, lags(theta))
