@@ -172,7 +172,7 @@ def main() -> None:
     status: Any = 1
 
     def leave() -> None:
-        with suppress(OSError, ValueError):  # an output that takes no more is told of in the usual way
+        with suppress(AttributeError, OSError, ValueError):  # an output that takes nothing is told of in the usual way
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(status)

@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
 from calibration.noise import SPIKES, SpikeRule, SpikeUse, find_spikes, middle, rounding_sd, white_noise_sd
 
@@ -72,6 +73,29 @@ def test_without_a_stated_noise_the_usual_distance_from_the_median_stands_for_it
     y = 0.12 * np.random.default_rng(3).standard_normal(2000)
     y[700] += 3.0
     assert find_spikes(y, SpikeRule(6.0, 151)).nonzero()[0].tolist() == [700]
+
+
+@pytest.mark.parametrize("use", ["reading", "traces", "plunge", "compensator", "answer"])
+def test_spikes_are_those_of_a_median_of_every_sample(use: SpikeUse) -> None:
+    """Whatever the trace: short, rounded, with gaps, half of it spikes; the rule as it is written, sample by sample."""
+    rng, found = np.random.default_rng(6), 0
+    for _ in range(300):
+        rule = SPIKES[use].behind(rng.uniform(0, 40)) if rng.random() < 0.5 else SPIKES[use]
+        y = rng.normal(size=(n := int(rng.choice([1, 2, 5, 12, 40, 300])))) + rng.normal(size=n).cumsum()
+        y[hit := rng.random(n) < rng.choice([0, 0.02, 0.2, 0.5])] += rng.choice([-30, 8, 1e4])
+        y[rng.random(n) < rng.choice([0, 0.1])] = np.nan
+        sd, there = rng.choice([0.3, 1.0]), np.flatnonzero(np.isfinite(y))
+        x = y[there]
+        if not len(x):
+            continue
+        off = [np.abs(x - np.median(sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width), axis=1))]
+        if rule.local:
+            near = sliding_window_view(np.pad(off[0], rule.local // 2, mode="edge"), rule.local)
+            off.append(1.482602218505602 * np.median(near, axis=1))
+        spikes = (off[0] > max(rule.sigmas * sd, rule.floor)) & (off[0] > rule.sigmas * off[-1] * bool(rule.local))
+        assert find_spikes(y, rule, sd).nonzero()[0].tolist() == there[spikes].tolist()
+        found += int(spikes.sum()) * bool(hit.any())
+    assert found > 100
 
 
 def test_the_middle_is_numpys_median_of_what_is_there() -> None:

@@ -1,7 +1,10 @@
-"""No command writes over what it reads, nor two of its outputs onto one file."""
+"""No command writes over what it reads, nor two of its outputs onto one file; what it has written when it ends."""
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -56,3 +59,42 @@ def test_an_input_is_never_written_over(
     assert "would write over" in error
     assert error.count("\n") == 1
     assert {p.name: p.read_bytes() for p in Path().iterdir()} == before, spared
+
+
+def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path) -> None:
+    """The process ends at once, without what Python would do then: whoever reads it must not see that."""
+    command = [sys.executable, "-m", "tcdyn.cli.app"]
+    told = subprocess.run([*command, "verify", "--json"], stdout=subprocess.PIPE, check=True).stdout
+    assert json.loads(told)  # longer than a pipe takes at once
+    assert len(told) > 1 << 12
+    absent = subprocess.run([*command, "rig", "--rig", "absent.toml"], stderr=subprocess.PIPE, cwd=tmp_path)
+    assert (absent.returncode, absent.stderr.count(b"\n")) == (2, 1)
+    for does, status, said in (
+        ("atexit.register(print, 'late') and 1", 1, "late"),  # what libraries do at the end is done
+        ("print('x' * 10**6)", 0, "x" * 10**6),
+        ("sys.exit()", 0, ""),
+        ("1 / 0", 1, "ZeroDivisionError: division by zero"),
+    ):
+        code = f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} or 0; a.main()"
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        assert done.returncode == status
+        assert (done.stdout + done.stderr).endswith(f"{said}\n" if said else "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
+def test_an_output_that_takes_nothing_is_told_of() -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run([sys.executable, "-m", "tcdyn.cli.app", "verify"], stdout=full, stderr=subprocess.PIPE)
+    assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
+
+
+def test_what_no_command_uses_is_read_with_its_first_use() -> None:
+    code = (
+        "import sys; from tcdyn.cli import app; sys.argv = ['tcdyn', '--version']\n"
+        "try: app.main()\nexcept SystemExit: pass\n"
+        "import scipy.special, numpy\n"
+        "print(sum(name.startswith(('numpy.f2py.', 'numpy.testing.')) for name in sys.modules))\n"
+        "numpy.testing.assert_allclose(1.0, 1.0); print(numpy.f2py.get_include() != '')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split()[-2:] == ["0", "True"]

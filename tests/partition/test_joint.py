@@ -10,6 +10,7 @@ import pytest
 
 from calibration.errors import InputError
 from tcdyn.fitting import minimise
+from tcdyn.partition import joint as of_one
 from tcdyn.partition.joint import joint_fits, joint_problem, told
 from tcdyn.partition.profile import rim_table
 from tcdyn.partition.steady import steady_lines
@@ -154,3 +155,29 @@ def test_a_film_that_is_weak_where_the_track_is_moves_h_within_what_is_said_and_
     _, sure = joint_fits(replace(made.test, disks=known), speed.starts)
     assert sure.estimates["h_fast"].u < 0.92 * both.estimates["h_fast"].u
     assert sure.estimates["beta"].u > 0.93 * both.estimates["beta"].u
+
+
+def test_a_fit_that_a_pass_no_longer_moves_stays_where_more_passes_would_leave_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From a record whose lag is half a standard uncertainty off, and a start about as far off as the speed law's."""
+    made = study_rig(5, "D4", uncertain=False, lag_error_s=0.025)
+    passes: list[str] = []
+    made_side = of_one.disk_side
+
+    def counted(test: Any, disk: Any, *rest: Any) -> Any:
+        passes.append(disk.name)
+        return made_side(test, disk, *rest)
+
+    monkeypatch.setattr(of_one, "disk_side", counted)
+    fits = {}
+    for settled in (of_one.SETTLED, 0.0):
+        monkeypatch.setattr(of_one, "SETTLED", settled)
+        for d, share, h in (("fast", made.told["beta"] + 0.01, 750.0), ("slow", 0.99 - made.told["beta"], 300.0)):
+            fits[d, settled] = of_one.disk_fit(made.test, made.test.disks[d], share, h, 10.0, "modal")
+    assert len(passes) < 12  # of three for each fit
+    for d in ("fast", "slow"):
+        one, other = (fits[d, settled].estimates for settled in (0.1, 0.0))
+        for name, e in one.items():
+            assert abs(e.value - other[name].value) < 0.01 * e.u
+            assert e.u == pytest.approx(other[name].u, rel=0.01)
