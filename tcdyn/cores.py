@@ -17,6 +17,7 @@ from itertools import accumulate
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, ParamSpec, TypeVar
+from weakref import finalize
 
 from calibration.errors import InputError
 
@@ -87,16 +88,16 @@ def begun(function: Callable[Given, Answer], *args: Given.args, **options: Given
         with _one_core():
             return {0: function(*args, **options)}
 
-    copies = [copy] if _hands() > 1 and (copy := _copied(begin, 0)) else []
+    copy = _copied(begin, 0) if _hands() > 1 else None
 
     def answer(*now: Given.args, **said: Given.kwargs) -> Answer:
         found: dict[int, Answer] = {}
-        if copies and (now, said) == (args, options):
-            copy = copies.pop()
+        if copy is not None and end.alive and (now, said) == (args, options):
             found = copy.answers()
-            copy.end()
+            end()
         return found[0] if found else function(*now, **said)
 
+    end = finalize(answer, copy.end if copy is not None else lambda: None)  # or where nobody asks for it any more
     return answer
 
 

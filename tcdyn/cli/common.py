@@ -127,8 +127,8 @@ TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, mea
     "calibrate": {"static lines": 0.05, "plunge": 0.05, "grey-box fit": 0.7, "other chain": 0.7},
     "compensate": {"reading": 0.25, "common lags": 0.6, "junctions": 0.85, "writing": 0.3, "report": 0.7},
     "deconvolve": {"reading": 1.7, "common lags": 4.5, "junctions": 70, "writing": 0.6, "report": 2.2},
-    "beta": {"reading": 0.75, "sensor map": 0.3, "steady": 0.1, "joint fits": 0.3, "other structures": 0.1,
-             "compensation": 0.3, "writing the report": 1.7},
+    "beta": {"reading": 0.75, "sensor map": 0.3, "steady": 0.1, "joint fits": 0.2, "other structures": 0.35,
+             "writing the report": 1.5},
     "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
     "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
 }  # fmt: skip

@@ -18,7 +18,7 @@ from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.cores import side_by_side
+from tcdyn.cores import begun, side_by_side
 from tcdyn.partition.alternatives import (
     OFF_SCALE,
     WAYS,
@@ -183,9 +183,8 @@ def analyse(
         test, _ = evened(again, both.uneven, stated)
         lines, speed = steady_lines(test, rows, profile, weights)
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
-    progress("other structures")
-    structures = alternatives(fitted, joint, both)
-    progress("compensation and cooling fits")
+    progress("other structures, compensation and cooling fits")
+    others = begun(alternatives, fitted, joint, both)
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
 
     def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift, DiskLine]:
@@ -197,7 +196,7 @@ def analyse(
         return one.window, one.shown, fit, shift, replace(line, errors=partial(replace, line.shift))  # as it is known
 
     windows, shown, cooling, shifts, lines = (dict(zip(DISKS, x)) for x in zip(*side_by_side(alone, DISKS)))
-    budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
+    structures, budget = others(fitted, joint, both), monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
     for d in DISKS:
         values |= {f"{d} intercept": lines[d].line.intercept, f"{d} slope": lines[d].line.slope}

@@ -35,7 +35,7 @@ from tcdyn.contact import (
     speed_course,
     surface_speed_m_s,
 )
-from tcdyn.cores import side_by_side
+from tcdyn.cores import begun, side_by_side
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
@@ -64,8 +64,10 @@ class BetaRun(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
+        of = self.log.path.stem, self.rig_sha256, self.partition
+        kept = begun(campaign.kept_of, *of)  # while the profiles are walked
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        return sealed(data | {"kept": campaign.kept_of(self.log.path.stem, self.rig_sha256, self.partition)})
+        return sealed(data | {"kept": kept(*of)})
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -109,7 +111,7 @@ def prepare(
     no_copies(frame, left_out, where)
     found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
     found += [*events.findings, *told]
-    radius = [rig.disk_setup(d).outer_radius_m for d in DISKS]
+    radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     rpm, rpm_u = speeds_rpm(frame, under_load, stated)
     speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
     if not speeds[0] > speeds[1] > 0:
@@ -149,18 +151,16 @@ def prepare(
             found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
-    crown = [rig.disk_setup(d).crown_radius_m for d in DISKS]
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
     about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
-    air = {d: a for d, (a, _) in about.items()}
+    disks, air = dict[str, DiskTraces](), {d: a for d, (a, _) in about.items()}
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
     def traces_of(d: str) -> DiskTraces:
         return disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
 
-    disks = {}
     for d, traces in zip(here, side_by_side(traces_of, here)):
         rig.disk_setup(d).check_rows()
         found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
