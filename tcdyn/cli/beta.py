@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from functools import cache
+from functools import cache, partial
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -80,15 +81,18 @@ def beta(
     read = begun(iter_log, log, "ehl", own_rig, without=gone) if len(records) > 1 else iter_log
     from tcdyn.pipeline.bearing import read_bearing  # while the log is read
     from tcdyn.pipeline.beta import estimate_beta, estimate_stages
-    from tcdyn.pipeline.one_disk import estimate_one_disk
 
     rolling = read_bearing(bearing) if bearing else None
-    estimate: Any = estimate_one_disk if len(records) == 1 else estimate_beta
+    estimate: Any = estimate_beta
+    if len(records) == 1:
+        from tcdyn.pipeline.one_disk import estimate_one_disk as estimate
     with stages(tell.silent, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
-        options = {
+        options: dict[str, Any] = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
             "without": without or (), "read": read, "progress": progress,
         }  # fmt: skip
+        if report is not None and len(records) > 1:  # which takes as long to import as the cooling fits
+            options["meanwhile"] = partial(import_module, "tcdyn.report.beta")
         if stage is None:
             runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:

@@ -18,7 +18,7 @@ from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.cores import begun, side_by_side
+from tcdyn.cores import begun
 from tcdyn.partition.alternatives import (
     OFF_SCALE,
     WAYS,
@@ -147,12 +147,13 @@ def analyse(
     seed: int = 0,
     sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,
+    meanwhile: Callable[[], object] = lambda: None,
 ) -> Partition:
     """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
     ``window_s``: cooling used by the h-only fit; ``sensor_check``: look for dead, swapped and misplaced junctions
-    first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
-    swapped, or the data contradict the model.
+    first; ``meanwhile`` is called while copies of this process work. Raises InputError when the log ends too early, the
+    window is shorter than the lag, a channel is dead or swapped, or the data contradict the model.
     """
     longer_than_lag(test, window_s)
     logged = test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
@@ -195,7 +196,10 @@ def analyse(
         shift = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), line)
         return one.window, one.shown, fit, shift, replace(line, errors=partial(replace, line.shift))  # as it is known
 
-    windows, shown, cooling, shifts, lines = (dict(zip(DISKS, x)) for x in zip(*side_by_side(alone, DISKS)))
+    one, other = DISKS
+    there = begun(alone, other)
+    meanwhile()
+    windows, shown, cooling, shifts, lines = (dict(zip(DISKS, x)) for x in zip(*[alone(one), there(other)]))
     structures, budget = others(fitted, joint, both), monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
     for d in DISKS:

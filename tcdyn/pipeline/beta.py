@@ -229,14 +229,15 @@ def estimate_beta(
     stage: int | None = None,
     read: Callable[..., LogPieces] = iter_log,
     progress: Callable[[str], None] = lambda _: None,
+    meanwhile: Callable[[], object] = lambda: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
     ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
     ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
     (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest; ``read``: what reads
-    the log, which may have begun already (``tcdyn.cores.begun``). A channel that is dead, missing, or lost for long is
-    left out too, with a finding, as long as the rest still tells beta.
+    the log, which may have begun already (``tcdyn.cores.begun``); ``meanwhile``: called while copies work. A channel
+    that is dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
     Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
@@ -246,7 +247,8 @@ def estimate_beta(
         table, count = read_stage(read(log, "ehl", rig, without=[f"{name}_degC" for name in left_out]), stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+            options: dict[str, Any] = {"seed": seed, "sensor_check": sensor_check, "meanwhile": meanwhile}
+            found = analyse(test, window_s=window_s, progress=progress, **options)
         except InputError as problem:
             raise problem.at(table.path.name) from None
         return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)
@@ -287,10 +289,8 @@ def summary_of(p: Partition) -> str:
     """The headline, beta, h and lag by every way, and the verdict."""
     a, both, gone = p.answers, p.both.estimates, p.withheld
     pair = "beta {}   h_fast {}   h_slow {} W/m2K"
-    lines = {
-        "both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"])),
-        "speed law": ("speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])),
-    }
+    lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
+    lines["speed law"] = "speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])
     for d in DISKS:
         lines[f"cooling {d}"] = (f"cooling {d}", f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K")
     for d, fit in p.joint.items():
