@@ -178,7 +178,7 @@ class LogPieces:
     def whole(self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None) -> Log:
         """The pieces joined, or some ``rows`` of them, which rise; all ``columns`` or some. All rows are checked.
 
-        Needs 8 bytes a value that is kept. Raises InputError as going through the pieces does.
+        Needs 8 bytes a value that is kept; all of a short log is kept. Raises InputError as going through them does.
         """
         source, joined = self, self._whole
         if joined is not None and rows is None and columns is None:
