@@ -7,6 +7,7 @@ import mmap
 import multiprocessing
 import os
 import pickle
+import signal
 import sys
 import threading
 import warnings
@@ -118,7 +119,7 @@ def _one_core() -> Iterator[None]:
     try:
         yield
     finally:
-        os.environ.pop(CORES)
+        os.environ.pop(CORES, None)  # an interrupt may have come where the one within does so
         os.environ |= {} if before is None else {CORES: before}
 
 
@@ -162,6 +163,8 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
         return None
 
     def work() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends without a word
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's
         with suppress(BaseException):
             parts = _parts(answers(turn))
@@ -174,6 +177,7 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
             teller.send_bytes(pickle.dumps(places))
 
     process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # libraries' own calls at a fork swallow it
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of libraries' own threads, which heed a fork
@@ -183,6 +187,7 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
         os.close(memory)
         return None
     finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         teller.close()
     return _Copy(process, told, memory)
 

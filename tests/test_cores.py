@@ -6,6 +6,8 @@ import gc
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -225,6 +227,20 @@ def test_what_nobody_can_ask_for_any_more_is_ended_and_holds_nothing() -> None:
     assert child.exitcode == -signal.SIGTERM
     child.close()
     assert len(os.listdir("/proc/self/fd")) <= before
+
+
+def test_an_interrupt_during_a_fork_is_not_lost_and_the_copy_says_nothing_of_it() -> None:
+    code = (
+        "import os, signal, time\n"
+        "from tcdyn.cores import begun\n"
+        "os.register_at_fork(after_in_parent=lambda: os.kill(0, signal.SIGINT))\n"  # of both
+        "try: begun(time.sleep, 60); print('lost')\n"
+        "except KeyboardInterrupt: print('told')\n"
+    )
+    env = {**os.environ, cores.CORES: "2"}
+    call = [sys.executable, "-c", code]
+    done = subprocess.run(call, capture_output=True, text=True, env=env, start_new_session=True, timeout=30, check=True)
+    assert (done.stdout, done.stderr) == ("told\n", "")
 
 
 def test_on_one_core_nothing_is_begun_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

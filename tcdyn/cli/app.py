@@ -131,6 +131,11 @@ def _said(problem: BaseException) -> str:
     return next((said for kind, said in words.items() if isinstance(problem, kind)), f"the system refused ({reason})")
 
 
+def _stopped() -> int:
+    print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
+    return 130
+
+
 def run(command: Callable[[], Any]) -> int:
     """Call ``command``; bad input becomes one sentence on standard error and exit code 2."""
     try:
@@ -141,11 +146,12 @@ def run(command: Callable[[], Any]) -> int:
         print(f"tcdyn: {printable(in_options(str(problem), problem.parameters))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
-        return 130
+        return _stopped()
     except BrokenPipeError:
         return 0
     except (OSError, MemoryError, RecursionError, OverflowError, ImportError) as problem:  # nobody nearer has words
+        if isinstance(problem.__cause__, KeyboardInterrupt):  # which a library that is imported makes another error of
+            return _stopped()
         place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
         print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
         return 2

@@ -84,3 +84,14 @@ def test_load_and_friction_exchanged_is_said(
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records) == 2
     assert "are load_N and friction_N exchanged?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("cause", "status"), [(KeyboardInterrupt(), 130), (ValueError("x"), 2), (None, 2)])
+def test_an_interrupt_that_a_library_turned_into_another_error_is_one(
+    cause: BaseException | None, status: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def imports() -> None:
+        raise ImportError("initialization failed") from cause
+
+    assert run(imports) == status
+    assert capsys.readouterr().err.startswith("tcdyn: stopped" if status == 130 else "tcdyn: the system refused")
