@@ -156,26 +156,28 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     if len(x) < 2:
         return out
     limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
-    if noise_sd is None:
-        away = np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
-        far, usual = np.flatnonzero(away > limit), np.median(away, keepdims=True)
-    else:
-        apart = np.zeros(len(x), dtype=bool)  # of the majority that stands far away, one is at most so many samples off
-        for k in range(1, min((rule.longest + 1) // 2, len(x) - 1) + 1):
-            jumps = np.abs(x[k:] - x[:-k]) > limit
-            apart[k:] |= jumps
-            apart[:-k] |= jumps
-        away, windows = np.zeros(len(x)), sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
+    apart = np.zeros(len(x), dtype=bool)  # of the majority that stands far away, one is at most so many samples off
+    for k in range(1, min((rule.longest + 1) // 2, len(x) - 1) + 1 if noise_sd is not None else 1):
+        jumps = np.abs(x[k:] - x[:-k]) > limit
+        apart[k:] |= jumps
+        apart[:-k] |= jumps
+    few = noise_sd is not None and np.count_nonzero(apart) * rule.width < len(x)
+    away = np.zeros(len(x)) if few else np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
+    windows = sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
 
-        def look(at: NDArray[np.intp]) -> NDArray[np.intp]:
+    def far_of(at: NDArray[np.intp]) -> NDArray[np.intp]:
+        if few:
             away[at] = np.abs(x[at] - middle(windows[at]))
-            return at[away[at] > limit]
+        return at[away[at] > limit]
 
-        far, usual = look(np.flatnonzero(apart)), np.zeros(1)
-        if rule.local:
-            beside = np.clip(far[:, None] + np.arange(rule.local) - rule.local // 2, 0, len(x) - 1)
-            look(np.unique(beside))
-            usual = middle(away[beside])
+    far, usual = far_of(np.flatnonzero(apart) if few else np.arange(len(x))), np.zeros(1)
+    if rule.local:
+        beside = rule.local // 2
+        if few:
+            far_of(np.unique(np.clip(far[:, None] + np.arange(-beside, beside + 1), 0, len(x) - 1)))
+        usual = middle(sliding_window_view(np.pad(away, beside, mode="edge"), rule.local)[far])
+    elif noise_sd is None:
+        usual = middle(away[None])
     out[index[far[away[far] > rule.sigmas * MAD_TO_SD * usual]]] = True
     return out
 

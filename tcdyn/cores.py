@@ -29,7 +29,6 @@ CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
 LARGE = 1 << 16  # bytes of an array from which on it is handed over where it is, not in a message
 TURNS = 256  # that jobs are given out in, a byte for each
-CORES = "TCDYN_CORES"  # how many side_by_side may use; those that this process may run on if not set
 
 
 def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: int | None = None) -> list[Answer]:
@@ -125,11 +124,12 @@ def _one_core() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Copy:
-    """A copy of this process: it writes its answers to a file in ``memory``, and then tells where each part stands."""
+    """A copy of process ``of``: it writes its answers to a file in ``memory``, and then tells where each part stands."""
 
     process: BaseProcess
     told: Connection
     memory: int
+    of: int
 
     def answers(self) -> dict[int, Any]:
         """Its answers by the place of their jobs; none if it ended without them."""
@@ -144,7 +144,8 @@ class _Copy:
 
     def end(self) -> None:
         """Stop it, whether or not it is done; the system takes its memory back while this process goes on."""
-        self.process.terminate()
+        if self.of == os.getpid():  # a copy of this process forgets what it knows of others
+            self.process.terminate()
         self.told.close()
         os.close(self.memory)
 
@@ -189,7 +190,7 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         teller.close()
-    return _Copy(process, told, memory)
+    return _Copy(process, told, memory, os.getpid())
 
 
 def _parts(found: object) -> list[memoryview]:

@@ -229,6 +229,13 @@ def test_what_nobody_can_ask_for_any_more_is_ended_and_holds_nothing() -> None:
     assert len(os.listdir("/proc/self/fd")) <= before
 
 
+@pytest.mark.usefixtures("several")
+def test_a_copy_that_forgets_what_was_begun_does_not_stop_it() -> None:
+    home, held = os.getpid(), [begun(lambda _: time.sleep(0.3) or os.getpid(), 1)]
+    side_by_side(lambda _: time.sleep(0.2) if os.getpid() == home else held.clear(), range(2))
+    assert held.pop()(1) != home
+
+
 def test_an_interrupt_during_a_fork_is_not_lost_and_the_copy_says_nothing_of_it() -> None:
     code = (
         "import os, signal, time\n"

@@ -131,9 +131,10 @@ def _said(problem: BaseException) -> str:
     return next((said for kind, said in words.items() if isinstance(problem, kind)), f"the system refused ({reason})")
 
 
-def _stopped() -> int:
-    print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
-    return 130
+def _interrupted(problem: BaseException | None) -> bool:
+    """Whether it was Ctrl-C, which typer ends with its code, and a library that is imported makes another error of."""
+    ended = isinstance(problem, KeyboardInterrupt) or (isinstance(problem, SystemExit) and problem.code == 130)
+    return ended or (problem is not None and _interrupted(problem.__cause__ or problem.__context__))
 
 
 def run(command: Callable[[], Any]) -> int:
@@ -145,13 +146,14 @@ def run(command: Callable[[], Any]) -> int:
 
         print(f"tcdyn: {printable(in_options(str(problem), problem.parameters))}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        return _stopped()
     except BrokenPipeError:
         return 0
-    except (OSError, MemoryError, RecursionError, OverflowError, ImportError) as problem:  # nobody nearer has words
-        if isinstance(problem.__cause__, KeyboardInterrupt):  # which a library that is imported makes another error of
-            return _stopped()
+    except (Exception, KeyboardInterrupt, SystemExit) as problem:  # nobody nearer has words
+        if _interrupted(problem):
+            print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
+            return 130
+        if not isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
+            raise
         place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
         print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
         return 2
@@ -181,10 +183,11 @@ def main() -> None:
         with suppress(AttributeError, OSError, ValueError):  # an output that takes nothing is told of in the usual way
             sys.stdout.flush()
             sys.stderr.flush()
-            os._exit(status)
+            if isinstance(status, int):
+                os._exit(status)
 
     atexit.register(leave)  # the first is called last
-    gc.set_threshold(1_000_000)  # imports make no circles; ``stages`` sets what holds for the work
+    gc.set_threshold(1_000_000)  # to look for circles after each 700 new objects took a tenth of a second; few exist
     sys.meta_path.insert(0, _Later)
     try:
         status = run(lambda: app(standalone_mode=True))

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -98,3 +101,18 @@ def test_what_no_command_uses_is_read_with_its_first_use() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split()[-2:] == ["0", "True"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a signal to a group of processes")
+def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Path) -> None:
+    """Whenever it comes: while libraries are imported, a log is read, and fits are made."""
+    log, out = campaign.files.ehl["B3"], tmp_path / "out.json"
+    words = [sys.executable, "-m", "tcdyn.cli.app", "beta", log, *records(campaign), "--out", out, "-q"]
+    for wait_s in (0.4, 0.8, 1.2):
+        run = subprocess.Popen([*map(str, words)], stderr=subprocess.PIPE, text=True, start_new_session=True)
+        time.sleep(wait_s)
+        if run.poll() is None:
+            os.killpg(run.pid, signal.SIGINT)
+        said = run.communicate(timeout=60)[1]
+        assert (run.returncode, said) in ((130, "tcdyn: stopped; nothing half-written was kept\n"), (0, ""))
+        assert not [*tmp_path.glob("*.tmp*")]
