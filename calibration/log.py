@@ -182,7 +182,7 @@ class LogPieces:
         """
         source, joined = self, self._whole
         if joined is not None and rows is None and columns is None:
-            return joined
+            return replace(joined, frame=joined.frame.copy(deep=False))
         if columns is not None:  # what a piece is cut by is never left out
             kept = {"time_s", next(iter(self._noise_K)), *columns}
             some: Any = [{k: x[k] for k in x if k in kept} for x in (self._names, self._noise_K, self.switches)]

@@ -29,6 +29,7 @@ CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
 LARGE = 1 << 16  # bytes of an array from which on it is handed over where it is, not in a message
 TURNS = 256  # that jobs are given out in, a byte for each
+CORES = "TCDYN_CORES"  # how many side_by_side may use (with 1 nothing begins); all that this process may, if not set
 
 
 def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: int | None = None) -> list[Answer]:
@@ -124,7 +125,7 @@ def _one_core() -> Iterator[None]:
 
 @dataclass(frozen=True)
 class _Copy:
-    """A copy of process ``of``: it writes its answers to a file in ``memory``, and then tells where each part stands."""
+    """A copy of process ``of``: it writes its answers to a file in ``memory``, then tells where each part stands."""
 
     process: BaseProcess
     told: Connection

@@ -191,8 +191,8 @@ def main() -> None:
     sys.meta_path.insert(0, _Later)
     try:
         status = run(lambda: app(standalone_mode=True))
-    except SystemExit as asked:
-        status = asked.code or 0
+    except (SystemExit, KeyboardInterrupt) as asked:
+        status = getattr(asked, "code", 130) or 0
         raise
     sys.exit(status)
 

@@ -276,12 +276,14 @@ def test_rows_are_counted_alike_in_blocks_of_any_size(size, tmp_path, monkeypatc
 def test_a_short_log_is_joined_once_and_a_long_one_or_some_of_its_rows_when_asked_for(tmp_path, monkeypatch):
     path = write_log(ehl_frame(), tmp_path / "log.csv")
     log = iter_log(path, "ehl", rows=700)
-    assert log.whole() is log.whole()
+    (own := log.whole().frame).loc[5, "fast_a_degC"] = -1.0
+    assert own.loc[5, "fast_a_degC"] == -1.0 != log.whole().frame.loc[5, "fast_a_degC"]
+    assert np.shares_memory(*(log.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
     rows = np.array([3, 4, 900, 1500])
     some = log.whole(rows)
     assert np.array_equal(some.frame.to_numpy(), log.whole().frame.to_numpy()[rows], equal_nan=True)
     assert some.sha256 == log.whole().sha256 == files.sha256(path)
     monkeypatch.setattr(reading, "MOST", 1000)
     longer = iter_log(path, "ehl", rows=700)
-    assert longer.whole() is not longer.whole()
+    assert not np.shares_memory(*(longer.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
     assert longer.whole().frame.equals(log.whole().frame)
