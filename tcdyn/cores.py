@@ -179,19 +179,25 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
             teller.send_bytes(pickle.dumps(places))
 
     process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # libraries' own calls at a fork swallow it
+    made, before = None, signal.pthread_sigmask(signal.SIG_BLOCK, ())
     try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # libraries' own calls at a fork swallow it
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of libraries' own threads, which heed a fork
             process.start()
+        made = _Copy(process, told, memory, os.getpid())
     except OSError:
         told.close()
         os.close(memory)
-        return None
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         teller.close()
-    return _Copy(process, told, memory, os.getpid())
+        try:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        except KeyboardInterrupt:
+            if made is not None:
+                made.end()
+            raise
+    return made
 
 
 def _parts(found: object) -> list[memoryview]:

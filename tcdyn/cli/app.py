@@ -176,7 +176,12 @@ class _Later:
 
 
 def main() -> None:
-    """Entry point of the ``tcdyn`` command; what the process holds goes back to the system at once when it ends."""
+    """The command that ``sys.argv`` asks for; ends with SystemExit."""
+    sys.exit(run(lambda: app(standalone_mode=True)))
+
+
+def command() -> None:
+    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends."""
     status: Any = 1
 
     def leave() -> None:
@@ -190,12 +195,11 @@ def main() -> None:
     gc.set_threshold(1_000_000)  # to look for circles after each 700 new objects took a tenth of a second; few exist
     sys.meta_path.insert(0, _Later)
     try:
-        status = run(lambda: app(standalone_mode=True))
+        main()
     except (SystemExit, KeyboardInterrupt) as asked:
         status = getattr(asked, "code", 130) or 0
         raise
-    sys.exit(status)
 
 
 if __name__ == "__main__":
-    main()
+    command()

@@ -78,10 +78,20 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
         ("sys.exit()", 0, ""),
         ("1 / 0", 1, "ZeroDivisionError: division by zero"),
     ):
-        code = f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} or 0; a.main()"
+        code = f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} or 0; a.command()"
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.returncode == status
         assert (done.stdout + done.stderr).endswith(f"{said}\n" if said else "")
+
+
+def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Path) -> None:
+    code = (
+        "import sys; from tcdyn.cli.app import main; sys.argv = ['tcdyn', '--version']\n"
+        "try: main()\nexcept SystemExit as ended: assert ended.code == 0\n"
+        "kept = open('late.txt', 'w'); kept.write('data'); sys.exit(3)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert (done.returncode, done.stderr, (tmp_path / "late.txt").read_text()) == (3, "", "data")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
@@ -94,7 +104,7 @@ def test_an_output_that_takes_nothing_is_told_of() -> None:
 def test_what_no_command_uses_is_read_with_its_first_use() -> None:
     code = (
         "import sys; from tcdyn.cli import app; sys.argv = ['tcdyn', '--version']\n"
-        "try: app.main()\nexcept SystemExit: pass\n"
+        "try: app.command()\nexcept SystemExit: pass\n"
         "import scipy.special, numpy\n"
         "print(sum(name.startswith(('numpy.f2py.', 'numpy.testing.')) for name in sys.modules))\n"
         "numpy.testing.assert_allclose(1.0, 1.0); print(numpy.f2py.get_include() != '')"
