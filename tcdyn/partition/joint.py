@@ -46,7 +46,7 @@ SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
-SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next would move it by a thousandth of that
+SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
 Starts = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
 JOINT_WINDOW_S = 10.0
 
