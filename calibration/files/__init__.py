@@ -11,10 +11,11 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import csv as pacsv
 
 from calibration import Array
@@ -22,6 +23,7 @@ from calibration.errors import InputError, printable
 from calibration.files.dialect import ABSENT, Dialect, TextColumn, is_number, sniff
 from calibration.files.lvm import MARK, lvm_table
 from calibration.files.table import PIECE_ROWS, Columns, Table, read_whole
+from calibration.files.times import is_date, is_time_of_day
 from calibration.finding import Finding, Place, look
 
 __all__ = ["CsvTable", "Table", "open_table", "read_numbers", "read_whole", "sha256", "shown", "text_of"]
@@ -81,7 +83,8 @@ def _opened(file: Path, known: Collection[str]) -> Table:
         expected = "a log (CSV, LVM, TDMS or Parquet)"
         raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
     dialect = sniff(file, where, known)
-    return CsvTable(where, dialect.names, dialect.metadata, partial(text_pieces, dialect), dialect)
+    pieces = partial(text_pieces, dialect)
+    return CsvTable(where, dialect.names, dialect.metadata, pieces, dialect, units=dialect.units)
 
 
 def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[str] = ()) -> dict[str, Array]:
@@ -136,8 +139,13 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
         count, place, found = check_rows(stream, d)
     if count == 0:
         raise InputError("no rows below the header", where=d.where)
-    keys = {name: f"c{d.names.index(name)}" for name in wanted}  # names in files may repeat; these do not
-    cells = {name: d.first_row[d.names.index(name)] for name in wanted}
+    first_cells = dict(zip(reversed(d.names), reversed(d.first_row)))
+    dates = [name for name in d.names if is_date(first_cells[name])]
+    # a time of day beside one column of dates: the date belongs to it
+    dated = {name for name in wanted if len(dates) == 1 and is_time_of_day(first_cells[name])}
+    read_names = list(dict.fromkeys([*wanted, *(dates if dated else ())]))
+    keys = {name: f"c{d.names.index(name)}" for name in read_names}  # names in files may repeat; these do not
+    cells = {name: first_cells[name] for name in read_names}
     words = {n for n, cell in cells.items() if not is_number(cell, d.decimal) and cell.lower() not in ABSENT}
     texts: dict[str, TextColumn] = {}
     line = max(len(d.first_row) * 4, sum(len(cell) + 1 for cell in d.first_row))
@@ -165,10 +173,19 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
                     part = batch.slice(min(skip, batch.num_rows))
                     skip -= batch.num_rows - part.num_rows
                     if part.num_rows:
-                        numbers = {
-                            name: _numbers(part.column(k), name, d, done, place, texts) for name, k in keys.items()
-                        }
-                        yield Columns(numbers, place)
+                        numbers: dict[str, Array] = {}
+                        stamps: dict[str, NDArray[Any]] = {}
+                        for name in wanted:
+                            column = part.column(keys[name])
+                            if name in dates:
+                                numbers[name] = np.full(part.num_rows, np.nan)
+                                stamps[name] = np.array(_cells(column), dtype=object)
+                                continue
+                            day = _cells(part.column(keys[dates[0]])) if name in dated else None
+                            numbers[name] = _numbers(column, name, d, done, place, texts, day)
+                            if name in texts and texts[name].clock:
+                                stamps[name] = np.array(_cells(column), dtype=object)
+                        yield Columns(numbers, place, (), stamps)
                         done += part.num_rows
             break
         except pa.ArrowInvalid as problem:
@@ -183,15 +200,25 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
 
 
 def _numbers(
-    column: pa.Array, name: str, dialect: Dialect, at: int, place: Place, texts: dict[str, TextColumn]
-) -> Array:
-    """Numbers of one piece, whose first is number ``at`` of the file's; ``texts`` keeps the columns of text."""
+    column: pa.Array, name: str, dialect: Dialect, at: int, place: Place, texts: dict[str, TextColumn],
+    days: list[str] | None = None,
+) -> Array:  # fmt: skip
+    """Numbers of one piece, whose first is number ``at`` of the file's; ``texts`` keeps the columns of text. ``days``:
+    dates of the rows, for a column of times of the day."""
     if pa.types.is_floating(column.type):
         return np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
     if name not in texts:
         texts[name] = TextColumn(name, dialect.decimal, place)
+    cells = _cells(column)
+    if days is not None:
+        cells = [f"{day} {cell}" if cell else "" for day, cell in zip(days, cells)]
+    return texts[name].numbers(cells, at)
+
+
+def _cells(column: pa.Array) -> list[str]:
+    """The cells of a column of text, quotes and spaces around them taken away."""
     cells = (b"" if cell is None else cell for cell in column.cast(pa.binary()).to_pylist())
-    return texts[name].numbers([c.decode("utf-8", errors="replace").strip().strip('"').strip() for c in cells], at)
+    return [c.decode("utf-8", errors="replace").strip().strip('"').strip() for c in cells]
 
 
 def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Finding]]:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from nptdms import TdmsFile
 from nptdms.log import log_manager
+from numpy.typing import NDArray
 from pyarrow import parquet as pq
 
 from calibration import Array
@@ -84,7 +85,9 @@ def _tdms_pieces(
             if made:
                 count = len(next(iter(part.values())))
                 part["time_s"] = np.asarray((start + np.arange(count)) * dt_s, dtype=np.float64)
-            yield Columns(part, Place(where))
+            clocks = {n: c for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)}
+            stamps = {n: np.asarray(c[start : start + rows]).astype(str).astype(object) for n, c in clocks.items()}
+            yield Columns(part, Place(where), (), stamps)
 
 
 @contextmanager
@@ -171,6 +174,7 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
         with pq.ParquetFile(path, read_dictionary=names) as file:  # text by its different cells: repeats take no room
             for batch in file.iter_batches(rows, columns=names):
                 data: dict[str, Array] = {}
+                stamps: dict[str, NDArray[Any]] = {}
                 for n in names:
                     column = batch.column(n)
                     if pa.types.is_dictionary(column.type):
@@ -189,14 +193,17 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
                         data[n] = np.array(numbers, dtype=np.float64)
                     elif pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
                         stamp = pd.Series(column.to_pandas())
+                        stamps[n] = stamp.astype(str).to_numpy(dtype=object)
                         since = pd.to_timedelta(stamp - begun.setdefault(n, stamp.iloc[0]))
                         data[n] = np.asarray(since.dt.total_seconds(), dtype=np.float64)
                     elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
                         cells = ["" if v is None else str(v).strip() for v in column.to_pylist()]
                         data[n] = texts.setdefault(n, TextColumn(n, ".", place)).numbers(cells, done)
+                        if texts[n].clock:
+                            stamps[n] = np.array(cells, dtype=object)
                     else:
                         raise InputError(f"column {n} holds {kind}, not numbers", where=where)
-                yield Columns(data, place)
+                yield Columns(data, place, (), stamps)
                 done += batch.num_rows
     except InputError:
         raise

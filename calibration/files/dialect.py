@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.files.times import Stamps
 from calibration.finding import Finding, Place, look, note
 
 NUMBER = {
@@ -30,7 +30,8 @@ ABSENT = frozenset(
 LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
 HEAD_BYTES = 1 << 17
 ENOUGH = 150  # rows of data that tell a dialect
-_Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int]  # separator, mark, header, skip, first row, fields
+# separator, decimal mark, header, skip, first row, number of fields, unit row
+_Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int, tuple[str, ...]]
 FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
 
 
@@ -38,7 +39,8 @@ FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0
 class Dialect:
     """How to read a text log, a name for each of its columns; ``skip`` lines stand before the first row of data.
 
-    ``body`` stands for the file where its text had to be rewritten (UTF-16, columns parted by spaces).
+    ``body`` stands for the file where its text had to be rewritten (UTF-16, columns parted by spaces). ``units``: by
+    column, from a row of units below the header.
     """
 
     where: str
@@ -51,6 +53,7 @@ class Dialect:
     metadata: dict[str, str] = field(default_factory=dict)
     path: Path = Path()
     body: bytes | None = None
+    units: dict[str, str] = field(default_factory=dict)
 
 
 def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
@@ -79,7 +82,7 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
             where=where,
             expected="a header row, then rows of numbers separated by comma, semicolon, tab or spaces",
         )
-    separator, decimal, header, skip, first_row, fields = found
+    separator, decimal, header, skip, first_row, fields, unit_row = found
     if not header:
         raise InputError(
             f"row {skip + 1} is numbers and no header row stands above it",
@@ -110,7 +113,8 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
         body = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body or path.read_bytes())
         body = re.sub(rb"[ \t]+", b"\t", body)
     metadata = _metadata(lines)
-    return Dialect(where, encoding, separator, decimal, tuple(names), skip, first_row, metadata, path, body)
+    units = {name: unit for name, unit in zip(names, unit_row) if unit}
+    return Dialect(where, encoding, separator, decimal, tuple(names), skip, first_row, metadata, path, body, units)
 
 
 @lru_cache(maxsize=4)
@@ -206,7 +210,17 @@ def _try(lines: Sequence[str], separator: str, decimal: str, known: Collection[s
         # below the header only units may stand: a row that holds numbers is data, damaged or not
         first = next((k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25), first)
     names = () if header is None else tuple(rows[header][1])
-    return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields)
+    units = () if header is None else _unit_row([parts for _, parts in rows[header + 1 : first]], fields)
+    return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields, units)
+
+
+def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
+    """The cells of the row of units below the header, brackets taken away; empty where there is none."""
+    for parts in rows:
+        cells = tuple(re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", part.strip()) for part in parts)
+        if len(cells) == fields and any(re.search(r"[^\W\d_]", cell) for cell in cells):
+            return tuple(cell if re.search(r"[^\W\d_]|°", cell) else "" for cell in cells)
+    return ()
 
 
 def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]) -> int | None:
@@ -226,7 +240,7 @@ class TextColumn:
     """A column of cells of text that comes in one piece or in many; what many give together is what one gives.
 
     Whether it holds clock times is seen from the first piece with anything in it; ``clock`` says so beforehand.
-    Clock times, with or without a date, are seconds since the first one, and midnight may pass.
+    Clock times are seconds since the first one; see ``Stamps`` for dates and midnight.
 
     >>> TextColumn("time", ".", Place("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
     array([0.  , 0.75])
@@ -235,8 +249,7 @@ class TextColumn:
     def __init__(self, name: str, decimal: str, place: Place, clock: bool | None = None) -> None:
         self.name, self.decimal, self.place, self.clock = name, decimal, place, clock
         self.bad, self.first_bad = 0, dict[str, Any]()
-        self.first_s = self.last_s = np.nan
-        self.days = 0.0
+        self.stamps = Stamps(name, place.where)
 
     def numbers(self, texts: list[str], at: int) -> Array:
         """Numbers (N,) from the cells of one piece, whose first is number ``at`` of the file's."""
@@ -244,7 +257,7 @@ class TextColumn:
         if self.clock is None and full:
             self.clock = sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full)
         if self.clock:
-            return self._seconds(texts, at)
+            return self.stamps.seconds(texts)
         out = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
             low = text.lower()
@@ -265,7 +278,7 @@ class TextColumn:
         Raises InputError when more than one in a hundred (and more than three) is no number.
         """
         if self.clock:
-            return [note("text.midnight", subject=self.name)] if self.days else []
+            return [note("text.midnight", subject=self.name)] if self.stamps.midnights else []
         if not self.bad:
             return []
         if self.bad > max(3, 0.01 * cells):
@@ -276,24 +289,3 @@ class TextColumn:
                 expected=f"numbers with decimal {'comma' if self.decimal == ',' else 'point'}",
             )
         return [look("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]
-
-    def _seconds(self, texts: list[str], at: int) -> Array:
-        series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
-        parts = series.str.extract(r"(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?")
-        hour = pd.to_numeric(parts["h"]).to_numpy(dtype=float)
-        afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
-        morning = (parts["half"] == "AM").to_numpy(dtype=bool)
-        hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
-        minute = pd.to_numeric(parts["m"]).to_numpy(dtype=float)
-        second = hour * 3600 + minute * 60 + pd.to_numeric(parts["s"]).to_numpy(dtype=float)
-        if not len(second):
-            return second
-        if np.isnan(self.first_s):
-            if not np.isfinite(second[0]):
-                what = f"{self.place.at(self.name, at)}: {texts[0]!r} is no clock time"
-                raise InputError(what, where=self.place.where)
-            self.first_s = self.last_s = float(second[0])
-        steps = np.diff(second, prepend=self.last_s)
-        days = self.days + np.cumsum(np.where(steps < -43200.0, 1.0, 0.0))
-        self.last_s, self.days = float(second[-1]), float(days[-1])
-        return np.asarray(np.round(second + 86400.0 * days - self.first_s, 9))

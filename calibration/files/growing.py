@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibration import Array
 from calibration.errors import InputError
 from calibration.files import CsvTable, open_table, shown
 from calibration.files.dialect import ABSENT, FLAGS, split
@@ -42,6 +44,15 @@ class GrowingTable:
         if left:
             raise InputError("the log is shorter than the state file remembers", where=shown(self.path))
         self.offset = offset
+
+    def first_numbers(self, place: int, most: int = 100) -> Array:
+        """The field at ``place`` of the first rows, at most ``most`` of them, NaN for what is no number."""
+        dialect = self.table.dialect
+        with open(self.path, "rb") as stream:
+            stream.seek(self.first_byte)
+            lines = [line.decode("latin-1") for line in islice(stream, most) if line.endswith(b"\n")]
+        rows = [split(line, dialect.separator) for line in lines]
+        return np.array([_number(row[place], dialect.decimal) for row in rows if len(row) == len(dialect.names)])
 
     def new_rows(self, places: Sequence[int]) -> list[list[float]] | None:
         """The fields at ``places`` of the lines that are new, NaN for what is no number; None without a whole line.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.errors import InputError
@@ -20,12 +22,14 @@ SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps a
 class Columns:
     """The wanted columns, float64 of shape (N,), NaN where the file has no number; findings say what was done.
 
-    ``place`` tells where the samples of the whole file stand in it.
+    ``place`` tells where the samples of the whole file stand in it. ``stamps`` holds the cells (N,) of columns of clock
+    stamps as they are in the file; their ``data`` are seconds since the first stamp.
     """
 
     data: dict[str, Array]
     place: Place
     findings: tuple[Finding, ...] = ()
+    stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -33,20 +37,22 @@ class Table:
     """What every reader gives: the columns' names as the file has them, what it says about itself, its pieces.
 
     ``pieces(wanted, rows)`` gives the wanted columns by their names in the file, about ``rows`` rows at a time, and may
-    be asked for again.
+    be asked for again. ``units``: by column, from a row of units below the header.
     """
 
     where: str
     names: tuple[str, ...]
     metadata: dict[str, str]
     pieces: Callable[[Sequence[str], int], Iterator[Columns]]
+    units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
 
 def in_pieces(whole: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
     """The wanted of columns that are read already, ``rows`` rows at a time; the findings come with the first."""
     for start in range(0, len(next(iter(whole.data.values()))), rows):
         part = {name: whole.data[name][start : start + rows] for name in wanted}
-        yield Columns(part, whole.place, () if start else whole.findings)
+        stamps = {name: cells[start : start + rows] for name, cells in whole.stamps.items()}
+        yield Columns(part, whole.place, () if start else whole.findings, stamps)
 
 
 def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
@@ -58,7 +64,9 @@ def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
 def joined(parts: Sequence[Columns], wanted: Sequence[str], place: Place) -> Columns:
     """The wanted columns of all ``parts``, one below the other, with their findings."""
     data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
-    return Columns(data, place, tuple(f for part in parts for f in part.findings))
+    clocks = {name for part in parts for name in part.stamps}
+    stamps = {name: np.concatenate([part.stamps[name] for part in parts if name in part.stamps]) for name in clocks}
+    return Columns(data, place, tuple(f for part in parts for f in part.findings), stamps)
 
 
 def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:

@@ -6,7 +6,7 @@ import errno
 import os
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -106,11 +106,12 @@ def write_log(frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str]
 
 @contextmanager
 def log_writer(
-    path: str | Path, names: Sequence[str], metadata: Mapping[str, str]
+    path: str | Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str] = ()
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
     """A function that appends frames of the columns ``names`` to ``path``, .csv or .parquet: whole at the end, or not.
 
-    As ``write_log``, in memory that does not grow. Raises InputError for another ending or an unwritable place.
+    As ``write_log``, in memory that does not grow. The columns ``text`` hold text, the others numbers.
+    Raises InputError for another ending or an unwritable place.
     """
     target = Path(path)
     notes = {_one_line(k).replace(":", " "): _one_line(v) for k, v in metadata.items()}
@@ -122,15 +123,23 @@ def log_writer(
         if ending == ".parquet":
             from pyarrow import parquet as pq
 
-            fields = pa.schema([(n, pa.float64()) for n in names], metadata=dict(notes))
+            kinds = {n: pa.string() if n in text else pa.float64() for n in names}
+            fields = pa.schema(list(kinds.items()), metadata=dict(notes))
             with pq.ParquetWriter(beside, fields) as parquet:
                 yield lambda frame: parquet.write_table(_arrow(frame).replace_schema_metadata(dict(notes)))
             return
         with open(beside, "wb") as stream:
             stream.write("".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8"))
             stream.write((",".join(_cell(n) for n in names) + "\n").encode("utf-8"))
-            plain = pacsv.WriteOptions(include_header=False)  # by no other threads: each keeps memory of its own
-            yield lambda frame: pacsv.write_csv(_arrow(frame), stream, plain)
+
+            def append(frame: pd.DataFrame) -> None:
+                # pyarrow puts quotes around all text or none; not in threads: each keeps memory of its own
+                quotes = any(frame[n].astype(str).str.contains('[",\r\n]').any() for n in text)
+                style = "needed" if quotes else "none"
+                options = pacsv.WriteOptions(include_header=False, quoting_style=style)
+                pacsv.write_csv(_arrow(frame), stream, options)
+
+            yield append
 
 
 def _cell(name: str) -> str:

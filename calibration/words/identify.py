@@ -162,6 +162,8 @@ IDENTIFY: dict[str, Words] = {
     "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not ask for it",
     "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may fit better",
     "fit.undetermined": "{subject} is hardly determined by these data (u = {u:.2g} for {value:.2g})",
+    "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the record lasts "
+    "({longest_s:.3g} s): the record does not determine it",
     "fit.indistinct": "the data cannot tell all parameters of {subject} apart: some intervals are meaningless",
     "fit.stalled": "stopped after the allowed iterations; look at the intervals before using it",
     "fit.open_interval": "the interval of {subject} is open: it reaches the search bound ({low95:.3g}..{high95:.3g})",
@@ -186,6 +188,8 @@ IDENTIFY: dict[str, Words] = {
     ),
     "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): dynamics are missing, "
     "or it was stated too small; the intervals are as much wider.",
+    "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as missing: check the "
+    "wiring.",
     "record.hold": "Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and "
     "rounded to them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half "
     "a sample, {half_s:.3g} s: give hold=zoh if it was set, hold=foh if it was measured.",

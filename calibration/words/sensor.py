@@ -16,8 +16,17 @@ SENSOR: dict[str, Words] = {
         f"{'column' if count == 1 else 'columns'} {subject} {'states' if count == 1 else 'state'} no unit: read as "
         "degrees Celsius"
     ),
+    "sensor.codes": "column {subject}: {count} reading(s) such as {value:.4g} degC are drop-outs or outside the "
+    "physical range of a thermocouple; taken as missing: check the wiring",
+    "sensor.undetermined": "column {subject}: the standard uncertainty of the lag, {u_s:.2g} s, exceeds the length of "
+    "the record, {duration_s:.3g} s: the record does not determine the lag",
     "sensor.unit_doubt": "column {subject} reads {value:.4g} {unit} in the middle; is that its unit?",
-    "sensor.few_decimals": "the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz",
+    "sensor.few_decimals": lambda rate_Hz, percent=0.0, **_: (
+        f"the clock has few decimals: rows are taken as even, {rate_Hz:.5g} Hz"
+        + (f", known to {percent:.2g} % (1 sd): so are the lags" if percent > 1 else "")
+    ),
+    "sensor.repeated": "{count} time stamp(s) are repeated, first in row {row} below the header; rows of one time are "
+    "averaged",
     "sensor.uneven": "rows stray from even sampling at {rate_Hz:.5g} Hz by {stray_s:.2g} s (1 sd): answers are that "
     "uncertain in time",
     "sensor.short": "a stretch of {count} rows is too short to be compensated: its answers are empty",

@@ -8,6 +8,14 @@ from calibration.words.base import Words
 COMPENSATE: dict[str, Words] = {
     "trace.stuck": "{subject}: stuck or saturated in {percent:.2g} % of the record, first at sample {first_sample}; "
     "those samples are treated as missing",
+    "trace.outside": "{subject}: {count} reading(s) such as {value:.4g} degC at sample {first_sample} are outside the "
+    "physical range of a thermocouple (-273 to 3000 degC); taken as missing",
+    "trace.unreachable": "{subject}: {count} reading(s), the first {value:.4g} degC at sample {first_sample}, change "
+    "faster than any temperature could make this sensor change; taken as missing: check the wiring, or the lag of the "
+    "sensor",
+    "trace.undetermined": "{subject}: {percent:.2g} % of the record, first at sample {first_sample}, is not determined "
+    "by it: the standard uncertainty exceeds the range of the readings ({range_K:.3g} K), or the temperature is not "
+    "possible; not reported there",
     "trace.bad": "{subject}: {percent:.2g} % of the samples are missing or spikes and carry no weight",
     "inverse.noisy": lambda bandwidth_Hz, noise_K, limit_K, best_Hz, **_: (
         f"a bandwidth of {bandwidth_Hz:.3g} Hz makes {noise_K:.3g} K of noise, more than the {limit_K:.3g} K allowed: "

@@ -23,7 +23,10 @@ def identify(
     output: Annotated[str, typer.Option("--output", "-y", help="Column of the output; several with commas.")],
     run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
     time: Annotated[
-        str | None, typer.Option(help="Time column in seconds; time_s, time or t is found by itself.")
+        str | None, typer.Option(help="Time column; time_s, Time [ms], t and the like are found by themselves.")
+    ] = None,
+    time_unit: Annotated[
+        str | None, typer.Option("--time-unit", help="Unit of the time, where its header does not say it: s, ms, min.")
     ] = None,
     dt_s: Annotated[
         float | None, bounded("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9)
@@ -128,7 +131,7 @@ def identify(
     for y in outputs:
         spare_inputs([data], out=jsons[y], report=pages[y])
     record = from_csv(
-        data, input=inputs, output=outputs, run=run, time=time, dt_s=dt_s, resample_s=resample_s,
+        data, input=inputs, output=outputs, run=run, time=time, time_unit=time_unit, dt_s=dt_s, resample_s=resample_s,
         hold=hold,
     )  # fmt: skip
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]

@@ -251,10 +251,10 @@ def read(
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
     from tcdyn.sensor.table import open_source, read_columns
-    from tcdyn.sensor.units import matching, units_of
+    from tcdyn.sensor.units import cold_column, matching, units_of
 
     options = reading.options()
-    opened = open_source(log, reading.time, [*columns, *plain])
+    opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
     names = []
     for wanted in (*columns, *plain):
         hits = matching(wanted, [n for n in opened.table.names if n != opened.time], opened.table.where)
@@ -263,8 +263,9 @@ def read(
                 f"{wanted!r} means {len(hits)} columns", where=str(log), expected="one", remedy=f"name {hits[0]!r}"
             )
         names += hits
-    found_units, told = units_of(names[: len(columns)], options["unit"], options["couple"], options["cold"])
-    t, values, found = read_columns(log, names, found_units, opened.time)
+    cold = cold_column(options["cold"], opened.table.names, opened.table.where)
+    found_units, told = units_of(names[: len(columns)], options["unit"], options["couple"], cold, opened.table.units)
+    t, values, found = read_columns(log, names, found_units, opened.time, reading.time_unit)
     return t, [values[n] for n in names], [*told, *found], names
 
 

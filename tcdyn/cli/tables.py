@@ -25,6 +25,10 @@ class TableReading:
     """What tells the time and the units of any table where its names do not."""
 
     time: Annotated[str | None, typer.Option(help="of a table: the time column, if not found by itself")] = None
+    time_unit: Annotated[
+        str | None,
+        typer.Option("--time-unit", help="of a table: unit of its time, where its header does not say it"),
+    ] = None
     unit: Annotated[
         list[str] | None,
         typer.Option(help="of a table: degC, K, degF or mV, where names do not say it; T1=K for one column"),
@@ -35,8 +39,10 @@ class TableReading:
     def options(self) -> dict[str, Any]:
         """As ``compensate_table`` takes them.
 
-        >>> TableReading("t", ["K"]).options(), TableReading(unit=["T1=mV"], cold_junction="cj").options()["cold"]
-        ({'time': 't', 'unit': 'K', 'couple': '', 'cold': 0.0}, 'cj')
+        >>> TableReading("t", "ms", ["K"]).options()
+        {'time': 't', 'time_unit': 'ms', 'unit': 'K', 'couple': '', 'cold': 0.0}
+        >>> TableReading(unit=["T1=mV"], cold_junction="cj").options()["cold"]
+        'cj'
         """
         parts = [text.rpartition("=") for text in self.unit or []]
         plain = [unit for name, _, unit in parts if not name]
@@ -47,7 +53,7 @@ class TableReading:
         except ValueError:
             cold = self.cold_junction
         unit = plain[0] if plain else {n: u for n, _, u in parts}
-        return {"time": self.time, "unit": unit, "couple": self.couple or "", "cold": cold}
+        return {"time": self.time, "time_unit": self.time_unit, "unit": unit, "couple": self.couple or "", "cold": cold}
 
 
 def value_and_u(text: str, option: str) -> tuple[float, float]:

@@ -110,10 +110,11 @@ def invert(
         width = max(int(f.remaining_shift_s / dt_s), 1)
         calm = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
         own[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * calm)
-    return Compensated.of(
+    done = Compensated.of(
         x, own, slope, lag, lag_covariance, static_u, dt_s, noise_sd=sd, intensity=np.full(len(sd), np.nan),
         flags=stretch.flags, method=f"proper inverse, {bandwidth_Hz:g} Hz", findings=stretch.findings,
     )  # fmt: skip
+    return done.checked(stretch.y, [f"channel {c + 1}" for c in range(len(sd))] if names is None else list(names))
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:

@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.finding import Finding, by_share, look, sentences
 from calibration.noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
+from calibration.plausible import HIGHEST_DEGC, LOWEST_DEGC, dropout_codes, impossible, unreachable
 from calibration.result import Result, jsonable
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
 from tcdyn.chain.bursts import made_white, noise_and_white
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.compensate.levels import Intensity
 
-GOOD, MISSING, SPIKE, STUCK, SATURATED = 0, 1, 2, 4, 8  # bits of ``flags``
+GOOD, MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE = 0, 1, 2, 4, 8, 16  # bits of ``flags``
 LEAST_GOOD = 8  # samples
+FEW_IMPLAUSIBLE = 0.01  # share of a trace that the rule for spikes finds by itself
 
 
 @dataclass(frozen=True)
 class Stretch:
     """Samples ``y (N, M)`` (finite; weight 0 where bad) every ``dt_s``, their chains and the times of events [s].
 
-    ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED; ``noise_known``: whether the level
-    of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``, with the rounding
-    of a logger whose steps are coarser than its noise; ``findings``: channels that suffer.
+    ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE; ``noise_known``:
+    whether the level of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``,
+    with the rounding of a logger whose steps are coarser than its noise; ``findings``: channels that suffer.
     """
 
     y: Array
@@ -69,12 +71,14 @@ def stretch_of(
     called = [f"channel {c + 1}" for c in range(m)] if names is None else list(names)
     if len(called) != m:
         raise InputError(f"smooth: {m} channels but {len(called)} names", expected="one name per channel")
+    implausible, found = _implausible(data, dt_s, listed, called)
+    data[implausible] = np.nan
     each = np.ascontiguousarray(data.T)
     noise: Array = np.full(m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float)
     flags, folded_u, coloured = np.stack([_flags(x) for x in each], axis=1), np.zeros(m), False
+    flags[implausible] = IMPLAUSIBLE
     step = np.array([rounding_sd(x) for x in each])
     rounded = np.where((step >= noise) & (noise_sd is None), step, 0.0)
-    found: list[Finding] = []
     for flag, name in zip(flags.T, called):
         if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
             raise InputError(
@@ -115,6 +119,35 @@ def stretch_of(
     )  # fmt: skip
 
 
+def _implausible(
+    data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
+) -> tuple[Flags, list[Finding]]:
+    """Which readings (N, M) no temperature can have produced through the chains, and what to report about them."""
+    out = np.zeros(data.shape, dtype=bool)
+    findings = []
+    for c, (chain, name) in enumerate(zip(chains, names)):
+        y = data[:, c]
+        outside = impossible(y)
+        inside = np.where(outside, np.nan, y)
+        lag_s = max(chain.taus_s, default=0.0)
+        codes = dropout_codes(inside)
+        rest = np.where(codes, np.nan, inside)
+        directly = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
+        wrong = codes | unreachable(rest, dt_s, lag_s, directly)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]])))
+        longest = int(np.max(np.diff(edges)[::2], initial=0))
+        if wrong.mean() <= FEW_IMPLAUSIBLE and longest <= SPIKES["compensator"].longest:
+            wrong[:] = False
+        out[:, c] = outside | wrong
+        for bad, code in ((outside, "trace.outside"), (wrong, "trace.unreachable")):
+            if bad.any():
+                first = int(np.argmax(bad))
+                numbers: dict[str, Any] = {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
+                share = float(bad.mean()) if bad is outside else 1.0
+                findings.append(by_share(share, code, subject=name, **numbers))
+    return out, findings
+
+
 def _flags(y: Array) -> NDArray[np.uint8]:
     """Bits MISSING, STUCK, SATURATED for each sample of ``y (N,)``.
 
@@ -137,9 +170,10 @@ class Compensated(Result):
     and regularisation), ``lag_sensitivity`` [K/s] times the uncertainty of each lag, ``split_K`` (what one standard
     uncertainty of how a lag divides into its parts moves) and ``static_u`` [K].
     ``slope`` [K/s]; ``noise_sd (M,)`` [K]; ``intensity (M,)`` [K2/s3], the median over the record; ``flags``: bits
-    MISSING, SPIKE, STUCK, SATURATED; ``method`` in words; ``events_s``: pairs of time and its standard uncertainty [s];
-    ``intensities``: as functions of time, one a channel (smoother only); ``by_event_K``: what one standard uncertainty
-    of each event's instant moves (N, M) [K], its square being in that of ``sd_noise``.
+    MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE; ``method`` in words; ``events_s``: pairs of time and its standard
+    uncertainty [s]; ``intensities``: as functions of time, one a channel (smoother only); ``by_event_K``: what one
+    standard uncertainty of each event's instant moves (N, M) [K], its square being in that of ``sd_noise``;
+    ``undetermined`` (N, M): where the record does not determine the temperature, see ``checked``.
     """
 
     temperature: Array
@@ -159,6 +193,7 @@ class Compensated(Result):
     events_s: tuple[tuple[float, float], ...] = ()
     intensities: tuple[Intensity, ...] = ()
     by_event_K: tuple[Array, ...] = ()
+    undetermined: Flags | None = None
 
     @classmethod
     def of(
@@ -185,6 +220,31 @@ class Compensated(Result):
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
         total, time = (np.asarray(a, dtype=np.float64) for a in (np.sqrt(variance), np.arange(n) * dt_s))
         return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, split, time_s=time, **rest)
+
+    def checked(self, y: Array, names: Sequence[str]) -> Compensated:
+        """The same with ``undetermined`` and a warning for each channel that has such samples.
+
+        A sample is undetermined where its standard uncertainty, without that of the static line, exceeds the range of
+        the channel's readings ``y`` (N, M) [degC, NaN or flagged where bad], or its temperature is no possible one.
+        """
+        readings = np.where(self.flags == GOOD, y, np.nan)
+        range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
+        variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
+        wide = np.sqrt(variance) > range_K
+        unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)
+        undetermined = wide | unphysical
+        findings = list(self.findings)
+        for c in np.flatnonzero(undetermined.any(axis=0)):
+            column = undetermined[:, c]
+            numbers: dict[str, Any] = {"percent": 100 * float(column.mean()), "first_sample": int(np.argmax(column))}
+            findings.append(look("trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers))
+        return replace(self, undetermined=undetermined, findings=tuple(findings))
+
+    def answers(self) -> tuple[Array, Array]:
+        """Temperature [degC] and standard uncertainty [K] (N, M), NaN where the record does not determine them."""
+        if self.undetermined is None or not self.undetermined.any():
+            return self.temperature, self.sd
+        return np.where(self.undetermined, np.nan, self.temperature), np.where(self.undetermined, np.nan, self.sd)
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -82,6 +82,12 @@ def smooth(
     else:
         listed = intensity if isinstance(intensity, Sequence | np.ndarray) else [intensity] * len(start_var)
         chosen, noise_var = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed], start_var
+    if not (np.isfinite(noise_var) & (noise_var > 0)).all():
+        lag_s = max(c.lag_s for c in stretch.chains)
+        raise InputError(
+            f"the noise cannot be estimated: rows every {stretch.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
+            expected="several rows in one lag",
+        )
     told, fit = dict(zip(map(float, events_s), u_s)), smoothed(stretch, noise_var, chosen)
     events = {at: told[at] for at in stretch.events_s}
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
@@ -109,7 +115,7 @@ def smooth(
     split = np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var)).tolist()
     split_K = fit.bend * [c.split_s2(u) for c, u in zip(stretch.chains, split)]
     time = np.arange(len(sd)) * dt_s
-    return Compensated.of(
+    done = Compensated.of(
         fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,
         noise_sd=np.sqrt(noise_var),
         intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]),
@@ -120,6 +126,8 @@ def smooth(
         events_s=tuple(sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])),
         intensities=tuple(chosen),
     )  # fmt: skip
+    called = [f"channel {c + 1}" for c in range(sd.shape[1])] if names is None else list(names)
+    return done.checked(stretch.y, called)
 
 
 def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:

@@ -246,7 +246,7 @@ def assemble(
         "p_input": checked.input.p,
         "robust_covariance": float(robust),
     }
-    told = noticed(optimum, identified)
+    told = (*noticed(optimum, identified), *unbounded_lags(identified, problem.longest_s))
     return replace(
         result, identified=replace(identified, statistics=statistics, sentence=checked.sentence, findings=told)
     )
@@ -262,6 +262,19 @@ def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float
         spans = [ends[run] - problem.begun_s[run] for run in sorted(ends)]
         level += float(np.mean(x[-runs:] * spans)) / problem.longest_s
     return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
+
+
+def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
+    """A warning for each input whose lag has a standard uncertainty larger than the record is long."""
+    if identified.model.integrators:
+        return []
+    lags = {name: part.lag_s for name, part in identified.parts.items()}
+    one = len(lags) == 1
+    return [
+        look("fit.lag_unbounded", subject="the lag" if one else f"the lag behind {name}", u=lag.u, longest_s=longest_s)
+        for name, lag in lags.items()
+        if lag.u > longest_s
+    ]
 
 
 def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:

@@ -13,6 +13,7 @@ from scipy.special import chdtrc
 
 from calibration import Array
 from calibration.errors import InputError
+from calibration.files import open_table
 from calibration.finding import Finding, look, note
 from tcdyn.chain.rational import Complex
 from tcdyn.fitting import Optimum, Problem, determined, least, minimise
@@ -97,7 +98,7 @@ class Response:
         """From a table: ``columns`` are magnitude and phase [deg], with ``form`` "dB" the first in decibels, "complex"
         real and imaginary part; ``u`` or ``coherence`` are columns too. Rows with a gap are left out."""
         asked = [c for c in (frequency, *columns, u, coherence) if c is not None]
-        frame, where = table_of(Path(path), asked), Path(path).name
+        frame, where = table_of(open_table(path, asked), asked), Path(path).name
         for c in asked:
             if c not in frame:
                 raise InputError(f"no column {c!r}", where=where, expected=", ".join(map(str, frame.columns)))

@@ -102,6 +102,7 @@ def compensate_table(
     *,
     columns: Sequence[str] = (),
     time: str | None = None,
+    time_unit: str | None = None,
     unit: Mapping[str, str] | str = "",
     couple: str = "",
     cold: float | str = 0.0,
@@ -119,17 +120,18 @@ def compensate_table(
         out: .csv or .parquet.
         columns: those that a single sensor covers here, instead of its own.
         time: the time column, where its name does not say so.
+        time_unit: its unit (s, ms, us, ns, min, h or days), where neither its name nor a row of units says so.
         unit: "degC", "K", "degF" or "mV" for all columns, or by column; otherwise as the names say.
         couple, cold: of millivolts: the thermocouple's type, and the reference junction [degC] or its column.
 
     Raises:
         InputError: no such column, two sensors for one, a table that is compensated, time that does not rise.
     """
-    source = open_source(log, time)
+    source = open_source(log, time, time_unit=time_unit)
     cold = cold_column(cold, source.table.names, source.table.where)
     names = source.table.names
     own = [n for n in names if n != source.time]
-    worn, told = worn_in(own, source.table.where, sensors, columns, unit, couple, cold)
+    worn, told = worn_in(own, source.table.where, sensors, columns, unit, couple, cold, source.table.units)
     others = [n for n in own if n not in {w.column for w in worn}]
     kept: list[str] = [str(cold)] if isinstance(cold, str) else []
     if others:
@@ -147,9 +149,10 @@ def compensate_table(
         )
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
     rows, found, tell_at, ends_s = 0, list(told), 0, list[float]()
-    with log_writer(out, header, notes) as write:
-        stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
-        stretch = next(stretches, None)
+    stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
+    stretch = next(stretches, None)
+    text = [n for n in names if stretch is not None and stretch.data[n].dtype == object]
+    with log_writer(out, header, notes, text) as write:
         while stretch is not None:
             if rows >= tell_at:
                 progress(f"from row {rows + 1}")
@@ -167,6 +170,7 @@ def compensate_table(
     table = []
     for w in worn:
         of = np.array(gathered[w.column]) if gathered[w.column] else np.full((1, 3), np.nan)
+        of = of[np.isfinite(of[:, 1])] if np.isfinite(of[:, 1]).any() else of
         noise, typical, most = np.median(of[:, 0]), np.median(of[:, 1]), np.max(of[:, 2])
         lasts, lag_s = max(ends_s, default=0.0) - min(ends_s, default=0.0), w.chain.lag_s
         if lasts < lag_s:
@@ -177,7 +181,7 @@ def compensate_table(
 
 def worn_in(
     names: Sequence[str], where: str, sensors: Sequence[SensorFile], columns: Sequence[str],
-    unit: Mapping[str, str] | str, couple: str, cold: float | str,
+    unit: Mapping[str, str] | str, couple: str, cold: float | str, unit_row: Mapping[str, str] | None = None,
 ) -> tuple[list[Worn], list[Finding]]:  # fmt: skip
     """Those of a table's columns ``names`` that sensors cover, in their order. Raises InputError as
     ``compensate_table``."""
@@ -195,7 +199,7 @@ def worn_in(
                     raise InputError(f"two sensors for column {name!r}", where=where, expected="one sensor a column")
                 taken[name] = file, at
     own = [n for n in names if n in taken]
-    units, told = units_of(own, unit, couple, cold)
+    units, told = units_of(own, unit, couple, cold, unit_row)
     told += [f for file in sensors for f in file.findings if f.code == ALTERED]
     return [Worn(n, *taken[n], units[n]) for n in own], told
 
@@ -225,9 +229,11 @@ def _answered(
     found += [look("sensor.dead", subject=w.column) for w in worn if w not in alive]
     for first in range(0, len(alive), group):
         for done_for, done in _smoothed(alive[first : first + group], read, grid, size, found):
+            temperature, sd_all = done.answers()
             for k, w in enumerate(done_for):
                 at = grid.place[keep]
-                x, sd = done.temperature[at, k], done.sd[at, k]
+                x = temperature[at, k]
+                sd = sd_all[at, k]
                 memory = max(
                     memory,
                     settled_s(sensors_of([w.chain]), done.noise_sd[k : k + 1], grid.dt_s, done.intensities[k : k + 1]),
@@ -238,7 +244,9 @@ def _answered(
                 out[name] = np.round(w.unit.back(x), DECIMALS)
                 out[u_name] = np.round(w.unit.per_K * sd, DECIMALS)
                 numbers[w.column] = (
-                    np.array([done.noise_sd[k], np.median(sd), np.max(sd)]) if len(sd) else np.full(3, np.nan)
+                    np.array([done.noise_sd[k], np.nanmedian(sd), np.nanmax(sd)])
+                    if np.isfinite(sd).any()
+                    else np.full(3, np.nan)
                 )
             found += list(done.findings)
     return out, numbers, found, int(np.ceil(memory / grid.dt_s))

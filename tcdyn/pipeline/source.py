@@ -16,6 +16,7 @@ from calibration.files import shown
 from calibration.files.dialect import is_number
 from calibration.files.growing import GrowingTable, open_growing
 from calibration.files.seal import ALTERED
+from calibration.files.times import HEADER_NAMES, find_time_column
 from calibration.finding import Finding
 from calibration.lines.static import StaticLine
 from calibration.opened import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
@@ -23,8 +24,7 @@ from calibration.record import DiskRecord
 from calibration.rig import Rig
 from tcdyn.pipeline.sensors import worn_in
 from tcdyn.sensor.file import SensorFile
-from tcdyn.sensor.table import TIMES
-from tcdyn.sensor.units import Unit, cold_column, time_column, u_name
+from tcdyn.sensor.units import Unit, cold_column, u_name
 from tcdyn.traces import DiskChannels, disk_channels
 
 INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
@@ -81,6 +81,7 @@ class TableOptions(TypedDict, total=False):
     """How any table is read where its names do not say it, as ``compensate_table`` takes it."""
 
     time: str | None
+    time_unit: str | None
     unit: Mapping[str, str] | str
     couple: str
     cold: float | str
@@ -88,7 +89,7 @@ class TableOptions(TypedDict, total=False):
 
 def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None) -> GrowingLog | None:
     """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
-    wanted = (*KNOWN, *TIMES)
+    wanted = (*KNOWN, *HEADER_NAMES)
     if rig and isinstance(records, Mapping):
         disk = next(iter(records))
         wanted = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
@@ -123,7 +124,9 @@ def _table_source(
 ) -> GrowingLog:
     """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
     names, dialect = growing.table.names, growing.table.dialect
-    time, scale = time_column(names, options.get("time"), where)
+    units = growing.table.units
+    clock = find_time_column(names, where, requested=options.get("time"), unit=options.get("time_unit"), unit_row=units)
+    time = clock.name
     if not is_number(dialect.first_row[names.index(time)], dialect.decimal):
         raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
     if time != "time_s" and "time_s" in names:
@@ -131,7 +134,7 @@ def _table_source(
     own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     cold = cold_column(options.get("cold", 0.0), names, where)
     unit, couple = options.get("unit", ""), options.get("couple", "")
-    worn, told = worn_in([n for n in names if n != time], where, sensors, (), unit, couple, cold)
+    worn, told = worn_in([n for n in names if n != time], where, sensors, (), unit, couple, cold, units)
     channels = DiskChannels(
         tuple(w.column for w in worn),
         tuple(w.line or AS_READ for w in worn),
@@ -139,6 +142,8 @@ def _table_source(
         np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in worn]),
         np.array([w.file.split_u_s[w.at] for w in worn]),
     )
+    clock.check_step(clock.in_seconds(growing.first_numbers(names.index(time)), False), False)
+    scale = float(clock.seconds or 1.0)
     how: dict[str, Callable[[Array], Array]] = {} if scale == 1.0 else {"time_s": lambda t: t * scale}
     other = {w.column: w.unit for w in worn if w.unit.name != "degC"}
     return GrowingLog(growing, own, [channels], None, how, other, tuple(told))

@@ -95,10 +95,11 @@ def columns_of(traces: DiskTraces, done: Compensated, way: Way, parts: bool) -> 
     """The columns (N,) that one disk's answer puts into the log, by name."""
     out: dict[str, NDArray[np.float64]] = {}
     common = np.hypot(done.common_sd(), shared_u_K(traces.lines)) if parts and way.removes_lag else done.sd
+    temperature, sd = done.answers()
     for i, column in enumerate(traces.columns):
-        out[column] = done.temperature[:, i]
+        out[column] = temperature[:, i]
         if way.removes_lag:
-            out[column.replace("_degC", "_u_K")] = done.sd[:, i]
+            out[column.replace("_degC", "_u_K")] = sd[:, i]
         if way.removes_lag and parts:
             out[column.replace("_degC", "_noise_u_K")] = done.sd_noise[:, i]
             out[column.replace("_degC", "_common_u_K")] = common[:, i]

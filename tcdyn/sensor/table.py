@@ -13,16 +13,19 @@ from numpy.typing import NDArray
 from calibration import Array
 from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
-from calibration.files.table import PIECE_ROWS
+from calibration.files.table import PIECE_ROWS, missing
+from calibration.files.times import HEADER_NAMES, TimeColumn, find_time_column, interval_of_repeated_stamps
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED
-from tcdyn.sensor.units import Unit, doubtful, time_column
+from calibration.plausible import dropout_codes, impossible
+from tcdyn.sensor.units import Unit, doubtful
 
 MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a stretch, for its answer only; of it
 MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
+LONGEST_GAP_ROWS = 60  # in a record that is fitted as one, whatever its length
+UNSURE_RATE = 0.01  # relative standard uncertainty of a rate, from which a warning says so: lags are wrong by as much
 UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
-TIMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
 
 
 @dataclass(frozen=True)
@@ -35,20 +38,35 @@ class EvenTimes:
 
 @dataclass(frozen=True)
 class Source:
-    """An opened table: its time column and how many seconds its unit is; columns that are numbers pass through."""
+    """An opened table and its time column; columns that are numbers pass through."""
 
     path: Path
     table: Table
-    time: str
-    scale: float
+    clock: TimeColumn
+
+    @property
+    def time(self) -> str:
+        """Name of the time column."""
+        return self.clock.name
 
     def pieces(
         self, columns: Sequence[str], rows: int = PIECE_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and columns (N,) of each piece, as they stand, with what the reader noticed."""
+        """Time (N,) [s] and columns (N,) of each piece, as they stand, with what the reader noticed.
+
+        A time column of clock stamps is among the columns as it is in the file.
+        Raises InputError where the unit of time is not clear.
+        """
         wanted = list(dict.fromkeys([self.time, *columns]))
+        checked = False
         for part in self.table.pieces(wanted, rows):
-            yield part.data[self.time] * self.scale, part.data, part.findings
+            values = part.data[self.time]
+            is_clock = self.time in part.stamps
+            times_s = self.clock.in_seconds(values, is_clock)
+            if not checked and len(times_s) > 1:
+                self.clock.check_step(times_s, is_clock)
+                checked = True
+            yield times_s, {**part.data, **part.stamps}, part.findings
 
 
 class Pieces(Protocol):
@@ -58,9 +76,11 @@ class Pieces(Protocol):
         """Time (N,) [s] and columns (N,) of each piece, and what was noticed."""
 
 
-def open_source(path: str | Path, time: str | None = None, known: Sequence[str] = ()) -> Source:
+def open_source(
+    path: str | Path, time: str | None = None, known: Sequence[str] = (), time_unit: str | None = None
+) -> Source:
     """The table at ``path``. Raises InputError without a time column, and for a table that is compensated already."""
-    table = open_table(path, (*TIMES, *known))
+    table = open_table(path, (*HEADER_NAMES, *known))
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
             "is compensated already", where=table.where, expected="a table as the logger wrote it",
@@ -69,21 +89,25 @@ def open_source(path: str | Path, time: str | None = None, known: Sequence[str] 
     twice = [n for n in table.names if table.names.count(n) > 1]
     if twice:
         raise InputError(f"column {twice[0]!r} stands twice", where=table.where, remedy="rename one of them")
-    name, scale = time_column(table.names, time, table.where)
-    return Source(Path(path), table, name, scale)
+    clock = find_time_column(table.names, table.where, requested=time, unit=time_unit, unit_row=table.units)
+    return Source(Path(path), table, clock)
 
 
 def read_columns(
-    path: str | Path, columns: Sequence[str], units: Mapping[str, Unit] | None = None, time: str | None = None
+    path: str | Path,
+    columns: Sequence[str],
+    units: Mapping[str, Unit] | None = None,
+    time: str | None = None,
+    time_unit: str | None = None,
 ) -> tuple[Array, dict[str, Array], list[Finding]]:
     """Even times (N,) [s] and columns on them (N,), those with ``units`` in degrees Celsius, NaN where missing.
 
     Raises InputError for a missing column, time that does not rise, or fewer than ten rows.
     """
-    source = open_source(path, time, columns)
+    source = open_source(path, time, columns, time_unit)
     for name in columns:
         if name not in source.table.names:
-            time_column(source.table.names, name, source.table.where)
+            raise missing("column", name, source.table.names, source.table.where)
     given = dict(units or {})
     cold = [u.cold for u in given.values() if isinstance(u.cold, str)]
     parts = list(source.pieces([*columns, *cold]))
@@ -91,6 +115,7 @@ def read_columns(
     raw = {n: np.concatenate([p[1][n] for p in parts]) for n in (*columns, *cold)}
     found = [f for p in parts for f in p[2]]
     grid, told = places(t, shown(Path(path)))
+    check_gaps(t, grid.dt_s, shown(Path(path)))
     size = int(grid.place[-1]) + 1
     out = {}
     for name in columns:
@@ -99,8 +124,28 @@ def read_columns(
         if unit is not None:
             found += doubtful(name, unit, values)
             values = unit.in_degC(values, raw[unit.cold] if isinstance(unit.cold, str) else unit.cold)
+            wrong = impossible(values)
+            wrong |= dropout_codes(np.where(wrong, np.nan, values))
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                found.append(look("sensor.codes", subject=name, count=int(wrong.sum()), value=float(values[first])))
+                values = np.where(wrong, np.nan, values)
         out[name] = on_grid(values, grid, size)
     return t[0] + grid.dt_s * np.arange(size), out, [*found, *told]
+
+
+def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
+    """Raise InputError if a record that is fitted as one has a gap longer than all that it holds."""
+    steps = np.diff(time_s)
+    row = int(np.argmax(steps))
+    gap_s = float(steps[row])
+    if gap_s > max(len(time_s) * dt_s, LONGEST_GAP_ROWS * dt_s):
+        raise InputError(
+            f"{gap_s:.6g} s are missing after row {row + 1} below the header",
+            where=where,
+            expected="one record without a long gap",
+            remedy="cut the table there and give one part",
+        )
 
 
 def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTimes, list[Finding]]:
@@ -125,10 +170,17 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
     span = float(time_s[-1] - time_s[0])
     if span <= 0:
         raise InputError("all rows have one time", where=where, expected="time that rises")
-    if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted
-        dt = dt_s or span / (n - 1)
-        return EvenTimes(np.arange(n, dtype=np.intp), dt), [note("sensor.few_decimals", rate_Hz=1 / dt)]
-    usual = dt_s or float(np.median(step))
+    repeated: list[Finding] = []
+    if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted where they are even
+        counted = (dt_s, 0.0) if dt_s else interval_of_repeated_stamps(time_s)
+        if counted is not None:
+            dt, u_s = counted
+            unsure = u_s > UNSURE_RATE * dt
+            finding = (look if unsure else note)("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * u_s / dt)
+            return EvenTimes(np.arange(n, dtype=np.intp), dt), [finding]
+        row = int(np.argmax(step == 0))
+        repeated = [note("sensor.repeated", count=int((step == 0).sum()), row=row + 2)]
+    usual = dt_s or float(np.median(step[step > 0]))
     dt = dt_s or float(step.sum() / np.rint(step / usual).sum())  # a row that came twice is no step
     place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
     away = (time_s - time_s[0]) / dt - place
@@ -139,7 +191,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         place = np.maximum.accumulate(place)
         stray = float(np.sqrt(np.mean(((time_s - time_s[0]) / dt - place) ** 2)))
     found = [look("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
-    return EvenTimes(place.astype(np.intp), dt), found
+    return EvenTimes(place.astype(np.intp), dt), [*repeated, *found]
 
 
 @dataclass(frozen=True)
@@ -164,7 +216,9 @@ def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | Non
     """
     longest = LONGEST_GAP_LAGS * lag_s
     pieces, over = source.pieces(columns), False
-    time, data, found = np.empty(0), {n: np.empty(0) for n in columns}, list[Finding]()
+    time = np.empty(0)
+    data: dict[str, Array] = {}
+    found = list[Finding]()
     done, usual, side = 0, 0.0, 0  # rows before ``done`` are answered
     while done < len(time) or not over:
         size = max(2 * side, least or LEAST_ROWS)
@@ -173,7 +227,7 @@ def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | Non
             over = new is None
             if new is not None and len(new[0]):
                 time = np.concatenate([time, new[0]])
-                data = {n: np.concatenate([data[n], new[1][n]]) for n in data}
+                data = {n: np.concatenate([data[n], new[1][n]]) if n in data else new[1][n] for n in columns}
             found += list(new[2]) if new is not None else []
             continue
         if not side:

@@ -21,11 +21,6 @@ _WRITTEN = {
     "degf": "degF", "°f": "degF", "f": "degF", "fahrenheit": "degF", "deg f": "degF", "mv": "mV", "millivolt": "mV",
 }  # fmt: skip
 _SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
-_TIME = re.compile(r"^(time|t|timestamp|time_?stamp|date_?time|elapsed(_?time)?|clock)$", re.I)
-_SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}
-_TIME_UNIT = re.compile(
-    r"^(.*?)(?:_(s|sec|seconds|ms|us|min|h)|\s*[\[(]\s*(s|sec|seconds|ms|us|min|h)\s*[\])])?$", re.I
-)
 COLDEST_K = 100.0  # no usual thermocouple reads colder, however its unit is called
 
 
@@ -93,9 +88,14 @@ def unit_in(column: str) -> str:
 
 
 def units_of(
-    columns: Sequence[str], declared: Mapping[str, str] | str = "", couple: str = "", cold: float | str = 0.0
+    columns: Sequence[str],
+    declared: Mapping[str, str] | str = "",
+    couple: str = "",
+    cold: float | str = 0.0,
+    unit_row: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Unit], list[Finding]]:
-    """The unit of each column: as declared (for all, or by column), else by its name, else degrees Celsius, told.
+    """The unit of each column: as declared (for all, or by column), else by its name, else by the row of units below
+    the header, else degrees Celsius, told.
 
     >>> units_of(["Zone 1"], "F")[0]["Zone 1"].name, [f.code for f in units_of(["T1_degF"], "degC")[1]]
     ('degF', ['sensor.unit_contradicted'])
@@ -103,7 +103,8 @@ def units_of(
     out, plain, told = {}, [], list[Finding]()
     for name in columns:
         own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
-        unit, stated = _WRITTEN.get(own.lower(), own) or unit_in(name), unit_in(name)
+        stated = unit_in(name) or _WRITTEN.get((unit_row or {}).get(name, "").lower(), "")
+        unit = _WRITTEN.get(own.lower(), own) or stated
         if stated and stated != unit:
             told.append(look("sensor.unit_contradicted", subject=name, said=unit))
         if not unit:
@@ -118,24 +119,6 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
     if unit.name == "K" and middle < COLDEST_K:
         return [look("sensor.unit_doubt", subject=column, unit="K", value=middle)]
     return []
-
-
-def time_column(names: Sequence[str], asked: str | None, where: str) -> tuple[str, float]:
-    """The column of time and how many seconds its unit is; ``asked`` for by name, or found.
-
-    >>> time_column(["Time [ms]", "T1"], None, "log.csv")
-    ('Time [ms]', 0.001)
-    """
-    if asked is not None and asked not in names:
-        raise missing("column", asked, names, where)
-    for name in [asked] if asked else names:
-        stem, plain, bracket = _TIME_UNIT.match(name).groups()  # type: ignore[union-attr]
-        if asked or _TIME.match(stem.strip()):
-            return name, _SECONDS[(plain or bracket or "").lower()]
-    raise InputError(
-        "no time column found", where=where, expected=f"one of {', '.join(map(repr, names))}",
-        remedy="name it, time=COLUMN", parameters=("time=COLUMN",),
-    )  # fmt: skip
 
 
 def matching(pattern: str, names: Collection[str], where: str) -> list[str]:

@@ -174,6 +174,7 @@ class IOData(Result):
         """Some of the inputs and outputs, by name; all of them where no name is given."""
         i = indices_of(input, self.input_names, "input")
         o = indices_of(output, self.output_names, "output")
+        names = {self.input_names[k] for k in i} | {self.output_names[k] for k in o}
         return replace(
             self,
             runs=tuple(replace(r, u=r.u[:, i].copy(), y=r.y[:, o].copy()) for r in self.runs),
@@ -181,7 +182,7 @@ class IOData(Result):
             output_names=tuple(self.output_names[k] for k in o),
             input_units=tuple(self.input_units[k] for k in i),
             output_units=tuple(self.output_units[k] for k in o),
-            findings=tuple(f for f in self.findings if f.subject in {self.input_names[k] for k in i}),
+            findings=tuple(f for f in self.findings if f.subject in names),
         )
 
     def times_s(self, index: int = 0) -> Array:

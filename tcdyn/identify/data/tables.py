@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,16 +10,25 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from calibration import Array
+from calibration import Array, Flags
 from calibration.errors import InputError
-from calibration.files import CsvTable, open_table, read_whole, text_of
+from calibration.files import CsvTable, Table, open_table, read_whole, text_of
 from calibration.files.dialect import CLOCK, TextColumn
 from calibration.files.table import missing
+from calibration.files.times import (
+    HEADER_NAMES,
+    TIME_NAMES,
+    TimeColumn,
+    find_time_column,
+    interval_of_repeated_stamps,
+    split_unit,
+)
 from calibration.finding import Place, look, note
+from calibration.plausible import dropout_codes, overload_codes
 from tcdyn.identify.data.record import Hold, IOData, check_hold
 from tcdyn.identify.data.segments import REPEATED
 
-TIMES = ("time_s", "time", "t", "t_s", "Time", "Time_s")  # names by which a time column is found
+FEW_DECIMALS = 0.02  # share of repeated stamps, from which the clock is taken as one of few decimals
 MOST_SAMPLES = 5e7  # of one run on an even grid
 JUMP = 0.05  # of its range, by which an input that was set moves; rounding makes smaller steps
 ALONE = 0.95  # share of the moves of a staircase before and after which it stays
@@ -32,6 +41,7 @@ def from_frame(
     input: str | Sequence[str],
     output: str | Sequence[str],
     time: str | None = None,
+    time_unit: str | None = None,
     run: str | None = None,
     dt_s: float | None = None,
     hold: Hold | Literal["auto"] = "auto",
@@ -41,11 +51,12 @@ def from_frame(
     """IOData from a table: one row a sample, one or several columns of inputs and of outputs, and an optional ``run``
     column whose values name separate recordings.
 
-    ``time`` is a column in seconds or of clock times (found by itself when called time_s, time, t or t_s); without one
-    give ``dt_s``. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets it, else "foh"; where
-    the input alone cannot tell (:func:`was_set`) the data's ``findings`` ask for it. Rows missing from an even time
-    grid become NaN outputs (a gap). ``resample_s`` puts uneven times on an even grid by straight lines. Raises
-    InputError naming column, row and remedy.
+    ``time`` is a column of numbers or of clock times (found by itself when called time_s, Time [ms], t and the like);
+    without one give ``dt_s``. ``time_unit`` (s, ms, us, ns, min, h or days) is needed where its name does not state the
+    unit and seconds are not plausible. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets
+    it, else "foh"; where the input alone cannot tell (:func:`was_set`) the data's ``findings`` ask for it. Rows missing
+    from an even time grid become NaN outputs (a gap). Overload and drop-out codes become NaN. ``resample_s`` puts
+    uneven times on an even grid by straight lines. Raises InputError naming column, row and remedy.
 
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
@@ -64,26 +75,31 @@ def from_frame(
     for role, column in (*roles, ("time", time), ("run", run)):
         if column is not None and column not in frame.columns:
             raise missing(f"{role} column", column, [*map(str, frame)], where)
-    if time is None and dt_s is None:
-        time = next((c for c in TIMES if c in frame.columns), None)
-        if time is None:
-            raise InputError(
-                "no time column found",
-                where=where,
-                remedy="name it (time=COLUMN) or give the sampling interval (dt_s=SECONDS)",
-                parameters=("time=COLUMN", "dt_s=SECONDS"),
-            )
+    clock = None
+    if time is not None or dt_s is None:
+        clock = _time_column(frame, time, time_unit, where)
+        time = clock.name
+    for column in filter(None, (*inputs, *outputs, time)):
+        if list(frame.columns).count(column) > 1:
+            raise InputError(f"column {column!r} stands twice", where=where, remedy="rename one of them")
     groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
-    interval = dt_s if dt_s is not None else resample_s if resample_s is not None else sampling(groups, time, where)
+    times = [np.empty(0) if clock is None else _times(g, clock, where) for _, g in groups]
+    if dt_s is not None:
+        interval = dt_s
+    elif resample_s is not None:
+        interval = resample_s
+    else:
+        interval = sampling(times, where)
     if not 0 < interval < np.inf:
         raise InputError(f"the sampling interval is {interval:g} s", where=where, expected="a number above zero")
     parts = []
-    for label, part in groups:
+    wrong: dict[str, int] = {}
+    for (label, part), t in zip(groups, times):
         place = f"{where}, run {label}" if label else where
-        u, y = (np.column_stack([numbers(part, c, place) for c in each]) for each in (inputs, outputs))
+        u = np.column_stack([_readings(part, c, place, overload_codes, wrong) for c in inputs])
+        y = np.column_stack([_readings(part, c, place, _output_codes, wrong) for c in outputs])
         start = 0.0
         if time is not None:
-            t = numbers(part, time, place, clock=True)
             check_times(t, time, place)
             start = float(t[0])
             u, y = even(t, u, y, interval, resample_s is not None, time, place)
@@ -99,8 +115,9 @@ def from_frame(
             )
         )
     data = parts[0].merge(*parts[1:])
+    codes = tuple(look("record.codes", subject=column, count=count) for column, count in wrong.items())
     if hold != "auto":
-        return replace(data, hold=check_hold(hold, where))
+        return replace(data, hold=check_hold(hold, where), findings=codes)
     asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
     kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
     told = [
@@ -108,7 +125,50 @@ def from_frame(
         for name, (held, step) in zip(inputs, asked)
         if step
     ]
-    return replace(data, hold=kind, findings=tuple(told))
+    return replace(data, hold=kind, findings=(*codes, *told))
+
+
+def _time_column(frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str) -> TimeColumn:
+    """The time column of a table. Raises InputError that names both ways to give the time."""
+    names = list(map(str, frame.columns))
+    if time is None and not any(TIME_NAMES.fullmatch(split_unit(n)[0]) for n in names):
+        raise InputError(
+            "no time column found",
+            where=where,
+            remedy="name it (time=COLUMN) or give the sampling interval (dt_s=SECONDS)",
+            parameters=("time=COLUMN", "dt_s=SECONDS"),
+        )
+    return find_time_column(names, where, requested=time, unit=time_unit)
+
+
+def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
+    """Times (N,) [s] of the rows; those of a clock that repeats its stamps are made even where the rows are."""
+    is_clock = frame[clock.name].dtype.kind not in "iufb"
+    times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
+    clock.check_step(times_s, is_clock)
+    if len(times_s) > 2 and np.isfinite(times_s).all() and np.mean(np.diff(times_s) == 0) > FEW_DECIMALS:
+        rising = bool((np.diff(times_s) >= 0).all())
+        counted = interval_of_repeated_stamps(times_s) if rising else None
+        if counted is not None:
+            return np.asarray(times_s[0] + counted[0] * np.arange(len(times_s)), dtype=float)
+    return times_s
+
+
+def _output_codes(values: Array) -> Flags:
+    """Overload and drop-out codes of a column in any unit."""
+    overload = overload_codes(values)
+    return overload | dropout_codes(np.where(overload, np.nan, values))
+
+
+def _readings(
+    frame: pd.DataFrame, column: str, where: str, codes: Callable[[Array], Flags], wrong: dict[str, int]
+) -> Array:
+    """One column (N,) with its ``codes`` as NaN; ``wrong`` counts them by column."""
+    values = numbers(frame, column, where)
+    bad = codes(values)
+    if bad.any():
+        wrong[column] = wrong.get(column, 0) + int(bad.sum())
+    return np.where(bad, np.nan, values)
 
 
 def was_set(u: Array) -> tuple[bool, float]:
@@ -136,15 +196,29 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     path = Path(path)
     given = [options[role] for role in ("input", "output", "time", "run") if options.get(role) is not None]
     asked = {c for names in given for c in ([names] if isinstance(names, str) else names)}
-    return from_frame(table_of(path, asked), **{"name": path.name, **options})
+    table = open_table(path, (*HEADER_NAMES, *asked))
+    time = options.get("time")
+    if time is None and options.get("dt_s") is None:
+        time = next((n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0])), None)
+    frame = table_of(table, asked if time is None else {*asked, time})
+    if time is None or list(table.names).count(time) != 1:
+        return from_frame(frame, **{"name": path.name, **options})
+    clock = find_time_column(
+        table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
+    )
+    unit = options.get("time_unit") or (clock.written if clock.stated and clock.seconds is not None else None)
+    raw = read_whole(table, [time])
+    if time in raw.stamps and len(raw.data[time]) == len(frame):
+        frame[time] = raw.data[time]
+        unit = "s"
+    return from_frame(frame, **{"name": path.name, **options, "time": time, "time_unit": unit})
 
 
-def table_of(path: Path, asked: Collection[str]) -> pd.DataFrame:
-    """A file's columns, of which those ``asked`` for and times are read."""
-    table = open_table(path, asked)
+def table_of(table: Table, asked: Collection[str]) -> pd.DataFrame:
+    """A table's columns, of which those ``asked`` for are read where it is not text."""
     if isinstance(table, CsvTable):
         return _text_frame(table)
-    raw = read_whole(table, [n for n in table.names if n in asked or n in TIMES])
+    raw = read_whole(table, [n for n in table.names if n in asked])
     return pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
 
 
@@ -184,9 +258,9 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
     return converted.to_numpy(dtype=float)
 
 
-def sampling(groups: list[tuple[str, pd.DataFrame]], time: str | None, where: str) -> float:
+def sampling(times: Sequence[Array], where: str) -> float:
     """The sampling interval [s]: total time by total steps, so that rounded time stamps do not drift."""
-    steps = [np.diff(numbers(g, str(time), where, clock=True)) for _, g in groups]
+    steps = [np.diff(t) for t in times]
     joined = np.concatenate([s[np.isfinite(s) & (s > 0)] for s in steps])
     if len(joined) == 0:
         raise InputError("has fewer than two samples", where=where, expected="a record")
