@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from calibration.estimate import rounded
-from calibration.words.base import Words
+from calibration.estimate import rounded, with_u
+from calibration.words.base import Words, some
 
 # tcdyn/campaign
+
+LEAST_P = 1e-12  # a p-value below it is not printed: the normal distribution is not known to hold that far out
 
 
 def _cause(cause: str, size: float, u: float) -> str:
@@ -33,6 +35,15 @@ def _cause(cause: str, size: float, u: float) -> str:
     return f"{disk}_{channel} reads ({value} +- {spread}) K otherwise"
 
 
+def _p_value(p: float) -> str:
+    """A p-value in words; one that is tiny or rounds to zero by its bound.
+
+    >>> _p_value(0.0234), _p_value(0.0)
+    ('p = 0.023', 'p below 1e-12')
+    """
+    return f"p = {p:.2g}" if p > LEAST_P else f"p below {LEAST_P:g}"
+
+
 CAMPAIGN: dict[str, Words] = {
     "campaign.stranger": lambda subject, cause, size, u, z, chi2, left, freedom, explained, **_: (
         f"{subject} does not belong to its campaign: against all other tests chi-squared is {chi2:.0f} on {freedom} "
@@ -47,6 +58,12 @@ CAMPAIGN: dict[str, Words] = {
     "the speed doubles (chance {p:.2g})",
     "campaign.junction": "all tests together place {subject} {deeper_mm:.2f} +- {u_mm:.2f} mm deeper than stated "
     "({z:.1f} standard deviations): look at its depth_mm in rig.toml",
+    "campaign.curve_shape": lambda subject, chi2, freedom, p, scatter, offset, u, **_: (
+        f"the shape of the curve in {subject} does not fit the tests: with its level free chi-squared is {chi2:.1f} on "
+        f"{some(freedom, 'degree')} of freedom ({_p_value(p)}); for their offset from it, {with_u(offset, u)}, an "
+        f"independent scatter of {scatter:.2g} was added to every test: check the curve, and do not use one offset "
+        "for all tests"
+    ),
     "campaign.apart": "{subject} is not joined with the other tests: {why}",
     "campaign.altered": "{subject} in the results folder is not as it was written: its log was analysed again",
     "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",

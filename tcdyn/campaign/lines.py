@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
+from scipy.linalg import cholesky, solve_triangular
 from scipy.special import chdtrc, ndtr, ndtri, stdtr, stdtrit
 
 from calibration import Array
@@ -78,3 +79,44 @@ def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
         scatter = float(optimize.brentq(lambda s: solved(s).chi2 - freedom, 0.0, most, rtol=1e-6))
         line = replace(solved(scatter), chi2=line.chi2)
     return line
+
+
+def level_inside_points(y: Array, covariance: Array) -> Line:
+    """The common level of points whose covariance cannot be trusted in full, always inside the range of the points.
+
+    Parameters
+    ----------
+    y
+        Values, shape (N,), N at least 2.
+    covariance
+        Their covariance, shape (N, N), in the unit of ``y`` squared.
+
+    Returns
+    -------
+    Line
+        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter is added until
+        chi-squared equals N - 1 (none where it is smaller already). ``chi2`` is the value without the scatter.
+
+    Notes
+    -----
+    With V the covariance and the scatter in it, the level is w' y, where w minimises w' V w subject to sum(w) = 1 and
+    w >= 0; its variance is w' V w. Where the weights of generalised least squares are positive, w is equal to them.
+
+    Strongly correlated errors of different size give negative weights (Peelle's pertinent puzzle; Burr et al. 2011,
+    Algorithms 4, 28-39). Such weights are correct as long as the covariance explains the differences of the points.
+    Where it does not, they extrapolate a systematic error from a misfit, and the level leaves the range of the points.
+
+    Up to a factor, w solves min |L' w - L^-1 1|^2, w >= 0, with V = L L' (Lawson and Hanson 1974, chapter 23).
+    """
+    ones = np.ones(len(y))
+    line = fit_line(ones[:, None], y, covariance)
+    lower = cholesky(line.used, lower=True)
+    weights, _ = optimize.nnls(lower.T, solve_triangular(lower, ones, lower=True))
+    weights = weights / weights.sum()
+    variance = float(weights @ line.used @ weights)
+    return replace(
+        line,
+        coefficients=np.array([weights @ y]),
+        covariance=np.array([[variance]]),
+        operator=weights[None, :],
+    )

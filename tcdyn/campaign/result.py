@@ -78,6 +78,19 @@ class JoinedCampaign:
                 if abs(z) > MOVED_Z:
                     e = self.deeper_mm[d][c]
                     found.append(look("campaign.junction", subject=f"{d}_{c}", deeper_mm=e.value, u_mm=e.u, z=z))
+        for test in self.curves:
+            if test.shape_rejected:
+                shape = look(
+                    "campaign.curve_shape",
+                    subject=test.curve.file,
+                    chi2=test.shape_chi2,
+                    freedom=len(test.inside) - 1,
+                    p=test.shape_p_value,
+                    scatter=test.scatter,
+                    offset=test.offset.value,
+                    u=test.offset.u,
+                )
+                found.append(shape)
         found += [note("campaign.apart", subject=name, why=why) for name, why in self.apart.items()]
         return tuple(found)
 

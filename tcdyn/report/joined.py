@@ -9,6 +9,7 @@ import pandas as pd
 from calibration.estimate import rounded
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
+from tcdyn.campaign.trends import CurveTest
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import pictured
 from tcdyn.report.page import Answer, Section, pm, typeset
@@ -146,9 +147,18 @@ def exponent_words(joined: JoinedCampaign) -> str:
 
 
 def _models(joined: JoinedCampaign) -> str:
-    return "\n\n".join(
+    return "\n\n".join(_model(c) for c in joined.curves)
+
+
+def _model(c: CurveTest) -> str:
+    sentence = (
         f"{c.curve.file}: chi-squared {c.chi2:.1f} on {len(c.inside)} tests (chance {c.p_value:.2g}); with its level "
         f"free {c.shape_chi2:.1f} on {len(c.inside) - 1} (chance {c.shape_p_value:.2g}), the tests lying "
         f"{c.offset.plain()} above it."
-        for c in joined.curves
+    )
+    if not c.shape_rejected:
+        return sentence
+    return (
+        f"{sentence} The shape of the curve does not fit the tests: for this offset an independent scatter of "
+        f"{c.scatter:.2g} was added to every test."
     )

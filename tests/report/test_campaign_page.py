@@ -131,6 +131,16 @@ def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(whole
     test = CurveTest(curve, ("A1", "A2", "A3"), 12.0, 0.007, 5.0, 0.08, Estimate.normal(0.01, 0.002))
     said = joined_sections(replace(whole, curves=(test,)))[1].text
     assert "chi-squared 12.0 on 3 tests (chance 0.007); with its level free 5.0 on 2 (chance 0.08)" in said
+    assert "does not fit" not in said
+
+
+def test_the_page_says_that_the_shape_of_a_curve_does_not_fit_and_what_scatter_was_added(whole: JoinedCampaign) -> None:
+    curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
+    test = CurveTest(curve, ("A1", "A2", "A3"), 52.0, 1e-10, 45.0, 1e-9, Estimate.normal(0.01, 0.002), 0.0131)
+    said = joined_sections(replace(whole, curves=(test,)))[1].text
+    assert "the tests lying 0.0100 \u00b1 0.0020 above it." in said.replace("\u00a0", " ").replace("+-", "\u00b1")
+    assert "The shape of the curve does not fit the tests" in said
+    assert "an independent scatter of 0.013 was added to every test" in said
 
 
 def test_the_verdict_of_a_campaign_counts_the_tests_whose_ways_agree(tmp_path: Path) -> None:
