@@ -28,6 +28,7 @@ from calibration.stated import STRICT
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
 _Model = TypeVar("_Model", bound=BaseModel)
+LONGEST_LAG_S = 1e7  # about four months, slower than any building; beyond it a time is in another unit
 LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
 
 
@@ -44,8 +45,8 @@ class InputFile(RecordPart):
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
-Lag = Annotated[float, Field(ge=0, lt=600)]
-Positive = Annotated[float, Field(gt=0, lt=600)]
+Lag = Annotated[float, Field(ge=0, lt=LONGEST_LAG_S)]
+Positive = Annotated[float, Field(gt=0, lt=LONGEST_LAG_S)]
 
 
 class ChannelChain(RecordPart):
@@ -56,8 +57,8 @@ class ChannelChain(RecordPart):
     """
 
     taus_s: tuple[Lag, ...]
-    zero_s: float = Field(default=0.0, gt=-600, lt=600)
-    delay_s: float = Field(default=0.0, ge=0, lt=60)
+    zero_s: float = Field(default=0.0, gt=-LONGEST_LAG_S, lt=LONGEST_LAG_S)
+    delay_s: Lag = 0.0
     pair: tuple[Positive, Positive] | None = None
     cement_s: Lag = 0.0
     lag_s: Estimate

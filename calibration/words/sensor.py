@@ -39,6 +39,8 @@ SENSOR: dict[str, Words] = {
     "end is extrapolated",
     "sensor.pair_difference": "{subject}: the traces tell the difference of the lags, {difference_s:.3g} +- {u_s:.2g} "
     "s, but hardly the lags themselves: the fluid changed too slowly for their ratio",
+    "sensor.pair_slower": "{subject} has a new value in {percent:.3g} % of the rows (every {interval_s:.3g} s on average) "
+    "and is repeated or blank in the others: only new values are used, as sampled at the time of their row",
     "sensor.pair_misfit": "{subject}: the two do not see one fluid through one lag each: what is left is {ratio:.2g} "
     "times the noise",
     "sensor.pair_flow": "{subject}: the lags change with the flow; the file holds those of {what}",

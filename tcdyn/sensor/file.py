@@ -20,6 +20,7 @@ from calibration.files.write import write_text
 from calibration.finding import Finding, graded, look, sentences
 from calibration.lines.static import StaticLine
 from calibration.record import (
+    LONGEST_LAG_S,
     ChannelChain,
     InputFile,
     RecordPart,
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
 OF_IDENTIFY = "tcdyn.identified/"
 SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}  # of the step, as VDI/VDE 3522 reports them
+MEASURED = ("plunge", "pair", "current", "noise")  # methods whose lag always has an uncertainty above zero
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
@@ -160,7 +162,14 @@ def sensor_file(
     """The file of the sensor in columns ``chains``: their lags' covariance (M, M) [s2] and how they divide (M,) [s].
 
     ``times``: those that a method found itself; by first order from the chain otherwise. ``more``: other fields.
+
+    Raises InputError for a lag whose uncertainty is not finite, or is zero where it was measured, and for a lag that no
+    file can hold.
     """
+    for (name, chain), variance in zip(chains.items(), np.diag(lag_covariance)):
+        if not np.isfinite(variance) or (variance <= 0 and method in MEASURED):
+            raise undetermined(name)
+        _check_longest(name, chain)
     u = np.sqrt(np.maximum(np.diag(lag_covariance), 0.0))
     rows = {
         name: ChannelChain(**chain.parameters, lag_s=Estimate.normal(chain.lag_s, own), split_u_s=float(split))
@@ -175,6 +184,23 @@ def sensor_file(
         sensor=sensor, method=method, columns=list(chains), chain=kept, conditioning=first.conditioning,
         times={n: dict(t) for n, t in found.items()}, **more,
     )  # fmt: skip
+
+
+def undetermined(column: str) -> InputError:
+    """The error of a record that leaves the uncertainty of a lag zero or undefined."""
+    return InputError(
+        f"the record does not determine the lag of {column}: its standard uncertainty is zero or undefined",
+        expected="noise and a changing temperature in enough rows", remedy="log a longer record, at full resolution",
+    )  # fmt: skip
+
+
+def _check_longest(name: str, chain: Chain) -> None:
+    """Raise InputError for a chain with a time that a file cannot hold."""
+    pair = chain.pair or (0.0, 0.0)
+    longest_s = max(*chain.taus_s, abs(chain.zero_s), chain.delay_s, chain.cement_s, *pair, 0.0)
+    if not longest_s < LONGEST_LAG_S:
+        expected = f"times below {LONGEST_LAG_S:g} s, about four months"
+        raise InputError(f"{name}: a time of {longest_s:.4g} s in its chain", expected=expected)
 
 
 def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> dict[str, Estimate]:
@@ -219,8 +245,8 @@ def stated(
             "a sensor needs a lag and a column", expected="taus_s=1.5, column=T1", parameters=("taus_s=1.5",)
         )
     for value, u in (*taus, delay_s):
-        if not (value == 0 or 1e-6 <= value < 600) or not 0 <= u < 600:
-            expected = "0, or a microsecond to 600 s, its uncertainty not negative"
+        if not (value == 0 or 1e-6 <= value < LONGEST_LAG_S) or not 0 <= u < LONGEST_LAG_S:
+            expected = f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative and less than that"
             raise InputError(f"a lag of {value:g} +- {u:g} s", expected=expected)
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
     u2, lesser = sum(u * u for _, u in (*taus, delay_s)), sum(u * u for _, u in (*taus[1:], delay_s))

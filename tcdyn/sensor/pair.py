@@ -20,16 +20,21 @@ from scipy.optimize import minimize
 from calibration import Array
 from calibration.errors import InputError
 from calibration.estimate import Estimate
-from calibration.finding import Finding, look
+from calibration.finding import Finding, look, note
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain
-from tcdyn.sensor.file import SensorFile, sensor_file
+from tcdyn.sensor.file import SensorFile, sensor_file, undetermined
+from tcdyn.sensor.intervals import Intervals, find_intervals, interval_residuals
+from tcdyn.sensor.updates import Updates, find_updates
 
 EXPONENT = (0.5, 0.1)  # of the lag of a thin wire with the speed: tau ~ speed^-n; a prior
 PER_LAG = 6.0  # samples in the shorter lag that the likelihood is given: more hold noise only
 BLOCKS, LEAST_ROWS = 40, 60
 STEP = 2e-3  # of the logarithm of a lag, for differences
 TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
+MIN_USABLE_SHARE = 0.5  # rows whose next row has values of both, too: beyond it rows beside a missing value are left out
+COMPLETE_SHARE = 0.98  # rows with a new value: a channel with fewer has its missing values eliminated
+ROWS_PER_LAG = 3.0  # rows in the shorter lag: with fewer the straight lines between rows bias it
 
 
 @dataclass(frozen=True)
@@ -37,7 +42,8 @@ class PairData:
     """Two traces (N,) [degC] every ``dt_s``, their noise [K], which rows belong together, the lags' factor at each row.
 
     ``piece`` (N,): number of the stretch of constant flow; ``log_speed`` (N,): log of speed over its median;
-    ``exponent``: prior of n, mean and standard deviation.
+    ``exponent``: prior of n, mean and standard deviation. ``intervals``: between rows with a new value of both
+    channels, where one channel has new values in some rows only; None where each row has both.
     """
 
     first: Array
@@ -48,6 +54,7 @@ class PairData:
     log_speed: Array
     pieces: int
     exponent: tuple[float, float]
+    intervals: Intervals | None = None
 
 
 def pair_sensor(
@@ -65,7 +72,9 @@ def pair_sensor(
     """Both lags, each of first order, from what two sensors in one fluid read.
 
     The lags are constant; or tau = tau_0 (speed/its median)^-n with n free about ``exponent``; or constant between
-    ``changes_s``, then the file holds those of the last stretch and ``fit`` all.
+    ``changes_s``, then the file holds those of the last stretch and ``fit`` all. Both columns of a row are taken as
+    sampled at one instant: a scanner that reads the second one later biases both lags by more than that time. A column
+    that is repeated or blank between new values is used at the rows of its new values.
 
     Args:
         time_s: (N,) even times [s].
@@ -79,50 +88,141 @@ def pair_sensor(
         The file of both columns. A look says where the traces tell only the difference of the lags.
 
     Raises:
-        InputError: shapes that differ, speeds that are not positive, a stretch of fewer than 60 rows, one trace twice.
+        InputError: shapes that differ, speeds that are not positive, a stretch of fewer than 60 rows, one trace twice,
+            new values of both in too few rows, or too seldom for the shorter lag.
     """
     dt = float(time_s[1] - time_s[0])
     edges = [-np.inf, *sorted(changes_s), np.inf]
     piece = np.digitize(time_s, edges[1:-1]).astype(np.intp)
     if speed is not None and changes_s:
         raise InputError("a speed and instants of change were both given", expected="one of them")
+    if not (abs(exponent[0]) <= 5 and 1e-3 <= exponent[1] <= 5):
+        expected = "0.5+-0.1 or the like: 5 at most, uncertain by 0.001 to 5"
+        raise InputError(f"an exponent of {exponent[0]:g} +- {exponent[1]:g}", expected=expected)
     log_speed = np.zeros(len(time_s))
     if speed is not None:
         if not np.all(np.nan_to_num(speed, nan=1.0) > 0):
             raise InputError("the speed is not above zero everywhere", expected="the speed of the flow, in any unit")
-        if not (abs(exponent[0]) <= 5 and 1e-3 <= exponent[1] <= 5):
-            expected = "0.5+-0.1 or the like: 5 at most, uncertain by 0.001 to 5"
-            raise InputError(f"an exponent of {exponent[0]:g} +- {exponent[1]:g}", expected=expected)
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
     for name, y in zip(columns, (first, second)):
         if (count := np.count_nonzero(np.isfinite(y))) < LEAST_ROWS:
             raise InputError(f"{name} holds {count} numbers", expected=f"at least {LEAST_ROWS}")
+    pieces = len(edges) - 1
     noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
-    if np.nanstd(first - second) < 1.05 * np.hypot(noise[0], noise[1]):
+    data = PairData(first, second, dt, (noise[0], noise[1]), piece, log_speed, pieces, exponent)
+    data, found = _with_new_values(data, columns)
+    noise = list(data.noise_K) if data.intervals is None else [min(data.noise_K)] * 2
+    if np.nanstd(data.first - data.second) < 1.05 * np.hypot(noise[0], noise[1]):
         raise InputError(
             f"{columns[0]} and {columns[1]} read the same within noise", expected="two sensors of different size"
         )
-    data = PairData(first, second, dt, (noise[0], noise[1]), piece, log_speed, len(edges) - 1, exponent)
     start = np.append(_start(data), [] if speed is None else exponent[0])
     for _ in range(2):
         size = max(int(np.exp(start[: 2 * data.pieces].min()) / PER_LAG / dt), 1)
         thin = averaged_rows(data, size)
-        counts = np.bincount(thin.piece, minlength=data.pieces)
-        if counts.min() < LEAST_ROWS:
+        if usable_rows(thin) < LEAST_ROWS:
             thin = data
-        if np.bincount(thin.piece, minlength=data.pieces).min() < LEAST_ROWS:
-            raise InputError(
-                f"a stretch of {counts.min()} rows", expected=f"at least {LEAST_ROWS} between changes of flow"
-            )
+        if (count := usable_rows(thin)) < LEAST_ROWS:
+            what = f"a stretch of {count} rows with new values of {columns[0]} and {columns[1]}"
+            raise InputError(what, expected=f"at least {LEAST_ROWS} between changes of flow")
         start = _least(thin, start)
+        if thin.intervals is not None:
+            thin = data = _with_fitted_noise(thin, start)
+            start = _least(thin, start)
+    shorter_s = float(np.exp(start[: 2 * data.pieces].min()))
+    if data.dt_s > dt and data.dt_s > shorter_s / ROWS_PER_LAG:
+        raise InputError(
+            f"{columns[0]} and {columns[1]} have a new value every {data.dt_s:.3g} s only (rows every {dt:.3g} s), the "
+            f"shorter lag is about {shorter_s:.2g} s", expected=f"a new value at least every {shorter_s / 3:.2g} s",
+            remedy="log both columns faster, at one rate",
+        )  # fmt: skip
     covariance, chi2 = _covariance(thin, start)
-    return _file(thin, start, covariance, chi2, columns, sensor, speed, changes_s, more)
+    if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
+        raise undetermined(", ".join(columns))
+    made = _file(thin, start, covariance, chi2, columns, sensor, speed, changes_s, more)
+    return made.model_copy(update={"findings": [*found, *made.findings]})
+
+
+def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
+    """The rows with new values of both channels, or the intervals between them; a finding of each slower channel.
+
+    Raises InputError where too few rows have a new value of both.
+    """
+    traces = (data.first, data.second)
+    updates = [find_updates(y) for y in traces]
+    finite = np.isfinite(data.first) & np.isfinite(data.second)
+    usable_share = float(np.mean(finite[1:] & finite[:-1]))
+    if not any(u.held for u in updates) and usable_share >= MIN_USABLE_SHARE:
+        return data, []
+    slower = [k for k, u in enumerate(updates) if u.share < COMPLETE_SHARE]
+    found: list[Finding] = []
+    for k in slower:
+        interval_s = data.dt_s / updates[k].share
+        percent = 100 * updates[k].share
+        found.append(note("sensor.pair_slower", subject=columns[k], percent=percent, interval_s=interval_s))
+    dense = updates[int(np.argmax([u.share for u in updates]))]
+    period = max(dense.period, 1)
+    rows = slice(dense.first if period > 1 else 0, None, period)
+    new = [u.new[rows] for u in updates]
+    first, second = (np.where(flags, y[rows], np.nan) for flags, y in zip(new, traces))
+    noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
+    data = replace(
+        data, first=first, second=second, dt_s=data.dt_s * period, noise_K=(noise[0], noise[1]),
+        piece=data.piece[rows], log_speed=data.log_speed[rows],
+    )  # fmt: skip
+    if min(float(np.mean(flags)) for flags in new) < COMPLETE_SHARE:
+        data = replace(data, intervals=find_intervals((new[0], new[1]), data.piece))
+    if usable_rows(data) < LEAST_ROWS:
+        raise _too_few(data, columns, updates)
+    return data, found
+
+
+def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates]) -> InputError:
+    """The error of a record whose channels have new values in different rows, or seldom."""
+    of_each = [f"{name} has a new value in {100 * u.share:.3g} % of the rows" for name, u in zip(columns, updates)]
+    return InputError(
+        f"{' and '.join(of_each)} (repeated or blank in the others); {usable_rows(data)} rows can be used",
+        expected=f"at least {LEAST_ROWS} rows with a new value of both in each stretch of constant flow",
+        remedy="log both columns at the same instants and at one rate, that of the slower one",
+    )
+
+
+def usable_rows(data: PairData) -> int:
+    """Rows that the fit can use, in the segment of constant flow that has the fewest."""
+    if data.intervals is not None:
+        segment = data.piece[data.intervals.start]
+    else:
+        finite = np.isfinite(data.first) & np.isfinite(data.second)
+        segment = data.piece[1:][finite[1:] & finite[:-1] & (data.piece[1:] == data.piece[:-1])]
+    return int(np.bincount(segment, minlength=data.pieces).min()) + 1
+
+
+def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
+    """The noise of the channel with fewer values such that the residuals have unit variance, if they have less.
+
+    Differences of values far apart hold the signal, too, and overstate the noise.
+    """
+    sparse = int(np.count_nonzero(np.isfinite(data.second)) < np.count_nonzero(np.isfinite(data.first)))
+
+    def with_noise(noise_K: float) -> PairData:
+        both = list(data.noise_K)
+        both[sparse] = noise_K
+        return replace(data, noise_K=(both[0], both[1]))
+
+    low, high = 1e-9, data.noise_K[sparse]
+    for _ in range(40):  # halvings of the logarithm
+        middle = float(np.sqrt(low * high))
+        if np.mean(whitened(with_noise(middle), theta) ** 2) > 1:
+            low = middle
+        else:
+            high = middle
+    return with_noise(high)
 
 
 def averaged_rows(data: PairData, size: int) -> PairData:
     """Means of ``size`` rows: what both sensors' lags make of one fluid they make of its means, too."""
-    if size < 2:
+    if size < 2 or data.intervals is not None:
         return data
     n = len(data.first) // size * size
 
@@ -143,10 +243,14 @@ def whitened(data: PairData, theta: Array) -> Array:
     are left out.
     """
     power = theta[2 * data.pieces :].sum()
+    if data.intervals is not None:
+        traces = np.stack([data.first, data.second])
+        lags = [_between_rows(data, theta, k, power) for k in (0, 1)]
+        before, after = 0.5 - np.stack(lags), 0.5 + np.stack(lags)
+        return interval_residuals(before, after, traces, data.noise_K, data.intervals)
     sides = []
     for k, y in enumerate((data.first, data.second)):
-        log_tau = theta[k : 2 * data.pieces : 2][data.piece] - power * data.log_speed
-        tau = np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
+        tau = _between_rows(data, theta, k, power)
         sides.append((0.5 - tau, 0.5 + tau, (0.5 - tau) * y[:-1] + (0.5 + tau) * y[1:]))
     (a1, b1, u1), (a2, b2, u2) = sides
     rest = u1 - u2
@@ -158,6 +262,12 @@ def whitened(data: PairData, theta: Array) -> Array:
     band[0], band[1, :-1] = own, np.where(use[1:] & use[:-1], next_, 0.0)
     factor = cholesky_banded(band, lower=True)  # V = L L': forward substitution with L makes the residuals white
     return solve_banded((1, 0), factor, np.where(use, rest, 0.0))
+
+
+def _between_rows(data: PairData, theta: Array, channel: int, power: float) -> Array:
+    """The lag (N - 1,) of a channel between rows, in rows."""
+    log_tau = theta[channel : 2 * data.pieces : 2][data.piece] - power * data.log_speed
+    return np.asarray(np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s)
 
 
 def _cost(data: PairData, theta: Array) -> float:
