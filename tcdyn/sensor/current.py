@@ -21,7 +21,7 @@ from calibration.finding import Finding, look, note
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain
 from tcdyn.fitting import Noise
-from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file
+from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file, undetermined
 from tcdyn.sensor.fits import Fitted, colour_of, fit_curve
 
 MODES = 14
@@ -257,5 +257,7 @@ def _of(values: Array, weights: Array) -> Estimate:
     mean = float(weights @ values)
     order = np.argsort(values)
     low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], values[order])
-    sd = max(float(np.sqrt(weights @ (values - mean) ** 2)), 1e-12)
+    sd = float(np.sqrt(weights @ (values - mean) ** 2))
+    if not 0 < sd < np.inf:  # all weight on one draw
+        raise undetermined()
     return Estimate(value=mean, u=sd, low95=float(low), high95=float(high))

@@ -186,12 +186,14 @@ def sensor_file(
     )  # fmt: skip
 
 
-def undetermined(column: str) -> InputError:
+def undetermined(column: str = "") -> InputError:
     """The error of a record that leaves the uncertainty of a lag zero or undefined."""
+    lag = f"the lag of {column}" if column else "the lag"
     return InputError(
-        f"the record does not determine the lag of {column}: its standard uncertainty is zero or undefined",
-        expected="noise and a changing temperature in enough rows", remedy="log a longer record, at full resolution",
-    )  # fmt: skip
+        f"the record does not determine {lag}: its standard uncertainty is zero or undefined",
+        expected="noise and a changing temperature in enough rows",
+        remedy="log a longer record, at full resolution",
+    )
 
 
 def _check_longest(name: str, chain: Chain) -> None:

@@ -12,6 +12,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate, mixture_range
 from calibration.finding import Finding, look, note
 from tcdyn.fitting import Noise, Optimum, Problem, Status, fit_ar, minimise
+from tcdyn.sensor.file import undetermined
 
 Model = Callable[[Array], Array | None]
 STEP = 1e-5  # of a parameter's scale, for differences
@@ -126,6 +127,8 @@ def weights_of(bic: Array, prior: Array | float = 1.0) -> Array:
 def averaged(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
     """The estimate of a quantity over structures: mean, standard deviation and 95 % range of the mixture."""
     v, u = np.asarray(values, dtype=float), np.asarray(us, dtype=float)
+    if not (np.all(np.isfinite(v)) and np.all(np.isfinite(u))):
+        raise undetermined()
     mean = float(weights @ v)
     sd = float(np.sqrt(weights @ (u**2 + (v - mean) ** 2)))
     low, high = mixture_range([Estimate.normal(a, max(b, 1e-12)) for a, b in zip(v, u)], weights.tolist())

@@ -16,7 +16,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
 from tcdyn.chain import Chain
-from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file
+from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensor.fits import averaged, weights_of
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
@@ -66,6 +66,8 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
         here, slopes = _quantities(theta[2:]), approx_fprime(theta[2:], _quantities, 1e-4)
         values.append(here)
         variance = np.einsum("ik,kl,il->i", slopes, cov[2:, 2:], slopes)
+        if not variance[0] > 0:
+            raise undetermined(column)
         us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * here) ** 2))
     if us[1][0] > values[1][0]:
         weights = np.array([1.0, 0.0])

@@ -32,7 +32,7 @@ PER_LAG = 6.0  # samples in the shorter lag that the likelihood is given: more h
 BLOCKS, LEAST_ROWS = 40, 60
 STEP = 2e-3  # of the logarithm of a lag, for differences
 TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
-MIN_USABLE_SHARE = 0.5  # rows whose next row has values of both, too: beyond it rows beside a missing value are left out
+MIN_USABLE_SHARE = 0.5  # steps with values of both at either end: above it, the others are left out and not bridged
 COMPLETE_SHARE = 0.98  # rows with a new value: a channel with fewer has its missing values eliminated
 ROWS_PER_LAG = 3.0  # rows in the shorter lag: with fewer the straight lines between rows bias it
 
@@ -119,12 +119,13 @@ def pair_sensor(
         )
     start = np.append(_start(data), [] if speed is None else exponent[0])
     for _ in range(2):
-        size = max(int(np.exp(start[: 2 * data.pieces].min()) / PER_LAG / dt), 1)
+        size = max(int(np.exp(start[: 2 * data.pieces].min()) / PER_LAG / data.dt_s), 1)
         thin = averaged_rows(data, size)
         if usable_rows(thin) < LEAST_ROWS:
             thin = data
-        if (count := usable_rows(thin)) < LEAST_ROWS:
-            what = f"a stretch of {count} rows with new values of {columns[0]} and {columns[1]}"
+        usable = usable_rows(thin)
+        if usable < LEAST_ROWS:
+            what = f"a stretch of {usable} rows with new values of {columns[0]} and {columns[1]}"
             raise InputError(what, expected=f"at least {LEAST_ROWS} between changes of flow")
         start = _least(thin, start)
         if thin.intervals is not None:
@@ -134,9 +135,10 @@ def pair_sensor(
     if data.dt_s > dt and data.dt_s > shorter_s / ROWS_PER_LAG:
         raise InputError(
             f"{columns[0]} and {columns[1]} have a new value every {data.dt_s:.3g} s only (rows every {dt:.3g} s), the "
-            f"shorter lag is about {shorter_s:.2g} s", expected=f"a new value at least every {shorter_s / 3:.2g} s",
+            f"shorter lag is about {shorter_s:.2g} s",
+            expected=f"a new value at least every {shorter_s / ROWS_PER_LAG:.2g} s",
             remedy="log both columns faster, at one rate",
-        )  # fmt: skip
+        )
     covariance, chi2 = _covariance(thin, start)
     if not (np.all(np.isfinite(covariance)) and np.all(np.diag(covariance) > 0)):
         raise undetermined(", ".join(columns))
@@ -166,30 +168,34 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
     rows = slice(dense.first if period > 1 else 0, None, period)
     new = [u.new[rows] for u in updates]
     first, second = (np.where(flags, y[rows], np.nan) for flags, y in zip(new, traces))
-    noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
     data = replace(
-        data, first=first, second=second, dt_s=data.dt_s * period, noise_K=(noise[0], noise[1]),
-        piece=data.piece[rows], log_speed=data.log_speed[rows],
-    )  # fmt: skip
+        data,
+        first=first,
+        second=second,
+        dt_s=data.dt_s * period,
+        piece=data.piece[rows],
+        log_speed=data.log_speed[rows],
+    )
     if min(float(np.mean(flags)) for flags in new) < COMPLETE_SHARE:
         data = replace(data, intervals=find_intervals((new[0], new[1]), data.piece))
     if usable_rows(data) < LEAST_ROWS:
         raise _too_few(data, columns, updates)
-    return data, found
+    noise = [max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9) for y in (first, second)]
+    return replace(data, noise_K=(noise[0], noise[1])), found
 
 
 def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates]) -> InputError:
     """The error of a record whose channels have new values in different rows, or seldom."""
     of_each = [f"{name} has a new value in {100 * u.share:.3g} % of the rows" for name, u in zip(columns, updates)]
     return InputError(
-        f"{' and '.join(of_each)} (repeated or blank in the others); {usable_rows(data)} rows can be used",
+        f"{' and '.join(of_each)} (repeated or blank in the others); {usable_rows(data) - 1} rows can be used",
         expected=f"at least {LEAST_ROWS} rows with a new value of both in each stretch of constant flow",
         remedy="log both columns at the same instants and at one rate, that of the slower one",
     )
 
 
 def usable_rows(data: PairData) -> int:
-    """Rows that the fit can use, in the segment of constant flow that has the fewest."""
+    """Rows that the fit can use, their first one included, in the segment of constant flow that has the fewest."""
     if data.intervals is not None:
         segment = data.piece[data.intervals.start]
     else:

@@ -11,7 +11,7 @@ import numpy as np
 from calibration import Array
 from calibration.disk import Conditioning
 from calibration.errors import InputError
-from calibration.finding import look
+from calibration.finding import Finding, look
 from calibration.noise import white_noise_sd
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.fitting import Noise
@@ -23,6 +23,9 @@ MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
 LEAST_STEP_NOISES = 20.0
 BEFORE, AFTER = 0.5, 12.0  # of the time to 63 %: how much of the record is fitted on either side of the entry
 LEAST = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)  # the least lag, as shares of the time to 63 %
+CONFLICT_U = 3.0  # standard uncertainties between specified and observed entry: by chance in 0.3 % of records
+SHORTEST_ROW_S = 1e-7  # a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit
+MIN_SHIFT_U = 0.05  # of the specified u: below it the fit's own convergence decides how far the entry moves
 RESOLVED = 0.4  # a second lag is told from none where its standard uncertainty is less of it
 
 
@@ -70,6 +73,9 @@ def plunge_sensor(
         InputError: no step beyond the noise, one that is cut off, or fewer than 30 samples of it.
     """
     dt, last = float(time_s[1] - time_s[0]), float(time_s[-1] - time_s[0])
+    if not dt >= SHORTEST_ROW_S:
+        what = f"rows every {dt:.3g} s"
+        raise InputError(what, expected=f"at least {SHORTEST_ROW_S:g} s", remedy="give the time in seconds")
     if not (0 <= medium_s[0] <= last and 0 <= medium_s[1] <= last):
         what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
         raise InputError(what, expected=f"0 to {last:g} s, the record's length")
@@ -79,7 +85,7 @@ def plunge_sensor(
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
     t, y = np.arange(step.last - step.first) * dt, y_degC[step.first : step.last]
     begun, at = float(time_s[step.first]), step.entry_s - step.first * dt
-    known = None if entry_s is None else (entry_s[0] - begun, max(entry_s[1], 1e-6))
+    known = None if entry_s is None else (entry_s[0] - begun, max(entry_s[1], _exact_s(dt)))
     fits, least, weights = _family(
         _Record(np.asarray(t, dtype=np.float64), y, dt, step, at, known, medium_s, conditioning)
     )
@@ -95,6 +101,12 @@ def plunge_sensor(
     lesser, lag, *times = (averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us)))
     chain = Chain(_lags(best.optimum.theta, least[top]), conditioning=conditioning)
     found = best.doubts(column, _white_K(y), 0.005 * abs(step.size_K))
+    if entry_s is not None:
+        entry_u = float(np.sqrt(best.optimum.covariance[1, 1]))
+        specified_s = (entry_s[0], max(entry_s[1], _exact_s(dt)))
+        found += _entry_conflict(column, specified_s, best.theta["entry_s"] + begun, entry_u)
+    if dt > lag.value:
+        found.append(look("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
     if (after := len(y) * dt - at) < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
     fit = {
@@ -107,6 +119,45 @@ def plunge_sensor(
         sensor, {column: chain}, "plunge", np.array([[lag_u**2]]), [min(lesser.u, lag.value)],
         times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
     )  # fmt: skip
+
+
+def _entry_conflict(column: str, specified_s: tuple[float, float], fitted_s: float, fitted_u_s: float) -> list[Finding]:
+    """A warning if the data contradict a specified entry instant.
+
+    Parameters
+    ----------
+    column : str
+        The sensor's column.
+    specified_s : tuple of float
+        Entry instant and its standard uncertainty, before the fit [s].
+    fitted_s, fitted_u_s : float
+        The same after the fit [s].
+
+    Returns
+    -------
+    list of Finding
+        Empty, or one warning.
+
+    Notes
+    -----
+    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 - u_fitted^2) equals the
+    difference of what the data alone give and the prior, over the standard uncertainty of that difference (Box 1980,
+    J. R. Stat. Soc. A 143, 383: prior predictive check).
+    """
+    shift_s = fitted_s - specified_s[0]
+    least_u_s = MIN_SHIFT_U * specified_s[1]
+    shift_u_s = max(float(np.sqrt(max(specified_s[1] ** 2 - fitted_u_s**2, 0.0))), least_u_s)
+    if abs(shift_s) <= CONFLICT_U * shift_u_s:
+        return []
+    conflict = look(
+        "sensor.entry_conflict",
+        subject=column,
+        specified_s=specified_s[0],
+        specified_u_s=specified_s[1],
+        fitted_s=fitted_s,
+        ratio=abs(shift_s) / shift_u_s,
+    )
+    return [conflict]
 
 
 def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
@@ -147,6 +198,11 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
     first = max(start - max(int(BEFORE * AFTER * rise), 20), 0)
     last = min(start + max(int(AFTER * rise), 30), len(y))
     return Stepped(first, last, start * dt_s, size, rise * dt_s, before)
+
+
+def _exact_s(dt_s: float) -> float:
+    """The standard uncertainty of a time that was specified as exact, and no more than that of a quick record [s]."""
+    return min(1e-6, 1e-3 * dt_s)
 
 
 def _white_K(y: Array) -> float:
@@ -190,22 +246,31 @@ def _on_grid(record: _Record, noise: tuple[Noise, float]) -> tuple[list[Fitted],
     """The same on noise of one colour and level [K]."""
     fits, least, prior = list[Fitted](), list[float](), list[float]()
     step, own = record.step, record.own_s
-    head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(record.medium_s[0], 1e-4)]
+    head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(record.medium_s[0], min(1e-4, 0.1 * record.dt_s))]
     for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
         start = _fitted(record, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
         near = start.theta
         if np.any(np.sqrt(np.diag(start.covariance)[6:]) > RESOLVED * near[6:]):
             continue
-        shortest = _lags(near, 0.0)[-1]
+        lags = _lags(near, 0.0)
+        if not lags:
+            continue
+        shortest = lags[-1]
         grid = [0.0, *(share * own for share in LEAST if share * own <= shortest)]
         for extra in grid:
             fit = _fitted(record, extra, near, noise)
-            if extra > min(fit.optimum.theta[5:]):
+            if extra > min(fit.optimum.theta[5:]) or not _lags(fit.optimum.theta, extra):
                 break
             near = fit.optimum.theta
             fits.append(fit)
             least.append(extra)
             prior.append(0.5 if extra == 0 else 0.5 / max(len(grid) - 1, 1))
+    if not fits:
+        raise InputError(
+            f"the reading follows the step within one row of {record.dt_s:.3g} s: no lag can be told",
+            expected="several rows in a lag",
+            remedy="log faster; or the medium's lag, which was specified, explains all of the response",
+        )
     return fits, least, weights_of(np.array([f.bic for f in fits]), np.array(prior))
 
 
@@ -223,7 +288,7 @@ def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, flo
         chain = Chain([*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning)
         return theta[0] + theta[2] * chain.response(ones, dt, "zoh", "zero") + theta[3] * (t - span / 2)
 
-    prior = {"medium_s": (medium[0], max(medium[1], 1e-6))} | (
+    prior = {"medium_s": (medium[0], max(medium[1], _exact_s(dt)))} | (
         {} if record.known is None else {"entry_s": record.known}
     )
     names = ["level", "entry_s", "size", "drift", "medium_s", *(f"tau{k + 1}_s" for k in range(count))]

@@ -108,11 +108,11 @@ def _repeats_exceed_quantisation(change: Array, moved: Flags) -> bool:
         return False
     step = float(np.min(change[moved]))
     large = change[:-1] > LARGE_CHANGE_STEPS * step
-    count = np.count_nonzero(large)
+    count = int(np.count_nonzero(large))
     following = change[1:][large]
     following_moved = moved[1:][large]
-    repeats = count - np.count_nonzero(following_moved)
-    one_step = 0.5 * np.count_nonzero(following_moved & (following < 1.5 * step))
+    repeats = float(count - np.count_nonzero(following_moved))
+    one_step = 0.5 * float(np.count_nonzero(following_moved & (following < 1.5 * step)))
     return repeats > max(MIN_REPEATS, MIN_REPEAT_SHARE * count, REPEAT_EXCESS * one_step)
 
 
