@@ -36,8 +36,8 @@ SENSOR: dict[str, Words] = {
     "sensor.misfit": "{subject}: the fit leaves {rms_K:.2g} K rms where the noise is {noise_K:.2g} K: the surroundings "
     "did not make one clean step, or the sensor is no chain of lags",
     "sensor.entry_conflict": "{subject}: the entry was specified as {specified_s:.5g} +- {specified_u_s:.2g} s, but "
-    "the response fits an entry at {fitted_s:.5g} s ({ratio:.2g} standard uncertainties): the specified instant is wrong, "
-    "or there is a dead time, which the model does not have; the lag holds for the fitted entry",
+    "the response fits an entry at {fitted_s:.5g} s ({ratio:.2g} standard uncertainties): the specified instant is "
+    "wrong, or there is a dead time, which the model does not have; the lag holds for the fitted entry",
     "sensor.cut_off": "{subject}: the record ends {after_s:.3g} s after the step, for a lag of {lag_s:.3g} s: its "
     "end is extrapolated",
     "sensor.pair_difference": "{subject}: the traces tell the difference of the lags, {difference_s:.3g} +- {u_s:.2g} "
