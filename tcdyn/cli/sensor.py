@@ -185,6 +185,9 @@ def pair(
 ) -> None:
     """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
 
+    Both columns of a row are taken as sampled at one instant. A column that is repeated or blank between new values is
+    used at its new values.
+
     Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
     """
     from tcdyn.sensor.pair import pair_sensor

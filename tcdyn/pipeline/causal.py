@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, whole_u
+from calibration.record import LONGEST_LAG_S
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
@@ -25,6 +26,10 @@ from tcdyn.traces import DiskChannels
 Array = NDArray[np.float64]
 CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
 TOLD_GAP_S, LONGEST_GAP_S = 1.0, 60.0  # told; beyond which nothing is known any more
+LONGEST_BEHIND_S = 60.0  # at any rate
+GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
+RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
+MAX_HELD_ROWS = 4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
 COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 
@@ -42,10 +47,10 @@ class Settings:
     learn_s: float = 5.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.behind_s <= 60 or not 0 < self.learn_s <= 600:
+        if not 0 <= self.behind_s < LONGEST_LAG_S or not 0 < self.learn_s < LONGEST_LAG_S:
             raise InputError(
                 f"behind_s {self.behind_s:g}, learn_s {self.learn_s:g}",
-                expected="0 to 60 s behind, and more than 0 and at most 600 s to learn from",
+                expected=f"at least 0 s behind, more than 0 s to learn from, both below {LONGEST_LAG_S:g} s",
             )
         for name, value in (("noise_K", self.noise_K), ("intensity_K2_s3", self.intensity_K2_s3)):
             if value is not None and not 0 < value < np.inf:
@@ -140,6 +145,14 @@ class Causal:
         if level is None:
             corner = CORNER_LAGS / np.array([max(c.lag_s, dt) for c in chains])
             level = np.hypot(after, before) ** 2 * dt * corner**4 * (1 + CORNER_LAGS**2)
+        longest_behind_s = max(LONGEST_BEHIND_S, MAX_HELD_ROWS * dt)
+        if settings.behind_s > longest_behind_s:
+            what = f"behind_s {settings.behind_s:g} with rows every {dt:.3g} s"
+            raise InputError(what, expected=f"at most {longest_behind_s:g} s", parameters=("behind_s",))
+        delay_s = max(c.delay_s for c in chains)
+        if delay_s > longest_behind_s:
+            what = f"a dead time of {delay_s:g} s with rows every {dt:.3g} s: rows would wait for too long"
+            raise InputError(what, expected=f"at most {longest_behind_s:g} s", remedy="use `tcdyn compensate`")
         engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
         return cls(
             tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)),
@@ -190,15 +203,16 @@ class Causal:
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
 
-        Beyond a gap of a minute nothing is known any more: what still waits is handed out, the smoother starts anew.
+        Beyond a gap of a minute, of a lag or of ten rows nothing is known any more: what still waits is handed out, the
+        smoother starts anew.
         """
         rows = np.asarray(rows, dtype=float)
         time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
         before = np.fmax.accumulate(np.concatenate([[state.last_time_s], time]))
         rising = time > before[:-1]
         step = np.where(rising & np.isfinite(before[:-1]), time - before[:-1], 0.0)
-        gap = step > TOLD_GAP_S
-        if far := np.flatnonzero(step > LONGEST_GAP_S).tolist():
+        gap = step > max(TOLD_GAP_S, GAP_ROWS * self.dt_s)
+        if far := np.flatnonzero(step > self._longest_gap_s).tolist():
             state, first = self.advance(state, rows[: far[0]])
             fresh = replace(self.start(self._first(rows[far[0] :], state)), **{k: getattr(state, k) for k in COUNTS})
             fresh = replace(fresh, gaps=fresh.gaps + 1, longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])))
@@ -212,6 +226,12 @@ class Causal:
             gaps=state.gaps + int(np.count_nonzero(gap)), longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
         )  # fmt: skip
         return self._taken(state, even)
+
+    @property
+    def _longest_gap_s(self) -> float:
+        """The gap beyond which the smoother starts anew [s]."""
+        lag_s = min(max(c.lag_s for c in self.chains), MAX_HELD_ROWS * self.dt_s)
+        return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
 
     def rest(self, state: CausalState) -> Array:
         """The rows (k, output columns) that still wait when no more come, by what is known of them."""

@@ -218,9 +218,10 @@ def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[floa
     """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
     so many."""
     begun, last = 0, np.nan
+    longest_gap_s = max(LONGEST_GAP_S, 0.1 * learn_s)  # at least 17 rows are learnt from: more than a regular step
     for i, row in enumerate(rows):
         now = row[at]
-        if not 0 <= now - last <= LONGEST_GAP_S and np.isfinite(now):
+        if not 0 <= now - last <= longest_gap_s and np.isfinite(now):
             begun = i
         if now - rows[begun][at] >= learn_s:
             return rows[begun : i + (now - rows[begun][at] == learn_s)]

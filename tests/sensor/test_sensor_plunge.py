@@ -76,6 +76,35 @@ def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> N
     assert wrong.chain.channels["T1"].lag_s.value > 1.75  # the medium's lag taken for the sensor's
 
 
+@pytest.mark.parametrize("specified_u_s", [0.1, 0.3])
+def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_instants(specified_u_s: float) -> None:
+    """A dead time of 3 s, or an instant that is 3 s early: 10 to 30 times its standard uncertainty."""
+    t, y, entry = plunged((4.0, 0.5), 0.1, 600, 0.1, 5)
+    made = plunge_sensor(t, y, "T1", entry_s=(entry - 3.0, specified_u_s))
+    (conflict,) = [f for f in made.findings if f.code == "sensor.entry_conflict"]
+    assert conflict.grade.value == "look"
+    assert conflict.numbers["specified_s"] == pytest.approx(entry - 3.0)
+    assert conflict.numbers["fitted_s"] > entry - 3.0 + 3 * specified_u_s
+    assert "dead time" in conflict.sentence
+
+
+@pytest.mark.parametrize("specified_u_s", [0.0, 0.001, 0.02, 0.2])
+def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> None:
+    """Off by its own standard uncertainty at most; a medium as specified."""
+    for seed in range(3):
+        t, y, entry = plunged((1.5, 0.3), 0.05, 500, 0.1, seed)
+        off = specified_u_s * (seed - 1)
+        made = plunge_sensor(t, y, "T1", entry_s=(entry + off, specified_u_s))
+        assert "sensor.entry_conflict" not in {f.code for f in made.findings}
+
+
+@pytest.mark.parametrize(("dt_s", "slow"), [(0.05, False), (4.0, True)])
+def test_rows_slower_than_the_lag_are_a_warning(dt_s: float, slow: bool) -> None:
+    t, y, _ = plunged((1.5,), dt_s, 500, 0.05, 4)
+    made = plunge_sensor(t, y, "T1")
+    assert ("sensor.slow" in {f.code for f in made.findings}) == slow
+
+
 def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
     t, y, _ = plunged((1.5,), 0.05, 500, 0.1, 2)
     with pytest.raises(InputError, match="no step"):
