@@ -160,7 +160,7 @@ def plunge(
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
         medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
     )  # fmt: skip
-    to.finish(with_findings(made, found), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
 @app.command()
@@ -200,7 +200,7 @@ def pair(
         t, values[0], values[1], (names[0], names[1]), sensor=to.called, speed=values[2] if speed else None,
         changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
     )  # fmt: skip
-    to.finish(with_findings(made, found), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
 @app.command()
@@ -225,7 +225,7 @@ def current(
 
     t, values, found, names = read(log, [column], reading, (current,))
     made = current_sensor(t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)])
-    to.finish(with_findings(made, found), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
 @app.command()
@@ -246,7 +246,7 @@ def noise(
 
     t, values, found, names = read(log, [column], reading)
     made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
-    to.finish(with_findings(made, found), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
 def read(
@@ -280,8 +280,13 @@ def source(log: Path) -> InputFile:
     return InputFile(file=log.name, sha256=sha256(log))
 
 
-def with_findings(sensor: SensorFile, found: list[Finding]) -> SensorFile:
-    """The sensor with what was noticed while reading before what the fit noticed."""
+def with_findings(sensor: SensorFile, found: list[Finding], duration_s: float) -> SensorFile:
+    """The sensor with the findings of the reader before those of the fit, and a warning for each lag whose standard
+    uncertainty exceeds ``duration_s`` of the record [s]."""
+    from calibration.finding import look
     from tcdyn.sensor.table import once_each
 
+    for column, channel in sensor.chain.channels.items():
+        if channel.lag_s.u > duration_s:
+            found.append(look("sensor.undetermined", subject=column, u_s=channel.lag_s.u, duration_s=duration_s))
     return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
