@@ -37,6 +37,7 @@ from tcdyn.partition.joint import JOINT_WINDOW_S, disk_side, joint_problem
 from tcdyn.partition.statement.surface import with_surfaces
 from tcdyn.partition.steady import at_own_temperature
 from tcdyn.partition.uneven import UNKNOWN
+from tcdyn.threads import one_blas_thread
 from tcdyn.traces import DiskTraces
 
 COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
@@ -155,6 +156,7 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
     return tuple(PlannedTest(f"test {i}", **row) for i, row in enumerate(rows, 1))
 
 
+@one_blas_thread
 def predict_campaign(plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None) -> PlannedCampaign:
     """Expected uncertainties of all planned tests together on the rig with the junctions of rig.toml."""
     kept = [planned_test(one, rig, logging or Logging()) for one in plan]

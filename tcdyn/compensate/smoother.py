@@ -22,12 +22,14 @@ from tcdyn.compensate.pieces import FINE, corner_rad_s
 from tcdyn.compensate.record import SPIKE, Compensated, Stretch, stretch_of
 from tcdyn.compensate.states import Smoothed, all_cells, smoothed
 from tcdyn.compensate.sweep import swept
+from tcdyn.threads import one_blas_thread
 
 FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 DIFFERENCE = 4.0  # longer cells than an answer's tell what two answers differ by
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
 
 
+@one_blas_thread
 def smooth(
     y: ArrayLike | Stretch,
     dt_s: float,
@@ -150,6 +152,7 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     return half
 
 
+@one_blas_thread
 def deconvolve(
     y: ArrayLike,
     dt_s: float,
@@ -191,6 +194,7 @@ def deconvolve(
     return replace(result, method=f"regularised deconvolution, weight by {criterion}"), tradeoff
 
 
+@one_blas_thread
 def window_covariance(
     y: ArrayLike, dt_s: float, chain: Chain, result: Compensated, channel: int, first: int, last: int
 ) -> Array:

@@ -15,6 +15,7 @@ from calibration.rig import UncertaintyTable
 from tcdyn.design import PredictedTest, combined
 from tcdyn.design.plans import PlungePlan, StepPlan, TouchPlan, predict_plunges, predict_step, predict_touches
 from tcdyn.plunge import PlungePriors
+from tcdyn.threads import one_blas_thread
 
 LEAST_OWN_LAG_S = 0.01
 COMMON = (0.05, 0.15)  # u of the common lag over the lag: below the first it is told well, below the second roughly
@@ -150,6 +151,7 @@ class Design(Result):
         return self.table()[["test", "u_common_s", "u_differential_s"]]
 
 
+@one_blas_thread
 def compare_tests(
     setup: DiskSetup,
     plunges: Sequence[PlungePlan],

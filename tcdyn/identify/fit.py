@@ -33,6 +33,7 @@ from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.search import Fit, beyond, criteria, diverse, first_moment, ordered, pose, rms, search
 from tcdyn.identify.start import alone, polished, starts
 from tcdyn.identify.validate import coloured, disturbed, undriven, validate
+from tcdyn.threads import one_blas_thread
 
 Intervals = Literal["auto", "quadratic", "profile"]
 
@@ -72,7 +73,26 @@ def fit(
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)
     0.13
     """
-    structure = as_model(model)
+    with one_blas_thread:
+        return _fitted(
+            data, as_model(model), initial, noise, baseline, loss, covariance, intervals, start, check, input_noise
+        )
+
+
+def _fitted(
+    data: IOData,
+    structure: Model,
+    initial: Initial,
+    noise: tuple[int, int] | NoiseName,
+    baseline: Baseline,
+    loss: Loss,
+    covariance: Covariance,
+    intervals: Intervals,
+    start: Mapping[str, float] | Sequence[Mapping[str, float]] | None,
+    check: bool,
+    input_noise: float | Literal["auto"],
+) -> Fit:
+    """The fit, with the arguments of ``fit``."""
     problem = pose(data, structure, initial, input_noise)
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
         raise InputError(f"{structure.name} has the noise of its own poles", remedy="leave noise and baseline out")

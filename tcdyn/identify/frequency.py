@@ -23,6 +23,7 @@ from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import beyond, criteria
 from tcdyn.identify.start import from_poles, spread, stabilised
 from tcdyn.identify.validate import ALARM
+from tcdyn.threads import one_blas_thread
 
 DELAYS, TAUS, ROUNDS, TRIED = 13, 9, 10, 4
 WEIGHED, LEAST = 4, 0.1  # rounds of uncertainties that go with the model's magnitude, and its least part of the data's
@@ -135,7 +136,12 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     >>> round(fit_response(Response(f, h), "P1D").theta["Tp1"], 6)
     1.5
     """
-    structure = as_model(model)
+    with one_blas_thread:
+        return _fitted_response(data, as_model(model))
+
+
+def _fitted_response(data: Response, structure: Model) -> Identified:
+    """The fit, with the arguments of ``fit_response``."""
     if structure.parts or structure.arx:
         raise InputError(f"{structure.name} with a frequency response", expected="one input, and no noise model")
     freedom = 2 * len(data.frequency_Hz) - len(structure.free)

@@ -19,6 +19,7 @@ from calibration.result import jsonable
 from tcdyn.fitting import correlation_length
 from tcdyn.identify.data import IOData
 from tcdyn.identify.level import LevelLag, level_lag
+from tcdyn.threads import one_blas_thread
 
 STEP, DRAWS = 1e-5, 200  # of a weight, for slopes; of the bootstrap
 
@@ -257,6 +258,7 @@ def percent(y: Array, model: Array) -> float:
     return 100 * (1 - float(np.linalg.norm((y - model)[ok]) / np.linalg.norm(y[ok] - y[ok].mean())))
 
 
+@one_blas_thread
 def temperature_dependence(
     data: IOData, *, lags: int = 3, dead_samples: int = 0, held_out: float = 0.3
 ) -> TemperatureDependence:

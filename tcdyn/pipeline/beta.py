@@ -41,6 +41,7 @@ from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
 from tcdyn.pipeline.tables import beta_file, ways_table
+from tcdyn.threads import one_blas_thread
 from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
@@ -62,6 +63,7 @@ class BetaRun(Result):
     def __repr__(self) -> str:
         return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
 
+    @one_blas_thread
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
         of = self.log.path.stem, self.rig_sha256, self.partition
@@ -216,6 +218,7 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     return (look if why else note)("channel.left_out", subject=name, why=why or "as asked for", **cost)
 
 
+@one_blas_thread
 def estimate_beta(
     log: str | Path,
     rig: Rig | None,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, once
 from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, static_u, unit_lines
@@ -24,6 +25,7 @@ from tcdyn.plunge import PlungePriors
 from tcdyn.plunge.fit import identify_plunges, moved_lines, with_structure_doubt
 from tcdyn.plunge.result import COLOURED, PlungeFit
 from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
+from tcdyn.threads import one_blas_thread
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
 REST_CLEAR_S, REST_SAMPLES, REST_U_K = 0.5, 20, 0.07  # before an entry: kept clear of it, fewest, how alike a disk is
@@ -59,6 +61,7 @@ class CalibrationRun(Result):
         return self.record.card()
 
 
+@one_blas_thread
 def calibrate_disk(
     rig: Rig,
     disk: str,
@@ -74,12 +77,13 @@ def calibrate_disk(
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
-    ``disk``: "fast" or "slow" (or another name, for a disk that is not in the rig); ``fluids``: one name or table
-    for all plunges, or one for each; ``prt_u_degC``: of each reading of the oven's PRT against itself, where that was
-    stated apart from its certificate (in the rig's [traceability], common to all; their scatter tells the rest);
-    ``line_u_K``: without an oven log, standard uncertainty of a reading as it was logged. Raises InputError with file
-    and place for anything that cannot be used.
+    ``disk``: "fast" or "slow"; ``fluids``: one name or table for all plunges, or one for each; ``prt_u_degC``: of each
+    reading of the oven's PRT against itself, where that was stated apart from its certificate (in the rig's
+    [traceability], common to all; their scatter tells the rest); ``line_u_K``: without an oven log, standard
+    uncertainty of a reading as it was logged. Raises InputError with file and place for anything that cannot be used.
     """
+    if disk not in DISKS:
+        raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
     if len(fluids) not in (1, len(immersion)):
         raise InputError(
             f"{len(fluids)} fluids for {len(immersion)} plunge(s)",

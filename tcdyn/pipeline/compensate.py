@@ -32,6 +32,7 @@ from tcdyn.partition.steady import at_one_radius
 from tcdyn.pipeline.beta import prepare
 from tcdyn.pipeline.stretches import Stretches, Way, columns_of, one_disk, with_lag
 from tcdyn.sensor.table import once_each
+from tcdyn.threads import one_blas_thread
 from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
@@ -119,6 +120,7 @@ class CompensatedLog(Result):
         return interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
+@one_blas_thread
 def compensate_log(
     log: str | Path,
     records: Mapping[str, DiskRecord],

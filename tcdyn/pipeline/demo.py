@@ -24,6 +24,7 @@ from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
 from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
+from tcdyn.threads import one_blas_thread
 
 AFTER_S = 5.0
 Stage = Callable[[Path, Rig, Mapping[str, DiskRecord], Path], CompensatedLog | BetaRun]
@@ -61,6 +62,7 @@ class DemoRun(Result):
         return pd.DataFrame(rows)
 
 
+@one_blas_thread
 def run_demo(
     out: str | Path,
     seed: int = 1,

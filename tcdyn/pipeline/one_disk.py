@@ -25,6 +25,7 @@ from tcdyn.partition.one_disk import WAYS, OneDisk, analyse_one
 from tcdyn.pipeline.bearing import BearingFile
 from tcdyn.pipeline.beta import prepare, without_lost
 from tcdyn.pipeline.tables import NOTHING, SCHEMA, junctions, way_row
+from tcdyn.threads import one_blas_thread
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,7 @@ def ways_of(p: OneDisk) -> pd.DataFrame:
     return pd.DataFrame(rows).drop(columns="exponent n [1]")
 
 
+@one_blas_thread
 def estimate_one_disk(
     log: str | Path,
     rig: Rig | None,

@@ -28,6 +28,7 @@ from tcdyn.compensate.smoother import smooth
 from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.table import EvenTimes, Part, on_grid, once_each, open_source, parts, places
 from tcdyn.sensor.units import Unit, cold_column, doubtful, matching, units_of
+from tcdyn.threads import one_blas_thread
 
 MOST_VALUES, MOST_COLUMNS = 400_000, 8  # smoothed at once: an event of one column is weighed in all of them
 TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
@@ -95,6 +96,7 @@ class CompensatedTable(Result):
         }  # fmt: skip
 
 
+@one_blas_thread
 def compensate_table(
     log: str | Path,
     sensors: Sequence[SensorFile],

@@ -22,6 +22,7 @@ from immersion.events import EntryEvent, find_entry
 from immersion.radial import Reading, plunge_grid
 from tcdyn.fitting import Problem, minimise
 from tcdyn.plunge.run import block_sd, inflation, make_averages, without_spikes
+from tcdyn.threads import one_blas_thread
 
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
@@ -92,6 +93,7 @@ class HoleComparison(Result):
         )
 
 
+@one_blas_thread
 def compare_holes(
     frame: pd.DataFrame,
     *,

@@ -23,6 +23,7 @@ from tcdyn.chain import Chain
 from tcdyn.fitting import Noise
 from tcdyn.sensor.file import SHARES, SensorFile, passes, sensor_file, undetermined
 from tcdyn.sensor.fits import Fitted, colour_of, fit_curve
+from tcdyn.threads import one_blas_thread
 
 MODES = 14
 # what is known of sheathed sensors: Biot number of the film, heat stored in the wall over the core's, radius that is
@@ -37,6 +38,7 @@ LINEAR = ("level", "drift", "direct", "size")
 EDGES = np.r_[0.0, jn_zeros(0, MODES)]
 
 
+@one_blas_thread
 def current_sensor(
     time_s: Array,
     y_degC: Array,

@@ -18,6 +18,7 @@ from calibration.finding import Finding, look, note
 from tcdyn.chain import Chain
 from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensor.fits import averaged, weights_of
+from tcdyn.threads import one_blas_thread
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
 NO_LAG = 1e-6  # of the first lag: a second one below it is none
@@ -27,6 +28,7 @@ BANDS = 12
 ALARM, UNSTEADY = 0.001, 3.0
 
 
+@one_blas_thread
 def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "sensor", **more: Any) -> SensorFile:
     """The chain from the trace's own fluctuations at constant conditions.
 

@@ -26,6 +26,7 @@ from tcdyn.chain import Chain
 from tcdyn.sensor.file import SensorFile, sensor_file, undetermined
 from tcdyn.sensor.intervals import Intervals, find_intervals, interval_residuals
 from tcdyn.sensor.updates import Updates, find_updates
+from tcdyn.threads import one_blas_thread
 
 EXPONENT = (0.5, 0.1)  # of the lag of a thin wire with the speed: tau ~ speed^-n; a prior
 PER_LAG = 6.0  # samples in the shorter lag that the likelihood is given: more hold noise only
@@ -57,6 +58,7 @@ class PairData:
     intervals: Intervals | None = None
 
 
+@one_blas_thread
 def pair_sensor(
     time_s: Array,
     first: Array,

@@ -18,6 +18,7 @@ from tcdyn.fitting import Noise
 from tcdyn.sensor.file import SHARES, SensorFile, lag_and_times, sensor_file
 from tcdyn.sensor.film import Film
 from tcdyn.sensor.fits import Fitted, averaged, colour_of, fit_curve, weights_of
+from tcdyn.threads import one_blas_thread
 
 MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
 LEAST_STEP_NOISES = 20.0
@@ -41,6 +42,7 @@ class Stepped:
     before_degC: float
 
 
+@one_blas_thread
 def plunge_sensor(
     time_s: Array,
     y_degC: Array,

@@ -24,6 +24,7 @@ from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
+from tcdyn.threads import one_blas_thread
 
 _DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
 _WHOLE = ("contact", "switch", "repeat")
@@ -80,6 +81,7 @@ class CampaignFiles(Result):
         return f"{self.folder}: {self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}; truth in {self.truth}"
 
 
+@one_blas_thread
 def simulate_campaign(
     out_dir: str | Path,
     seed: int = 0,

@@ -23,6 +23,7 @@ from tcdyn.identify.fit import fit, noted
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import Validation, clean, coloured, validate
+from tcdyn.threads import one_blas_thread
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
@@ -91,6 +92,7 @@ class Comparison(Result):
         return self.table.drop(columns=["remark", "determined", "refused"])
 
 
+@one_blas_thread
 def compare(
     data: IOData,
     *models: Entry | Sequence[Entry],

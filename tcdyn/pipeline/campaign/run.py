@@ -22,6 +22,7 @@ from tcdyn.cores import spread
 from tcdyn.pipeline.campaign.answers import ANSWER, given_answer, is_altered, read_answer, said_once
 from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
 from tcdyn.pipeline.campaign.table import AGREE, campaign_table, table_csv, table_row
+from tcdyn.threads import one_blas_thread
 
 TABLE_FILE, PAGE_FILE, JOINED_FILE = "campaign.csv", "campaign.html", "campaign.json"
 PAPER_FILES = "table.csv", "table.tex"
@@ -115,6 +116,7 @@ class CampaignRun(Result):
 Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)
 
 
+@one_blas_thread
 def run_campaign(
     logs: Sequence[str | Path],
     settings: CampaignSettings,
