@@ -13,6 +13,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from itertools import accumulate
 from multiprocessing.connection import Connection
@@ -29,7 +30,23 @@ CONNECT_S = 10.0  # to a Dask scheduler
 REDRAWS = {"rich.live"}  # whose threads draw on the terminal and hold no lock that a copy wants
 LARGE = 1 << 16  # bytes of an array from which on it is handed over where it is, not in a message
 TURNS = 256  # that jobs are given out in, a byte for each
-CORES = "TCDYN_CORES"  # how many side_by_side may use (with 1 nothing begins); all that this process may, if not set
+CORES = "TCDYN_CORES"  # environment variable: how many cores side_by_side may use; if not set, all of this process's
+
+_copies_of: int | None = None  # process that may copy itself; its copies and other children have another id
+_divided: ContextVar[bool] = ContextVar("divided", default=False)  # True inside side_by_side: calls within are serial
+
+
+def allow_copies() -> None:
+    """Let ``side_by_side`` and ``begun`` work with copies (forks) of this process.
+
+    Notes
+    -----
+    Off by default: an imported library must not fork its caller, which may have signal handlers, open connections or
+    threads of its own. The command line calls this in its own process. The permission is bound to this process: copies
+    of it, and workers that it forks, work serially.
+    """
+    global _copies_of
+    _copies_of = os.getpid()
 
 
 def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: int | None = None) -> list[Answer]:
@@ -37,17 +54,18 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
 
     Copies of this process (fork) work with it, ``most`` processes in all; each takes the next job when it is done with
     one. They know all that it knows, and give back nothing but their answers, pickled. What a copy fails to answer, for
-    whatever reason, is done here, and told here. All is done here, one after the other, where one core is to be used
-    (``CORES`` in the environment), where the system is not Linux or this process has threads, which cannot be copied
-    safely (one that redraws a line of progress can), and within another ``side_by_side``. Large arrays come back in
-    memory that both share, uncopied: a file descriptor for each copy is held as long as one of them is kept.
+    whatever reason, is done here, and told here. All is done here, one after the other, unless ``allow_copies`` was
+    called in this process, where one core is to be used (``CORES`` in the environment), where the system is not Linux
+    or this process has threads, which cannot be copied safely (one that redraws a line of progress can), in a daemonic
+    process, and within another ``side_by_side``. In a copy, no signal handler of this process runs. Large arrays come
+    back in memory that both share, uncopied: a file descriptor for each copy is held as long as one of them is kept.
 
     >>> side_by_side(lambda x: x**2, [3, 1, 2])
     [9, 1, 4]
     """
     hands = max(min(_hands(), len(jobs), most or len(jobs), TURNS), 1)
     if hands == 1:
-        with _one_core():
+        with _serial_within():
             return [function(job) for job in jobs]
     turns, (next_turn, giver) = min(len(jobs), TURNS), os.pipe()
     os.write(giver, bytes(range(hands, turns)))
@@ -55,7 +73,7 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
 
     def answers(turn: int) -> dict[int, Answer]:
         done: dict[int, Answer] = {}
-        with _one_core():
+        with _serial_within():
             while True:
                 done |= {k: function(jobs[k]) for k in range(turn, len(jobs), turns)}
                 if not (token := os.read(next_turn, 1)):
@@ -67,7 +85,7 @@ def side_by_side(function: Callable[[Job], Answer], jobs: Sequence[Job], most: i
         found = answers(0)
         for copy in filter(None, copies):
             found |= copy.answers()
-        with _one_core():
+        with _serial_within():
             return [found[k] if k in found else function(job) for k, job in enumerate(jobs)]
     finally:
         os.close(next_turn)
@@ -86,8 +104,7 @@ def begun(function: Callable[Given, Answer], *args: Given.args, **options: Given
     """
 
     def begin(_: int) -> dict[int, Answer]:
-        with _one_core():
-            return {0: function(*args, **options)}
+        return {0: function(*args, **options)}
 
     copy = _copied(begin, 0) if _hands() > 1 else None
 
@@ -104,6 +121,8 @@ def begun(function: Callable[Given, Answer], *args: Given.args, **options: Given
 
 def _hands() -> int:
     """How many processes may work side by side here."""
+    if _copies_of != os.getpid() or _divided.get() or multiprocessing.current_process().daemon:
+        return 1
     threads = {type(t).__module__ for t in threading.enumerate() if t is not threading.current_thread()}
     if sys.platform != "linux" or threads - REDRAWS:  # a copy holds the locks of threads that it has not
         return 1
@@ -112,15 +131,13 @@ def _hands() -> int:
 
 
 @contextmanager
-def _one_core() -> Iterator[None]:
-    """Nothing within is done side by side."""
-    before = os.environ.get(CORES)
-    os.environ[CORES] = "1"
+def _serial_within() -> Iterator[None]:
+    """Calls of ``side_by_side`` and ``begun`` within are serial."""
+    token = _divided.set(True)
     try:
         yield
     finally:
-        os.environ.pop(CORES, None)  # an interrupt may have come where the one within does so
-        os.environ |= {} if before is None else {CORES: before}
+        _divided.reset(token)
 
 
 @dataclass(frozen=True)
@@ -165,7 +182,8 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
         return None
 
     def work() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends without a word
+        for number in handled:
+            signal.signal(number, signal.SIG_DFL)  # the caller's handlers are not for its copies
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # not a drawing thread's
         with suppress(BaseException):
@@ -179,9 +197,13 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
             teller.send_bytes(pickle.dumps(places))
 
     process = multiprocessing.get_context("fork").Process(target=work, daemon=True)
-    made, before = None, signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    made = None
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    handled = _handled_signals()
     try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # libraries' own calls at a fork swallow it
+        # Blocked over the fork: the copy resets the handlers first, and in this process a library's own function that
+        # runs at a fork would swallow the exception of a handler.
+        signal.pthread_sigmask(signal.SIG_BLOCK, handled)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of libraries' own threads, which heed a fork
             process.start()
@@ -193,11 +215,23 @@ def _copied(answers: Callable[[int], dict[int, Any]], turn: int) -> _Copy | None
         teller.close()
         try:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        except KeyboardInterrupt:
+        except BaseException:  # of a handler: KeyboardInterrupt, or what the caller's own raises
             if made is not None:
                 made.end()
             raise
     return made
+
+
+def _handled_signals() -> set[int]:
+    """Signals to which a copy must return to the default: those with a Python function as handler, and SIGTERM.
+
+    SIGTERM is always among them because it is what ends a copy. An ignored SIGHUP (nohup) or SIGINT stays ignored.
+    """
+    handled: set[int] = {signal.SIGTERM}
+    for number in signal.valid_signals():
+        if callable(signal.getsignal(number)):
+            handled.add(number)
+    return handled
 
 
 def _parts(found: object) -> list[memoryview]:
@@ -241,8 +275,7 @@ def _in_processes(
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
     def answered(i: int, job: Job) -> tuple[int, Answer]:
-        with _one_core():
-            return i, function(job)
+        return i, function(job)
 
     pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
     try:

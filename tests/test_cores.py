@@ -28,9 +28,16 @@ from tests.conftest import Campaign
 ASKED = 3
 
 
+def allow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Allow copies of this process for the length of a test."""
+    monkeypatch.setattr(cores, "_copies_of", None)
+    cores.allow_copies()
+
+
 @pytest.fixture
 def several(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three cores, and none of the threads that the test run itself has."""
+    """Copies allowed, three cores, and none of the threads that the test run itself has."""
+    allow(monkeypatch)
     monkeypatch.setenv(cores.CORES, str(ASKED))
     monkeypatch.setattr(cores.threading, "enumerate", lambda: [threading.current_thread()])
 
@@ -68,6 +75,8 @@ def test_who_is_done_first_takes_what_is_left(tmp_path: Path) -> None:
 def test_a_job_does_not_divide_again() -> None:
     for inner in side_by_side(lambda _: (os.getpid(), side_by_side(where, range(4))), range(3)):
         assert set(inner[1]) == {inner[0]}
+    # the switch is back on after each call
+    assert len({pid for pid, _ in side_by_side(lambda _: (os.getpid(), None), range(3))}) == ASKED
     assert os.environ[cores.CORES] == str(ASKED)
 
 
@@ -134,12 +143,14 @@ def test_nothing_is_left_open() -> None:
 
 @pytest.mark.parametrize("asked", ["1", "0"])
 def test_one_core_means_one_process(asked: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(monkeypatch)
     monkeypatch.setattr(cores.threading, "enumerate", lambda: [threading.current_thread()])
     monkeypatch.setenv(cores.CORES, asked)
     assert set(side_by_side(where, range(4))) == {os.getpid()}
 
 
 def test_a_process_with_threads_is_not_copied_unless_they_only_redraw(monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(monkeypatch)
     monkeypatch.setenv(cores.CORES, "2")
     strangers = [t for t in threading.enumerate() if t is not threading.current_thread()]
     every = threading.enumerate
@@ -239,7 +250,8 @@ def test_a_copy_that_forgets_what_was_begun_does_not_stop_it() -> None:
 def test_an_interrupt_during_a_fork_is_not_lost_and_the_copy_says_nothing_of_it() -> None:
     code = (
         "import os, signal, time\n"
-        "from tcdyn.cores import begun\n"
+        "from tcdyn.cores import allow_copies, begun\n"
+        "allow_copies()\n"
         "os.register_at_fork(after_in_parent=lambda: os.kill(0, signal.SIGINT))\n"  # of both
         "try: begun(time.sleep, 60); print('lost')\n"
         "except KeyboardInterrupt: print('told')\n"
@@ -251,6 +263,7 @@ def test_an_interrupt_during_a_fork_is_not_lost_and_the_copy_says_nothing_of_it(
 
 
 def test_on_one_core_nothing_is_begun_before_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    allow(monkeypatch)
     monkeypatch.setenv(cores.CORES, "1")
     seen: list[int] = []
     ask = begun(seen.append, 1)
