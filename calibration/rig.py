@@ -149,8 +149,11 @@ class Rig(Result, BaseModel):
         return self.model_dump(mode="json")
 
     def tables(self, disk: str) -> RigTables:
-        """The tables of ``disk`` ("fast" or "slow"; any other name gives the common ones)."""
-        return {"fast": self.fast, "slow": self.slow}.get(disk, self.common)
+        """The tables of ``disk``, "fast" or "slow"; the common ones for "". InputError for any other name."""
+        tables = {"fast": self.fast, "slow": self.slow, "": self.common}
+        if disk not in tables:
+            raise InputError(f"the rig has no disk {disk!r}", expected=" or ".join(DISKS))
+        return tables[disk]
 
     def columns(self, disk: str | None = None) -> dict[str, str]:
         """``[columns]`` as a log of ``disk`` needs it: ``fast_a_degC``, mapped for EHL logs, names the fast disk's

@@ -8,12 +8,12 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs, stages
+from tcdyn.cli.common import Disk, RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs, stages
 
 
 @grouped
 def calibrate(
-    disk: Annotated[str, typer.Option(help="fast or slow")],
+    disk: Disk,
     immersion: Annotated[list[Path], typer.Option(help="plunge log; give it once for each plunge")],
     oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
     line_u_k: Annotated[
