@@ -1,5 +1,8 @@
 """The tasks that people and CI run; `nox -l` lists them."""
 
+import tomllib
+from pathlib import Path
+
 import nox
 
 nox.options.sessions = ["lint", "test"]
@@ -11,6 +14,18 @@ def test(session: nox.Session) -> None:
     """The default tests, under ten minutes."""
     session.install(".[test]")
     session.run("python", "-m", "pytest", "-n", "auto", *session.posargs)
+
+
+@nox.session
+def lowest(session: nox.Session) -> None:
+    """The default tests with the lowest version of every dependency, all together.
+
+    The test tools are the newest ones. Old libraries warn about newer ones that they use, which is no fault here.
+    """
+    with Path("pyproject.toml").open("rb") as file:
+        bounds = tomllib.load(file)["project"]["dependencies"]
+    session.install(".[test]", *(bound.replace(">=", "==") for bound in bounds))
+    session.run("python", "-m", "pytest", "-n", "auto", "-W", "ignore::DeprecationWarning", *session.posargs)
 
 
 @nox.session

@@ -48,7 +48,8 @@ COMMANDS: dict[str, tuple[str, str, str]] = {
 EPILOG = (
     "A first run: tcdyn demo\n\n"
     "Exit codes: 0 done; 1 done, and something asks to be looked at (a log that failed, a record with doubts, a "
-    "published number that differs); 2 bad input, said in one sentence; 130 stopped with Ctrl-C.\n\n"
+    "published number that differs); 2 bad input, said in one sentence; 70 an internal error, to be reported; 130 "
+    "stopped with Ctrl-C.\n\n"
     "Words go to standard output, progress and what was noticed (note, look, refuse) to standard error; --json prints "
     "the result for scripts. Colour only on terminals; NO_COLOR=1 takes it away."
 )
@@ -99,6 +100,7 @@ class LazyCommands(TyperGroup):
         super().__init__(**{**settings, "commands": stand_ins})
 
 
+INTERNAL_ERROR = 70  # EX_SOFTWARE of sysexits.h
 _ROOT_ASKED = sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS  # else its options only keep a command waiting
 app = typer.Typer(
     cls=LazyCommands,
@@ -107,6 +109,7 @@ app = typer.Typer(
     add_help_option=_ROOT_ASKED,  # typer brings pydantic to tell that it was not given
     help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
     epilog=EPILOG,
+    pretty_exceptions_enable=False,  # run() reports them
 )
 
 
@@ -137,8 +140,24 @@ def _interrupted(problem: BaseException | None) -> bool:
     return ended or (problem is not None and _interrupted(problem.__cause__ or problem.__context__))
 
 
+def _internal_error(problem: BaseException) -> int:
+    """Print the traceback and one sentence on standard error; return the exit code."""
+    import traceback
+
+    traceback.print_exception(problem)
+    print(
+        f"tcdyn: internal error ({type(problem).__name__}): this is a fault in tcdyn {__version__}, not in your input; "
+        "please report it in the project's issue tracker with the lines above, the command and, if you can, its input",
+        file=sys.stderr,
+    )
+    return INTERNAL_ERROR
+
+
 def run(command: Callable[[], Any]) -> int:
-    """Call ``command``; bad input becomes one sentence on standard error and exit code 2."""
+    """Call ``command``; bad input becomes one sentence on standard error and exit code 2.
+
+    Any other exception is an internal error: its traceback and one sentence on standard error, and exit code 70.
+    """
     try:
         result = command()
     except InputError as problem:
@@ -152,8 +171,10 @@ def run(command: Callable[[], Any]) -> int:
         if _interrupted(problem):
             print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
             return 130
-        if not isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
+        if isinstance(problem, SystemExit):
             raise
+        if not isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
+            return _internal_error(problem)
         place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
         print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
         return 2
@@ -181,8 +202,13 @@ def main() -> None:
 
 
 def command() -> None:
-    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends."""
-    status: Any = 1
+    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends.
+
+    Only here may the library work with copies of the process (``tcdyn.cores.allow_copies``).
+    """
+    from tcdyn.cores import allow_copies
+
+    status: Any = INTERNAL_ERROR
 
     def leave() -> None:
         with suppress(AttributeError, OSError, ValueError):  # an output that takes nothing is told of in the usual way
@@ -194,11 +220,15 @@ def command() -> None:
     atexit.register(leave)  # the first is called last
     gc.set_threshold(1_000_000)  # to look for circles after each 700 new objects took a tenth of a second; few exist
     sys.meta_path.insert(0, _Later)
+    allow_copies()
     try:
         main()
     except (SystemExit, KeyboardInterrupt) as asked:
         status = getattr(asked, "code", 130) or 0
         raise
+    except Exception as problem:  # of run itself
+        _internal_error(problem)
+        sys.exit(INTERNAL_ERROR)
 
 
 if __name__ == "__main__":
