@@ -107,7 +107,7 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
     for some in (alone, quick[len(alone) :]):
         until = accumulate(took.get(test, 1.0) for test in some)
         found.append([test for test, end in zip(some, until) if end < MOST_s] or some[:1])
-    return [*found, stages(file)[-1] if shared else ["tests/golden/test_as_built.py"]]
+    return [*found, stages(file)[-1] if shared else ["tests/behaviour/test_behaviour.py"]]
 
 
 def killed(copy: Path, found: list[list[str]]) -> str:
@@ -154,7 +154,7 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
             shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
-        if killed(copy, [["tests/fitting", "tests/immersion", "tests/golden/test_as_built.py"]]):
+        if killed(copy, [["tests/fitting", "tests/immersion", "tests/behaviour/test_behaviour.py"]]):
             sys.exit("tests fail without a swapped operator")
         for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
             file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
