@@ -130,7 +130,7 @@ def log_writer(
             return
         with open(beside, "wb") as stream:
             stream.write("".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8"))
-            stream.write((",".join(_cell(n) for n in names) + "\n").encode("utf-8"))
+            stream.write(header_line(names).encode("utf-8"))
 
             def append(frame: pd.DataFrame) -> None:
                 # pyarrow puts quotes around all text or none; not in threads: each keeps memory of its own
@@ -140,6 +140,15 @@ def log_writer(
                 pacsv.write_csv(_arrow(frame), stream, options)
 
             yield append
+
+
+def header_line(names: Sequence[str]) -> str:
+    """The line of column names of a CSV file; a name with a comma or a quotation mark is quoted (RFC 4180).
+
+    >>> header_line(["time_s", "oven, left"])
+    'time_s,"oven, left"\\n'
+    """
+    return ",".join(_cell(str(name)) for name in names) + "\n"
 
 
 def _cell(name: str) -> str:
@@ -157,7 +166,7 @@ def _arrow(frame: pd.DataFrame) -> pa.Table:
 
 def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
     head = "".join(f"# {key}: {value}\n" for key, value in notes.items())
-    head += ",".join(_cell(str(n)) for n in frame.columns) + "\n"
+    head += header_line(list(frame.columns))
     with open(path, "wb") as stream:
         stream.write(head.encode("utf-8"))
         _put(frame, stream)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @grouped
 def follow(
     log: Annotated[Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")],
-    out: Annotated[Path, typer.Option(help="output that is appended to: .csv")],
+    out: Annotated[Path, typer.Option(help="output: .csv, a new file unless --state continues it or --overwrite")],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: OwnRigFile = None,
@@ -47,6 +47,9 @@ def follow(
     state: Annotated[
         Path | None, typer.Option(help="JSON file to go on from if it exists, and to leave the state in")
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="replace an --out that exists; without it such a file is refused")
+    ] = False,
     report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
     *,
     reading: TableReading,
@@ -55,6 +58,10 @@ def follow(
     """Compensate a log while it grows, row by row, in bounded memory; Ctrl-C ends it, --state goes on later.
 
     Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv --behind-s 0.5
+
+    It ends with an error, and keeps all rows so far, when the log is replaced, rotated, truncated or rewritten (a copy
+    with the same rows may take its place), and when the output is renamed, deleted or changed by another program.
+    Readings outside -273.15 to 3000 degC, and those that no temperature can cause through the lag, count as missing.
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
@@ -87,7 +94,7 @@ def follow(
     with asked_to_stop() as stop:
         done = run(
             log, records, out, rig_table, settings, options=options,
-            state=state, idle_s=idle_s, asked_to_stop=stop, announce=announce,
+            state=state, overwrite=overwrite, idle_s=idle_s, asked_to_stop=stop, announce=announce,
         )  # fmt: skip
     tell.warn(done.findings)
     tell.say(f"{done.summary()} to {out}")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,14 @@ from numpy.typing import NDArray
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
 from calibration.lines.static import StaticLine, apply_static, whole_u
+from calibration.plausible import impossible
 from calibration.record import LONGEST_LAG_S
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
 from tcdyn.compensate.live_model import LiveState
 from tcdyn.compensate.record import SPIKE
+from tcdyn.pipeline.reachable import Reach, Screening, Track
 from tcdyn.sensor.units import u_name
 from tcdyn.traces import DiskChannels
 
@@ -62,7 +65,8 @@ class CausalState:
     """All that is needed to go on: the smoother's state, recent samples, rows that wait for their temperatures.
 
     ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k, columns): rows, NaN
-    in every column where the logger left one out; ``found`` and ``found_u`` (k, M): answers not yet written.
+    in every column where the logger left one out; ``found`` and ``found_u`` (k, M): answers not yet written;
+    ``screening``: which readings were treated as missing.
     """
 
     kernel: LiveState
@@ -75,17 +79,19 @@ class CausalState:
     backward: int = 0
     gaps: int = 0
     longest_gap_s: float = 0.0
+    screening: Screening = field(default_factory=lambda: Screening.begin(Track.begin(np.empty(0))))
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and numbers, exact to the last bit in JSON."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
-        return plain | {"kernel": self.kernel.to_json()}
+        return plain | {"kernel": self.kernel.to_json(), "screening": self.screening.to_json()}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> CausalState:
         """The state that :meth:`to_json` gave."""
         kept: dict[str, Any] = {k: np.array(v, dtype=float) if isinstance(v, list) else v for k, v in data.items()}
-        return cls(**kept | {"kernel": LiveState.from_json(data["kernel"])})
+        parts = {"kernel": LiveState.from_json(data["kernel"]), "screening": Screening.from_json(data["screening"])}
+        return cls(**kept | parts)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -185,13 +191,17 @@ class Causal:
         """How many rows a row waits for its temperatures."""
         return int(np.ceil(np.max(self.shifts_s) / self.dt_s - 1e-6))
 
-    def start(self, first: Array) -> CausalState:
-        """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines]."""
+    def start(self, first: Array, count: float = 0.0) -> CausalState:
+        """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines].
+
+        ``count``: how many readings are known to agree with ``first``.
+        """
         m = len(self.junctions)
         memory = [np.concatenate([scipy.signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
         return CausalState(
             self.engine.start(first), np.array(memory) * first[:, None],
             np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
+            screening=Screening.begin(Track.begin(first, count)),
         )  # fmt: skip
 
     @cached_property
@@ -199,6 +209,12 @@ class Causal:
         """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
         dt = self.dt_s
         return [(lag_rate(c, dt), split_change(c, u, dt)) for c, u in zip(self.chains, self.split_u_s.tolist())]
+
+    @cached_property
+    def reach(self) -> Reach:
+        """How far the readings of each channel can move."""
+        noise_K = np.hypot(self.noise_K, self.before_K)
+        return Reach.of(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
 
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
@@ -215,6 +231,7 @@ class Causal:
         if far := np.flatnonzero(step > self._longest_gap_s).tolist():
             state, first = self.advance(state, rows[: far[0]])
             fresh = replace(self.start(self._first(rows[far[0] :], state)), **{k: getattr(state, k) for k in COUNTS})
+            fresh = replace(fresh, screening=replace(state.screening, track=fresh.screening.track))
             fresh = replace(fresh, gaps=fresh.gaps + 1, longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])))
             fresh, rest = self.advance(fresh, rows[far[0] :])
             return fresh, np.concatenate([first, self.rest(state), rest])
@@ -243,27 +260,69 @@ class Causal:
         seen = np.isfinite(y)
         return np.where(seen.any(axis=0), y[np.argmax(seen, axis=0), np.arange(y.shape[1])], state.kernel.recent[-1])
 
+    def _logged(self, rows: Array) -> Array:
+        """Readings of the junctions (n, M) [degC] before the static lines."""
+        return rows[:, [self.names.index(n) for n in self.junctions]]
+
     def _corrected(self, rows: Array) -> Array:
-        """Temperatures of the junctions (n, M) [degC] after the static lines."""
-        logged = rows[:, [self.names.index(n) for n in self.junctions]]
+        """Temperatures of the junctions (n, M) [degC] after the static lines, NaN outside the physical range."""
+        logged = self._logged(rows)
+        logged = np.where(impossible(logged), np.nan, logged)
         return np.column_stack([apply_static(logged[:, i], line) for i, line in enumerate(self.lines)])
 
     def _taken(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
-        kernel, x, sd, flags = self.engine.run(state.kernel, self._corrected(rows))
+        time_s = rows[:, self.names.index("time_s")]
+        outside = impossible(self._logged(rows))
+        screening, y, anew = state.screening.examined(self.reach, time_s, self._corrected(rows), outside)
+        starts = np.flatnonzero(anew.any(axis=1)).tolist()
+        borders = sorted({0, *starts, len(rows)})
+        answers: list[Array] = []
+        uncertainties: list[Array] = []
+        for first, last in pairwise(borders):
+            if first in starts:
+                state = self._restarted(state, y[first], anew[first])
+            state, x, u = self._answered(state, y[first:last])
+            answers.append(x)
+            uncertainties.append(u)
+        x = np.concatenate(answers)
+        u = np.concatenate(uncertainties)
+        bad = impossible(x)
+        state = replace(
+            state,
+            screening=screening.blanked(bad),
+            waiting=_joined(state.waiting, rows),
+            found=_joined(state.found, np.where(bad, np.nan, x)),
+            found_u=_joined(state.found_u, np.where(bad, np.nan, u)),
+        )
+        return self._ready(state)
+
+    def _answered(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
+        """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their uncertainty [K] (n, M)."""
+        kernel, x, sd, flags = self.engine.run(state.kernel, y)
         rate, split_K, memory = np.empty_like(x), np.empty_like(x), np.empty_like(state.memory)
         for i, (per_lag, divided) in enumerate(self._filters):
             rate[:, i], memory[i, :1] = scipy.signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
             split_K[:, i], memory[i, 1:] = scipy.signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
         line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
-        state = replace(
-            state, kernel=kernel, memory=memory, spikes=state.spikes + int(np.sum(flags == SPIKE)),
-            waiting=_joined(state.waiting, rows), found=_joined(state.found, x), found_u=_joined(state.found_u, u),
-        )  # fmt: skip
-        return self._ready(state)
+        spikes = state.spikes + int(np.sum(flags == SPIKE))
+        return replace(state, kernel=kernel, memory=memory, spikes=spikes), x, u
+
+    def _restarted(self, state: CausalState, y: Array, anew: NDArray[np.bool_]) -> CausalState:
+        """The state with the channels ``anew`` (M,) begun from their readings ``y`` (M,) [degC]."""
+        fresh = self.start(np.where(anew, y, state.kernel.recent[-1]))
+        kernel = {}
+        for name in ("mean", "cov", "var", "weight", "held"):
+            kernel[name] = getattr(state.kernel, name).copy()
+            kernel[name][anew] = getattr(fresh.kernel, name)[anew]
+        for name in ("recent", "past"):
+            kernel[name] = getattr(state.kernel, name).copy()
+            kernel[name][:, anew] = getattr(fresh.kernel, name)[:, anew]
+        memory = np.where(anew[:, None], fresh.memory, state.memory)
+        return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)
 
     def _ready(self, state: CausalState) -> tuple[CausalState, Array]:
         """The rows whose answers are all there, those between samples by straight lines; the rest goes on waiting."""

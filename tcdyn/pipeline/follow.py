@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,18 +16,20 @@ from calibration.errors import InputError
 from calibration.files import shown
 from calibration.files.dialect import HEAD_BYTES
 from calibration.files.growing import GrowingTable
-from calibration.files.write import write_text
+from calibration.files.seal import SEAL, checksum
+from calibration.files.write import header_line, write_text
 from calibration.finding import Finding, look
 from calibration.log import COMPENSATED
 from calibration.opened import rig_of
 from calibration.result import Result
 from calibration.rig import Rig
+from tcdyn.pipeline.appended import AppendedFile, digest
 from tcdyn.pipeline.causal import LONGEST_GAP_S, Causal, CausalState, Settings
 from tcdyn.pipeline.learn import begin
 from tcdyn.pipeline.source import GrowingLog, Known, TableOptions, growing_log
 from tcdyn.pipeline.stretches import DECIMALS
 
-STATE = "tcdyn.follow/5"
+STATE = "tcdyn.follow/6"
 STOPPED = "stopped"
 SAVE_EVERY_S = 10.0
 
@@ -62,6 +64,7 @@ def follow(
     *,
     options: TableOptions | None = None,
     state: str | Path | None = None,
+    overwrite: bool = False,
     idle_s: float = 30.0,
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
@@ -73,11 +76,14 @@ def follow(
     The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written as they come, whole
     lines only. ``state``: a file from which a run that was stopped goes on, and to which this one writes where it
     stands, at the end and every ten seconds; ``out`` is cut back to what that file knows, so that no row is lost or
-    doubled. ``announce`` is called with the plan before the first row is written. ``options``: what tells the time and
+    doubled. Without such a file an ``out`` that exists is refused, unless ``overwrite`` says to replace it.
+    ``announce`` is called with the plan before the first row is written. ``options``: what tells the time and
     the units of any table where its names do not.
 
-    Raises InputError for a log that is no growing text table, is compensated already, became shorter, or is not the
-    one of the state file; for an end before anything could be learnt.
+    Raises InputError for a log that is no growing text table, is compensated already, or is not the one of the state
+    file; for an end before anything could be learnt. While it follows: for a log that was replaced, rotated, truncated
+    or rewritten, after all rows read before are written and the state is saved (a copy of the log with the same rows
+    may take its place); for an output that was renamed, deleted or changed by another program.
     """
     if not records:
         raise InputError(
@@ -92,16 +98,19 @@ def follow(
             "log and output are the same file", where=str(out), remedy="name another out", parameters=("out",)
         )
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
+    state = Path(state) if state else None
+    continues = state is not None and state.exists()
+    if not continues:
+        _spare(out, overwrite)
     source = _header(log, rig, records, options, patience)
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
-    table, names, key = source.table, list(source.places), _key(source, records, settings)
-    state = Path(state) if state else None
+    table, key = source.table, _key(source, records, settings)
     rows: list[list[float]] = []
-    left = _restored(state, key, table, out) if state and state.exists() else None
-    if left:
-        plan = Causal.of(names, source.channels, source.level_K2_s3, settings, left["plan"])
-        now, written, size = CausalState.from_json(left["state"]), left["where"]["written"], left["where"]["out_bytes"]
+    if state is not None and continues:
+        left = _restored(state, key, table, out)
+        plan, now = _plan_of(state, left, source, settings, out)
+        written, size = left["where"]["written"], left["where"]["out_bytes"]
     else:
         begun = _learnt(source, settings, patience)
         if begun is None:
@@ -109,32 +118,56 @@ def follow(
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
         (plan, now, rows), written = begun, 0
         head = _head(source, plan)
+        _spare(out, overwrite)  # it may have come while the first seconds were waited for
         write_text(out, head)  # what stood there stays until this is whole
         size = len(head.encode("utf-8"))
     announce(plan)
     saved_at = time.monotonic()
-    with _opened(out, size) as stream:
+    lost: InputError | None = None
+    with AppendedFile(out, size, written) as output:
         while True:
             if rows:
                 now, done = plan.advance(now, np.array(rows))
-                size += _append(stream, _lines(source.given_back(done, plan.output_names)), out)
-                written += len(done)
-            ended = patience.ended()
+                output.append(_lines(source.given_back(done, plan.output_names)), len(done))
+            else:
+                output.check(0)
+            ended = "the log was lost" if lost else patience.ended()
             if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
-                where = {"offset": table.offset, "sha256": table.hash.hexdigest(), "rows": table.rows}
-                where |= {"written": written, "bad": table.bad, "out_bytes": size}
-                kept = {**key, "where": where, "plan": plan.learnt(), "state": now.to_json()}
-                write_text(state, json.dumps(kept) + "\n")
+                _save(state, {**key, "where": _where(table, output), "plan": plan.learnt(), "state": now.to_json()})
                 saved_at = time.monotonic()
             if ended:
                 break
-            rows = _rows(source, patience)
+            try:
+                rows = _rows(source, patience)
+            except InputError as error:  # the log is not the same any more: what was read of it is kept
+                lost = error
+                rows = []
         rest = plan.rest(now)  # a run that goes on from the state file writes these rows again, then better known
-        _append(stream, _lines(source.given_back(rest, plan.output_names)), out)
-        written += len(rest)
+        output.append(_lines(source.given_back(rest, plan.output_names)), len(rest))
+        written = output.rows
+    if lost:
+        raise InputError(
+            f"{lost.what}; the {written} rows before that are in {out}",
+            where=lost.where, expected=lost.expected, remedy=lost.remedy, parameters=lost.parameters,
+        )  # fmt: skip
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
-    found = (*source.findings, *plan.findings, *torn, *now.findings)
-    return FollowRun(table.rows, written, table.bad, ended, plan, found)
+    screened = now.screening.findings(plan.junctions)
+    return FollowRun(
+        table.rows, written, table.bad, ended, plan, (*source.findings, *plan.findings, *torn, *screened, *now.findings)
+    )
+
+
+def _spare(out: Path, overwrite: bool) -> None:
+    """Refuse an output that exists. Raises InputError."""
+    if out.exists() and not overwrite:
+        raise InputError(
+            "the output exists already",
+            where=str(out),
+            expected="a file that does not exist yet",
+            remedy="give another out=FILE, or replace it with overwrite=True, or continue the run that wrote it with "
+            "its state=FILE",
+            parameters=("out=FILE", "overwrite=True", "state=FILE"),
+        )
 
 
 @dataclass
@@ -240,55 +273,65 @@ def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, An
     return {"schema": STATE, "log": source.table.path.name, "records": digests, **told}
 
 
+def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
+    """How far log and output are."""
+    read = {"offset": table.offset, "sha256": table.hash.hexdigest(), "rows": table.rows, "bad": table.bad}
+    return {**read, "written": output.rows, "out_bytes": output.size, "out_sha256": output.hash.hexdigest()}
+
+
+def _save(file: Path, kept: dict[str, Any]) -> None:
+    """Write the state file, with a checksum of its content."""
+    plain = json.loads(json.dumps(kept))
+    write_text(file, json.dumps({**plain, SEAL: checksum(plain)}) + "\n")
+
+
+def _anew(file: Path, out: Path) -> str:
+    return f"to begin anew, keep {out}, delete {file} and give another out=FILE"
+
+
 def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
     """What the state file holds, ``table`` set to where the run was left; InputError where anything is not its own."""
-    anew = f"delete {file} and {out} to begin anew"
+    anew: dict[str, Any] = {"remedy": _anew(file, out), "parameters": ("out=FILE",)}
     try:
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
-        offset, digest, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
+        offset, digest_of_log, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), remedy=anew) from None
+        raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), **anew) from None
     for name, own in json.loads(json.dumps(key)).items():
         if data.get(name) != own:
-            raise InputError(f"was written with another {name}", where=str(file), remedy=anew)
+            raise InputError(f"was written with another {name}", where=str(file), **anew)
+    if checksum({k: v for k, v in data.items() if k != SEAL}) != data.get(SEAL):
+        raise InputError("is damaged: its checksum does not fit its content", where=str(file), **anew)
     table.seek(offset)
-    if table.hash.hexdigest() != digest:
-        raise InputError("is not the log that the state file remembers", where=shown(table.path), remedy=anew)
+    if table.hash.hexdigest() != digest_of_log:
+        raise InputError("is not the log that the state file remembers", where=shown(table.path), **anew)
     if not out.exists() or out.stat().st_size < out_bytes:
-        raise InputError("holds less than the state file remembers", where=str(out), remedy=anew)
+        raise InputError("holds less than the state file remembers", where=str(out), **anew)
+    if digest(out, out_bytes).hexdigest() != where["out_sha256"]:
+        raise InputError("is not the output that the state file remembers", where=str(out), **anew)
     return data
 
 
-def _opened(path: Path, size: int) -> IO[bytes]:
-    """The output to append to, cut back to ``size`` bytes."""
+def _plan_of(
+    file: Path, left: dict[str, Any], source: GrowingLog, settings: Settings, out: Path
+) -> tuple[Causal, CausalState]:
+    """Plan and state that the content of a state file describes; InputError for one that describes none."""
     try:
-        stream: IO[bytes] = open(path, "r+b")  # noqa: SIM115
-    except OSError as problem:
-        raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
-    stream.truncate(size)
-    stream.seek(size)
-    return stream
-
-
-def _append(stream: IO[bytes], text: str, path: Path) -> int:
-    """Write ``text`` now, or nothing of it; its bytes."""
-    data, size = text.encode("utf-8"), stream.tell()
-    try:
-        stream.write(data)
-        stream.flush()
-    except OSError as problem:
-        stream.truncate(size)
-        raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
-    return len(data)
+        plan = Causal.of(list(source.places), source.channels, source.level_K2_s3, settings, left["plan"])
+        return plan, CausalState.from_json(left["state"])
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
+        raise InputError(
+            f"is damaged ({problem!r})", where=str(file), remedy=_anew(file, out), parameters=("out=FILE",)
+        ) from None
 
 
 def _head(source: GrowingLog, plan: Causal) -> str:
     table = source.table
     notes = {**table.table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, **plan.notes()}
     lines = [f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n" for k, v in notes.items()]
-    return "".join(lines) + ",".join(source.called(plan.output_names)) + "\n"
+    return "".join(lines) + header_line(source.called(plan.output_names))
 
 
 def _lines(rows: np.ndarray) -> str:

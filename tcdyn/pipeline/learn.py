@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,10 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.lines.static import apply_static
 from calibration.noise import SPIKES, find_spikes, trace_noise_sd
+from calibration.plausible import impossible
 from tcdyn.chain.noise import noise_of
 from tcdyn.pipeline.causal import Causal, CausalState, Settings
+from tcdyn.pipeline.reachable import Reach, noise_bound_K
 from tcdyn.traces import DiskChannels
 
 LEAST_SAMPLES, LEAST_NOISE_K, FIRST = 16, 1e-3, 5
@@ -39,23 +41,40 @@ def begin(
     even = np.full((int(np.nanmax(place)) + 1, rows.shape[1]), np.nan)
     even[place[np.isfinite(place)].astype(int)] = rows[np.isfinite(place)]
     alive, dead = {}, []
+    screened: set[str] = set()
     for disk in channels:
-        for name, line, chain in zip(disk.columns, disk.lines, disk.chains):
-            y = apply_static(even[:, list(names).index(name)], line)
+        lag_u_s = np.sqrt(np.maximum(np.diag(disk.lag_covariance_s2), 0.0))
+        for i, (name, line, chain) in enumerate(zip(disk.columns, disk.lines, disk.chains)):
+            logged = even[:, list(names).index(name)]
+            y = apply_static(np.where(impossible(logged), np.nan, logged), line)
+            noise_K = np.array([settings.noise_K or noise_bound_K(y)])
+            reach = Reach.of([chain], lag_u_s[i : i + 1], disk.split_u_s[i : i + 1], noise_K, dt)
+            rejected = reach.rejected_at_start(0, y)
+            y = np.where(rejected, np.nan, y)
+            if rejected.any():
+                screened.add(name)
             if np.count_nonzero(np.isfinite(y)) < LEAST_SAMPLES:
                 dead.append(name)
             else:
                 alive[name] = y, chain.conditioning
     if not alive:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
-    learnt = {"dt_s": dt, "dead": dead} | _noise(alive, dt, settings.noise_K)
+    learnt = {"dt_s": dt, "dead": dead} | _noise(alive, screened, dt, settings.noise_K)
     plan = Causal.of(names, channels, level_K2_s3, settings, learnt)
-    return plan, plan.start(np.array([np.median(y[np.isfinite(y)][:FIRST]) for y, _ in alive.values()]))
+    first = np.array([np.median(y[np.isfinite(y)][:FIRST]) for y, _ in alive.values()])
+    count = min(int(np.count_nonzero(np.isfinite(y))) for y, _ in alive.values())
+    return plan, plan.start(first, count)
 
 
-def _noise(traces: Mapping[str, tuple[Array, Conditioning]], dt_s: float, given_K: float | None) -> dict[str, Any]:
-    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before it."""
-    after = {name: given_K or max(trace_noise_sd(y), LEAST_NOISE_K) for name, (y, _) in traces.items()}
+def _noise(
+    traces: Mapping[str, tuple[Array, Conditioning]], screened: Collection[str], dt_s: float, given_K: float | None
+) -> dict[str, Any]:
+    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before it.
+
+    Of the traces ``screened`` so many readings may be missing that only those left, one after the other, tell it.
+    """
+    left = {name: y[np.isfinite(y)] if name in screened else y for name, (y, _) in traces.items()}
+    after = {name: given_K or max(trace_noise_sd(y), LEAST_NOISE_K) for name, y in left.items()}
     before = dict.fromkeys(traces, 0.0)
     for filter_ in {f for _, f in traces.values()} if given_K is None else set():
         own = [name for name, (_, f) in traces.items() if f == filter_]

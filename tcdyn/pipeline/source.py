@@ -60,7 +60,10 @@ class GrowingLog:
         for name, unit in self.units.items():
             cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
             done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
-        return [list(map(float, row)) for row in np.where(np.isinf(done), np.nan, done)]
+        # An infinite temperature of a channel (no such emf of the couple) stays: it is counted as impossible later.
+        infinite = np.isinf(done)
+        infinite[:, [names.index(name) for channels in self.channels for name in channels.columns]] = False
+        return [list(map(float, row)) for row in np.where(infinite, np.nan, done)]
 
     def given_back(self, rows: Array, names: Sequence[str]) -> Array:
         """Answers (k, columns ``names``) in the units of the table's own columns."""
