@@ -204,6 +204,26 @@ class Causal:
             screening=Screening.begin(Track.begin(first, count)),
         )  # fmt: skip
 
+    def check_fits(self, state: CausalState) -> None:
+        """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
+        own = self.start(np.zeros(len(self.junctions)))
+        screening, own_screening = state.screening, own.screening
+        pairs: list[tuple[Any, Any]] = [(state.kernel, own.kernel), (screening, own_screening)]
+        pairs += [(screening.track, own_screening.track), (state, own)]
+        for given, expected in pairs:
+            for name, value in vars(expected).items():
+                if not isinstance(value, np.ndarray):
+                    continue
+                shape = np.shape(getattr(given, name))
+                if shape == (0,):  # JSON keeps no more of an array without rows
+                    fits = not value.size
+                elif name in ("waiting", "found", "found_u"):  # any number of rows
+                    fits = shape[1:] == value.shape[1:]
+                else:
+                    fits = shape == value.shape
+                if not fits:
+                    raise ValueError(f"{name} has the shape {shape}")
+
     @cached_property
     def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
         """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
@@ -319,7 +339,7 @@ class Causal:
             kernel[name] = getattr(state.kernel, name).copy()
             kernel[name][anew] = getattr(fresh.kernel, name)[anew]
         for name in ("recent", "past"):
-            kernel[name] = getattr(state.kernel, name).copy()
+            kernel[name] = getattr(state.kernel, name).reshape(-1, len(anew)).copy()
             kernel[name][:, anew] = getattr(fresh.kernel, name)[:, anew]
         memory = np.where(anew[:, None], fresh.memory, state.memory)
         return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)

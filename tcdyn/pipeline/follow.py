@@ -297,6 +297,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
         offset, digest_of_log, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
+        digest_of_out = str(where["out_sha256"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), **anew) from None
     for name, own in json.loads(json.dumps(key)).items():
@@ -309,7 +310,7 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         raise InputError("is not the log that the state file remembers", where=shown(table.path), **anew)
     if not out.exists() or out.stat().st_size < out_bytes:
         raise InputError("holds less than the state file remembers", where=str(out), **anew)
-    if digest(out, out_bytes).hexdigest() != where["out_sha256"]:
+    if digest(out, out_bytes).hexdigest() != digest_of_out:
         raise InputError("is not the output that the state file remembers", where=str(out), **anew)
     return data
 
@@ -320,7 +321,9 @@ def _plan_of(
     """Plan and state that the content of a state file describes; InputError for one that describes none."""
     try:
         plan = Causal.of(list(source.places), source.channels, source.level_K2_s3, settings, left["plan"])
-        return plan, CausalState.from_json(left["state"])
+        now = CausalState.from_json(left["state"])
+        plan.check_fits(now)
+        return plan, now
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
         raise InputError(
             f"is damaged ({problem!r})", where=str(file), remedy=_anew(file, out), parameters=("out=FILE",)
