@@ -22,7 +22,7 @@ from tcdyn.compensate.inverse import BeforeUse, lag_rate, split_change
 from tcdyn.compensate.live import LiveSmoother, live_before_use
 from tcdyn.compensate.live_model import LiveState
 from tcdyn.compensate.record import SPIKE
-from tcdyn.pipeline.reachable import Reach, Screening, Track
+from tcdyn.pipeline.reachable import Reach, ReadingTrack, Screening
 from tcdyn.sensor.units import u_name
 from tcdyn.traces import DiskChannels
 
@@ -79,7 +79,7 @@ class CausalState:
     backward: int = 0
     gaps: int = 0
     longest_gap_s: float = 0.0
-    screening: Screening = field(default_factory=lambda: Screening.begin(Track.begin(np.empty(0))))
+    screening: Screening = field(default_factory=lambda: Screening.begin(ReadingTrack.begin(np.empty(0))))
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and numbers, exact to the last bit in JSON."""
@@ -201,7 +201,7 @@ class Causal:
         return CausalState(
             self.engine.start(first), np.array(memory) * first[:, None],
             np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
-            screening=Screening.begin(Track.begin(first, count)),
+            screening=Screening.begin(ReadingTrack.begin(first, count)),
         )  # fmt: skip
 
     def check_fits(self, state: CausalState) -> None:

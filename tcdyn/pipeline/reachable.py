@@ -36,7 +36,7 @@ QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(2.0)  # 25 % of the |differences| of 
 
 
 @dataclass(frozen=True)
-class Track:
+class ReadingTrack:
     """The levels of M channels.
 
     ``value`` (M,): last accepted reading [degC], ``age`` (M,): samples since then, ``count`` (M,): accepted readings.
@@ -51,7 +51,7 @@ class Track:
     rival_count: Array
 
     @classmethod
-    def begin(cls, value: Array, count: float = 0.0) -> Track:
+    def begin(cls, value: Array, count: float = 0.0) -> ReadingTrack:
         """The track of channels whose first readings are about ``value (M,)``, backed by ``count`` readings."""
         nothing = np.zeros(len(value))
         no_value = np.full(len(value), np.nan)
@@ -62,7 +62,7 @@ class Track:
         return {f.name: getattr(self, f.name).tolist() for f in fields(self)}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Track:
+    def from_json(cls, data: Mapping[str, Any]) -> ReadingTrack:
         """The track that ``to_json`` gave."""
         return cls(**{name: np.array(values, dtype=float) for name, values in data.items()})
 
@@ -124,12 +124,14 @@ class Reach:
 
     def possible(self, i: int, before: Any, after: Any, samples: Any) -> Any:
         """Whether channel ``i`` can read ``after`` [degC] so many ``samples`` later than ``before`` [degC]."""
+        if self.keep[i] == 0:
+            return np.isfinite(after)
         kept = self.keep[i] ** samples
         low = self.low_degC[i] + (before - self.low_degC[i]) * kept - self.margin_K[i]
         high = self.high_degC[i] + (before - self.high_degC[i]) * kept + self.margin_K[i]
         return (low <= after) & (after <= high)
 
-    def examine(self, track: Track, y: Array) -> tuple[Track, NDArray[np.bool_], NDArray[np.bool_]]:
+    def examine(self, track: ReadingTrack, y: Array) -> tuple[ReadingTrack, NDArray[np.bool_], NDArray[np.bool_]]:
         """Continue ``track`` with the readings ``y (N, M)`` [degC], NaN where missing.
 
         Returns the track after them, which of them are rejected (N, M), and where a channel starts anew (N, M):
@@ -226,7 +228,7 @@ class Screening:
     the physical range. ``first_s``: time of the first such reading [s], NaN without one.
     """
 
-    track: Track
+    track: ReadingTrack
     impossible: Array
     unreachable: Array
     restarts: Array
@@ -234,7 +236,7 @@ class Screening:
     first_s: float = np.nan
 
     @classmethod
-    def begin(cls, track: Track) -> Screening:
+    def begin(cls, track: ReadingTrack) -> Screening:
         """Nothing was treated as missing yet."""
         none = np.zeros(len(track.value))
         return cls(track, none, none, none, none)
@@ -248,7 +250,7 @@ class Screening:
     def from_json(cls, data: Mapping[str, Any]) -> Screening:
         """The screening that ``to_json`` gave."""
         counts = {n: np.array(data[n], dtype=float) for n in ("impossible", "unreachable", "restarts", "blank")}
-        return cls(Track.from_json(data["track"]), first_s=float(data["first_s"]), **counts)
+        return cls(ReadingTrack.from_json(data["track"]), first_s=float(data["first_s"]), **counts)
 
     def examined(
         self, reach: Reach, time_s: Array, y: Array, outside: NDArray[np.bool_]
@@ -316,7 +318,6 @@ def noise_bound_K(y: Array) -> float:
         differences = np.abs(readings[apart:] - readings[:-apart])
         if len(differences):
             found.append(float(np.quantile(differences, 0.25)) / QUARTILE_OF_DIFFERENCES)
-    steps = np.abs(np.diff(readings))
-    smallest_step = float(np.min(steps[steps > 0], initial=np.inf))
+    smallest_step = float(np.min(np.diff(np.unique(readings)), initial=np.inf))
     rounding = smallest_step / np.sqrt(12.0) if np.isfinite(smallest_step) else 0.0
     return max(min(found, default=0.0), rounding)

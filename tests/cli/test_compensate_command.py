@@ -135,7 +135,7 @@ def test_follow_prints_the_report_before_use_and_ends_by_itself(
     assert "data:image/png;base64," in page.read_text(encoding="utf-8")
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out, comment="#"))]  # fmt: skip  # noqa: E501
     state = tmp_path / "state.json"
-    assert tcdyn(*words, "--state", state, "--behind-s", "0.2", "-q") == 0
+    assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "0.2", "-q") == 0
     assert json.loads(state.read_text(encoding="utf-8"))["where"]["rows"] == len(stretch)
     capsys.readouterr()
 
