@@ -122,7 +122,7 @@ def follow(
         write_text(out, head)  # what stood there stays until this is whole
         size = len(head.encode("utf-8"))
     announce(plan)
-    saved_at = time.monotonic()
+    saved_at = -np.inf  # at once, so that a run that is killed can be continued
     lost: InputError | None = None
     with AppendedFile(out, size, written) as output:
         while True:
