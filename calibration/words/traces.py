@@ -70,8 +70,8 @@ PIPELINE: dict[str, Words] = {
     "follow.unreachable": "{count} readings of {subject} changed faster than any temperature can through the lag of "
     "the sensor, the first at {first_s:.6g} s: treated as missing (unplugged sensor, invalid readings, or a wrong lag "
     "in the sensor file?)",
-    "follow.restarted": "{count} times {subject} started anew at another level of the readings, because those at the "
-    "level before were too few or too long ago",
+    "follow.restarted": "{subject} started anew at another level of the readings (times: {count}), because those at "
+    "the level before were too few or too long ago",
     "follow.blank": "{count} answers of {subject} lie outside {low_degC:g} to {high_degC:g} degC: left empty",
     "follow.torn": "{count} lines without the right number of fields were left out",
 }

@@ -283,27 +283,30 @@ class Screening:
     def findings(self, names: Sequence[str]) -> tuple[Finding, ...]:
         """The warnings; ``names`` of the channels."""
         told: list[Finding] = []
-        for code, counts in (
-            ("follow.impossible", self.impossible),
-            ("follow.unreachable", self.unreachable),
-            ("follow.restarted", self.restarts),
-            ("follow.blank", self.blank),
-        ):
-            if counts.any():
-                subject = ", ".join(name for name, count in zip(names, counts) if count)
-                total = int(counts.sum())
-                first_s = self.first_s
-                told.append(
-                    look(
-                        code,
-                        subject=subject,
-                        count=total,
-                        first_s=first_s,
-                        low_degC=LOWEST_DEGC,
-                        high_degC=HIGHEST_DEGC,
-                    )
-                )
+        count = int(self.impossible.sum())
+        if count:
+            subject = _listed(names, self.impossible)
+            limits: dict[str, Any] = {"low_degC": LOWEST_DEGC, "high_degC": HIGHEST_DEGC, "first_s": self.first_s}
+            told.append(look("follow.impossible", subject=subject, count=count, **limits))
+        count = int(self.unreachable.sum())
+        if count:
+            subject = _listed(names, self.unreachable)
+            told.append(look("follow.unreachable", subject=subject, count=count, first_s=self.first_s))
+        count = int(self.restarts.sum())
+        if count:
+            subject = _listed(names, self.restarts)
+            told.append(look("follow.restarted", subject=subject, count=count))
+        count = int(self.blank.sum())
+        if count:
+            subject = _listed(names, self.blank)
+            limits = {"low_degC": LOWEST_DEGC, "high_degC": HIGHEST_DEGC}
+            told.append(look("follow.blank", subject=subject, count=count, **limits))
         return tuple(told)
+
+
+def _listed(names: Sequence[str], counts: Array) -> str:
+    """The names of the channels whose count is not zero."""
+    return ", ".join(name for name, count in zip(names, counts) if count)
 
 
 def noise_bound_K(y: Array) -> float:

@@ -35,7 +35,7 @@ SETTLED_S = 5.0
 def followed(made: World | pd.DataFrame, folder: Path, settings: Settings) -> tuple[FollowRun, pd.DataFrame]:
     log, out = folder / "log.csv", folder / "out.csv"
     (made.log() if isinstance(made, World) else made).to_csv(log, index=False)
-    run = follow(log, {"fast": record()}, out, None, settings, idle_s=0.01, poll_s=0.02)
+    run = follow(log, {"fast": record()}, out, None, settings, idle_s=0.01, poll_s=0.02, overwrite=True)
     return run, pd.read_csv(out, comment="#")
 
 
