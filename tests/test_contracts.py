@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -116,19 +115,3 @@ def test_no_circle_between_files() -> None:
         TopologicalSorter(imports()).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
-
-
-def test_the_house_stays_small_enough_to_know() -> None:
-    """A folder's listing reads as its table of contents, a file is one concept, a name means one thing."""
-    files = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
-    assert len(files) <= 266
-    crowded = {f: n for f, n in Counter(str(path.parent.relative_to(ROOT)) for path in files).items() if n > 15}
-    assert crowded == {}
-    text = {str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in files}
-    assert {name: n for name, source in text.items() if (n := source.count("\n")) > 380} == {}
-    classes: dict[str, list[str]] = {}
-    for name, source in text.items():
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.ClassDef):
-                classes.setdefault(node.name, []).append(name)
-    assert {name: where for name, where in classes.items() if len(where) > 1} == {}
