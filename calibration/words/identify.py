@@ -93,6 +93,9 @@ REMEDIES = {  # of what is wrong with the record from which a model was to be id
     "record.off_equilibrium": "let the runs start off equilibrium (initial=estimated)",
     "record.drift": "fit with baseline=trend",
     "record.coarse": "log the output in finer steps",
+    "record.closed_loop": "record with the loop open, for the input is computed from the output",
+    "model.at_once": "see whether the input is computed from the output (a closed loop): this model answers its input "
+    "at once, and with the opposite sign or without a static gain, as minus the inverse of a controller does",
     "record.feedback": "see whether the input answers the output (a closed loop)",
 }
 OBJECTIONS = {
@@ -199,6 +202,9 @@ IDENTIFY: dict[str, Words] = {
     "record.drift": "The residuals drift (correlation with time {correlation:.2f}): fit with baseline=trend.",
     "record.coarse": "The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include "
     "the rounding, which the tests cannot tell from dynamics.",
+    "record.closed_loop": "The input {subject} follows the output {output}: it is computed from it (closed loop). The "
+    "model may be minus the inverse of the controller: record with the loop open, or add a larger test signal to the "
+    "input.",
     "record.feedback": lambda p, **_: (
         f"They tell of the input still to come ({chance(p)}) and not of the past one: the input answers the output "
         "(feedback, a closed loop, which biases the fit), or the two are not sampled at the same instants."

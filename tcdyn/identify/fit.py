@@ -14,7 +14,7 @@ from calibration.errors import InputError
 from calibration.finding import Finding, look
 from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
-from tcdyn.identify.data import SHORTEST, IOData
+from tcdyn.identify.data import SHORTEST, IOData, check_closed_loop
 from tcdyn.identify.disturbance import (
     DECISIVE,
     Baseline,
@@ -61,7 +61,8 @@ def fit(
     the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
     "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
     ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to begin
-    at, or several sets, of which the most promising is taken. ``check=False`` skips whether the output moves first.
+    at, or several sets, of which the most promising is taken. ``check=False`` skips whether the output moves first and
+    whether the input is computed from the output (a closed loop).
     ``input_noise`` is the sd of a measured input, 0 for one that is known; "auto" takes it from its own samples. With
     noise the input's level before a run in equilibrium is estimated, of which the first sample is but one reading.
     Raises InputError for data nothing can be learnt from.
@@ -97,6 +98,7 @@ def _fitted(
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
         raise InputError(f"{structure.name} has the noise of its own poles", remedy="leave noise and baseline out")
     if check:
+        check_closed_loop(data, data.name or "identify")
         for one in alone(problem):
             check_causality(one, data.name or "identify")
     asked = [] if start is None else [start] if isinstance(start, Mapping) else start

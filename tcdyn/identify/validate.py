@@ -25,6 +25,7 @@ from tcdyn.identify.search import Fit, pose
 
 DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
 DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
+FEEDBACK = 1e-3  # p of the test with inputs still to come, below which no model is recommended
 ALARM = 0.01  # p below which the findings speak up; the bounds themselves are at 5 %
 
 
@@ -62,7 +63,9 @@ class Validation:
     def troubles(self) -> tuple[str, ...]:
         """Codes of what is wrong with the record; of what only excuses the residuals, where they need an excuse."""
         counted = ["record.off_equilibrium", "record.drift"]
-        counted += ["record.coarse", "record.feedback"] if self.dynamics_missing else []
+        counted += ["record.coarse"] if self.dynamics_missing else []
+        clear = [f.numbers["p"] < FEEDBACK for f in self.findings if f.code == "record.feedback"]
+        counted += ["record.feedback"] if self.dynamics_missing or any(clear) else []
         return tuple(f.code for f in self.findings if f.code in counted)
 
 

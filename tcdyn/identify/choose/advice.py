@@ -13,11 +13,50 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, refuse
 from tcdyn.chain import NO_CONDITIONING
+from tcdyn.chain.rational import simulate
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM
 
 DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
+# Both from 300 simulated closed loops: PID control leaves 0.35 and more, integral control at most 0.05.
+AT_ONCE = 0.2  # of the largest gain: the answer within one sampling interval that is one at once
+NO_STATIC_GAIN = 0.1  # of the largest gain: the static gain below which there is none
 HALF = 50.0  # per cent of fit below which coloured residuals are no longer a mere disturbance
+
+
+def answers_at_once(fit: Fit) -> bool:
+    """Whether the model looks like minus the inverse of a controller, which is what a closed loop shows.
+
+    Parameters
+    ----------
+    fit : Fit
+        The recommended model.
+
+    Returns
+    -------
+    bool
+        Whether, behind an input, the output answers within the sampling interval, by more than ``AT_ONCE`` of the
+        largest gain up to half the sampling frequency, and that answer is negative or the static gain is below
+        ``NO_STATIC_GAIN`` of the largest.
+
+    Notes
+    -----
+    Of u = C (r - y) a fit finds y = r - u/C: of a proportional controller a negative gain without a lag, of one with
+    an integral no static gain. The lead of a sensor is positive and has a static gain.
+    """
+    dt_s = fit.problem.dt_s
+    frequencies_hz = np.append(0.0, np.geomspace(1e-4, 1.0, 200) * 0.5 / dt_s)
+    for rational in fit.problem.rationals(fit.x):
+        if rational.integrators:
+            continue
+        sizes = np.abs(rational.frequency_response(frequencies_hz))
+        largest = float(sizes.max())
+        answer = float(simulate(rational, np.array([0.0, 1.0]), dt_s, "foh", "zero")[1])
+        no_static_gain = sizes[0] < NO_STATIC_GAIN * largest
+        if abs(answer) > AT_ONCE * largest and (answer < 0 or no_static_gain):
+            return True
+    return False
 
 
 def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str, Finding]:

@@ -14,11 +14,11 @@ from calibration.errors import InputError
 from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.identify.choose.advice import COLUMNS, as_chain, order_table, recommend, verdict
+from tcdyn.identify.choose.advice import COLUMNS, answers_at_once, as_chain, order_table, recommend, verdict
 from tcdyn.identify.choose.grow import Entry, Way, listed, not_worse, off_equilibrium
 from tcdyn.identify.choose.held_out import QUICK, Progress, Task
 from tcdyn.identify.choose.shared import rival
-from tcdyn.identify.data import IOData
+from tcdyn.identify.data import IOData, check_closed_loop, closed_loop
 from tcdyn.identify.fit import fit, noted
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.search import Fit
@@ -70,7 +70,11 @@ class Comparison(Result):
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = [name for name in OFFERED if name not in set(self.table["model"]) and not self.grown]
-        return verdict(self.table, self.recommended, self.reason, untried, self.validation.troubles)
+        troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
+        if not troubles and answers_at_once(self.best):
+            troubles = ["model.at_once"]
+        troubles += [code for code in self.validation.troubles if not (troubles and code == "record.feedback")]
+        return verdict(self.table, self.recommended, self.reason, untried, troubles)
 
     def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
         """How to remove the lag from other traces (:func:`as_chain`); nothing where no model may be trusted."""
@@ -125,6 +129,10 @@ def compare(
     for m in models:
         entries += [m] if isinstance(m, Entry) else m
 
+    if options.get("check", True):
+        check_closed_loop(data, data.name or "identify")
+    else:
+        data = replace(data, findings=(*data.findings, *closed_loop(data)))
     task, like = Task(data, held_out, progress, options), like or process("P1")
     found = compared(task, listed(task, entries, like))
     at_once = "record.off_equilibrium" in found.validation.troubles
