@@ -80,7 +80,9 @@ def identify(
             help="Noise of a measured input, its sd in the input's unit; 0: none; auto: from its own samples."
         ),
     ] = "auto",
-    check: Annotated[bool, typer.Option(help="Refuse an output that moves before its input.")] = True,
+    check: Annotated[
+        bool, typer.Option(help="Refuse an output that moves before its input, and an input computed from the output.")
+    ] = True,
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
     held_out: Annotated[
         float,

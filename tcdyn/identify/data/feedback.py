@@ -46,7 +46,7 @@ LEAST_RANDOM_NOISY = (
 PAST_LAGS = 10  # past values of input and output in the test for a delayed law
 PAST_SHARE = 0.6  # of the input's innovation variance that the past output explains; in open loops at most 0.27
 PAST_CORRELATION = 0.4  # sum of squared correlations of the output's innovations with the next ones of the input; 0.33
-MOST_ROWS = 50_000  # rows that are examined, so that long records cost no more
+MOST_ROWS = 20_000  # first rows that are examined, of all segments together, so that long records cost no more
 
 
 @dataclass(frozen=True)
@@ -176,8 +176,9 @@ def is_law(table: Array, own: Array, scale: float, free: int) -> bool:
     """Whether the input, first in ``table`` (N, M), is a law of the terms after it (:func:`terms`): better than by its
     own past, which leaves ``own`` (N,) of typical size ``scale``, and by the pure integral; ``free`` rows are left."""
     u = table[:, 0]
-    without = project_out(orthonormal(table[:, 1 : 1 + PROPORTIONAL]), u)
-    integrals = project_out(orthonormal(table[:, 1 : 1 + PROPORTIONAL]), table[:, 1 + PROPORTIONAL :])
+    basis = orthonormal(table[:, 1 : 1 + PROPORTIONAL])
+    without = project_out(basis, u)
+    integrals = project_out(basis, table[:, 1 + PROPORTIONAL :])
     power = np.maximum(np.sum(integrals**2, axis=0), 1e-300)
     slopes = (without @ integrals) / power
     gained = slopes**2 * power

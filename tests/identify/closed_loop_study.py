@@ -1,0 +1,39 @@
+"""How often closed loops are recognised and open ones are not: ``python closed_loop_study.py [SAMPLES] [SEEDS]``."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
+
+from tcdyn.identify.data import closed_loop
+
+CONTROLLERS = ("P", "PI", "PID", "filtered PI", "clipped PI", "cascade", "thermostat")
+DITHERS = (0.0, 1e-4, 1e-2, 0.1, 1.0)  # of the standard deviation of the input without
+
+
+def main(samples: int, seeds: int) -> None:
+    """Print the share of the records that are recognised, in per cent."""
+    print(f"{samples} samples, {seeds} seeds; dither {DITHERS} of what the controller does")
+    settings = [(c, {"delayed": d, "noise": n}) for c in CONTROLLERS for d in (False, True) for n in (0.02, 0.3)]
+    settings += [(c, {"set_point": s}) for c in ("PI", "filtered PI") for s in ("steps", "ramp")]
+    settings += [("PI", {"step": step, "disturbance": 3.0}) for step in (0.1, 0.3, 1.0)]
+    for controller, options in settings:
+        shares = []
+        for dither in DITHERS:
+            found = 0
+            for seed in range(seeds):
+                plain = closed_loop_record(controller, samples=samples, seed=seed, **options)
+                sd = dither * float(np.std(plain.runs[0].u))
+                record = closed_loop_record(controller, samples=samples, seed=seed, dither=sd, **options)
+                found += bool(closed_loop(record))
+            shares.append(f"{100 * found / seeds:4.0f}")
+        print(f"{controller:12s}", " ".join(shares), options)
+    for kind in OPEN_LOOPS:
+        found = sum(bool(closed_loop(open_loop_record(kind, samples=samples, seed=seed))) for seed in range(seeds))
+        print(f"{kind:32s}", f"{100 * found / seeds:4.0f}")
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:]))
