@@ -19,7 +19,8 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM
 
 DECISIVE = 10.0  # difference of BIC from which nothing else makes up for it
-# Both from 300 simulated closed loops: PID control leaves 0.35 and more, integral control at most 0.05.
+# From fits to simulated closed loops (tests/identify/closed_loop_cases.py): the answer at once was 0.3 to 1 of the
+# largest gain, the static gain that integral control leaves at most 0.05.
 AT_ONCE = 0.2  # of the largest gain: the answer within one sampling interval that is one at once
 NO_STATIC_GAIN = 0.1  # of the largest gain: the static gain below which there is none
 HALF = 50.0  # per cent of fit below which coloured residuals are no longer a mere disturbance

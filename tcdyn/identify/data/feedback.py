@@ -17,8 +17,8 @@ from calibration.noise import MAD_TO_SD
 from tcdyn.identify.data.record import IOData
 from tcdyn.identify.data.segments import Segment, cut
 
-# The thresholds come from a study of 60 simulated closed loops and 40 kinds of open-loop records of 100 to 10,000
-# samples (tests/identify/closed_loop_study.py holds the simulators); the comment beside each gives the extremes.
+# The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of open loop, in
+# tests/identify/closed_loop_study.py. The comment beside each gives the figures that it lies between.
 OWN_LAGS = 8  # past values of the input from which its own prediction is made
 FILTER_POLES = (0.5, 0.7, 0.85, 0.95)  # of the filters that a controller may have on its measurement
 PROPORTIONAL = 3 + len(FILTER_POLES)  # terms without an integral: the last three outputs and the filtered ones
@@ -29,7 +29,7 @@ LIMIT_REPEATS = 3  # times that the extreme value of an input is repeated where 
 STEP_SDS = 8.0  # innovation of the input, in robust standard deviations, that is a step of the set point
 MOST_STEPS = 1 / 30  # share of the rows above which such innovations are no steps but the input's own distribution
 MOST_UNEXPLAINED = 0.5  # of the input's innovation variance by the law; noise-free loops 1e-8, noise of 10 % 0.3
-INTEGRAL_F = 60.0  # F value of the integral term; random disturbances in open loops reach 40
+INTEGRAL_F = 60.0  # F value of the integral term; of white noise and open loops with white residuals at most 40
 PURE_INTEGRAL_F = 20.0  # the same against the best leaky integral: an inverted lead has a leak, a controller has none
 SHORTEST_LEAK = 20.0  # samples; the filters above are shorter
 LONGEST_LEAK = 1.5  # lengths of the record; a slower leak is no longer told from none
