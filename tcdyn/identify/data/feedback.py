@@ -30,19 +30,19 @@ STEP_SDS = 8.0  # innovation of the input, in robust standard deviations, that i
 MOST_STEPS = 1 / 30  # share of the rows above which such innovations are no steps but the input's own distribution
 MOST_UNEXPLAINED = 0.5  # of the input's innovation variance by the law; noise-free loops 1e-8, noise of 10 % 0.3
 INTEGRAL_F = 60.0  # F value of the integral term; of white noise and open loops with white residuals at most 40
-PURE_INTEGRAL_F = 20.0  # the same against the best leaky integral: an inverted lead has a leak, a controller has none
+PURE_INTEGRAL_F = (
+    60.0  # the same against the best leaky integral, which an inverted lead has: leads at most 53, loops 85
+)
 SHORTEST_LEAK = 20.0  # samples; the filters above are shorter
 LONGEST_LEAK = 1.5  # lengths of the record; a slower leak is no longer told from none
 LEAK_RATIO = 1.25  # from one leaky integral to the next: close enough that no lead falls between two
 INTEGRAL_GAIN = 1.2  # ratio of the residual variances without and with the integral, however long the record is
-BLOCKS = 4  # quarters of the record, in each of which the integral must explain something
+BLOCKS = 4  # quarters of the record, in each of which the integral of a law that is not exact must explain something
 LEAST_SHARE = 0.03  # of what it explains in all; a single transient leaves less in two of them
 MOST_CORRELATED = 0.75  # autocorrelation of the law's residuals; of a chance fit to a slow drift it is above 0.8
 LEAST_RANDOM = 1e-3  # innovation of the input over its standard deviation; below, it is a smooth prescribed curve
 EXACT = 0.02  # unexplained share above which a law is no exact one
-LEAST_RANDOM_NOISY = (
-    0.08  # the same as LEAST_RANDOM where the law is not exact; a noisy plunge has 0.05, loops 0.3 to 1
-)
+LEAST_RANDOM_NOISY = 0.08  # LEAST_RANDOM where the law is not exact; a noisy plunge has 0.05, loops 0.3 to 1
 PAST_LAGS = 10  # past values of input and output in the test for a delayed law
 PAST_SHARE = 0.6  # of the input's innovation variance that the past output explains; in open loops at most 0.27
 PAST_CORRELATION = 0.4  # sum of squared correlations of the output's innovations with the next ones of the input; 0.33
@@ -190,14 +190,16 @@ def is_law(table: Array, own: Array, scale: float, free: int) -> bool:
     typical = inflation * float(np.median(np.abs(residual)) / max(np.median(np.abs(own)), 1e-150)) ** 2
     blocks = [float(np.sum(part)) for part in np.array_split(without**2 - residual**2, BLOCKS)]
     randomness = scale / max(float(np.sqrt(np.mean(u**2))), 1e-150)
-    least_random = LEAST_RANDOM if unexplained < EXACT else LEAST_RANDOM_NOISY
+    exact = unexplained < EXACT
+    least_random = LEAST_RANDOM if exact else LEAST_RANDOM_NOISY
+    throughout = exact or min(blocks) > LEAST_SHARE * sum(blocks)
     leaky = float(np.max(gained[1:], initial=0.0))
     return bool(
         max(unexplained, typical) < MOST_UNEXPLAINED
         and gained[0] > INTEGRAL_F * unit
         and gained[0] > (INTEGRAL_GAIN - 1) * remaining
         and gained[0] - leaky > PURE_INTEGRAL_F * unit
-        and min(blocks) > LEAST_SHARE * sum(blocks)
+        and throughout
         and float(residual[1:] @ residual[:-1]) < MOST_CORRELATED * remaining
         and randomness > least_random
     )
