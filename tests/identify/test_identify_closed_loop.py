@@ -47,9 +47,10 @@ def test_an_input_in_coarse_steps_is_recognised() -> None:
     assert recognised(closed_loop_record("PI", samples=1000, step=0.3, disturbance=3.0))
 
 
-def test_noise_of_a_tenth_is_recognised_in_a_long_record() -> None:
-    """0.05 % of noise is a tenth of what the controller does."""
-    assert recognised(closed_loop_record("PI", samples=3000, dither=0.05))
+def test_noise_on_the_input_is_recognised_in_a_long_record() -> None:
+    """Noise of 0.02 % is 4 % of what the controller does."""
+    for seed in range(3):
+        assert recognised(closed_loop_record("PI", samples=1000, seed=seed, dither=0.02)), seed
 
 
 @pytest.mark.parametrize("kind", OPEN_LOOPS)
