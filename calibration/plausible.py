@@ -16,6 +16,7 @@ HIGHEST_DEGC = 3000.0
 # (SCPI), 9E9, 1E38. Decades of real signals differ by less.
 OVERLOAD_RATIO = 1e6
 NOISE_ALLOWANCE = 10.0  # standard deviations of the noise that a change between two samples may add
+BORDER_SHARE = 0.3  # of the smallest impossible change: the first half of a spike may be smaller than its return
 COARSEST_K = 5.0  # no logger of temperatures has coarser steps
 QUIET_SHARE = 0.2  # quantile of the steps that tells the noise: four of five steps may be faulty or fast
 QUIET_QUANTILE = 0.3583  # that quantile of |difference of two samples| of white noise, over its standard deviation
@@ -119,8 +120,8 @@ def unreachable(values_degC: Array, dt_s: float, lag_s: float, passed_directly: 
 
     Through a lag tau the reading moves towards its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x - y(t)), x a mean of
     the input over d. With x between ``LOWEST_DEGC`` and ``HIGHEST_DEGC`` this bounds every change. Where a change is
-    larger, one of its sides is not the sensor's: the record is cut there, and of all subsets of the parts in which
-    every part can follow the one before, the one with most samples is kept.
+    larger, one of its sides is not the sensor's: the record is cut there and at other large changes, and of all
+    subsets of the parts in which every part can follow the one before, the one with most samples is kept.
 
     Parameters
     ----------
@@ -151,9 +152,13 @@ def unreachable(values_degC: Array, dt_s: float, lag_s: float, passed_directly: 
         high = first + share * (HIGHEST_DEGC - first) + allowance
         return (second >= low) & (second <= high)
 
-    breaks = np.flatnonzero(~possible(y[:-1], y[1:], np.diff(at) * dt_s)) + 1
-    if len(breaks) == 0:
+    is_impossible = ~possible(y[:-1], y[1:], np.diff(at) * dt_s)
+    if not is_impossible.any():
         return out
+    # a fault may begin by a change that is just possible, and end by one that is not: large changes are borders, too
+    change = np.abs(np.diff(y))
+    is_border = is_impossible | (change > max(BORDER_SHARE * float(change[is_impossible].min()), allowance))
+    breaks = np.flatnonzero(is_border) + 1
     starts = np.concatenate([[0], breaks])
     ends = np.concatenate([breaks, [len(y)]]) - 1
     # beyond this time any reading of the record can follow any other

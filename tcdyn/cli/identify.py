@@ -23,7 +23,7 @@ def identify(
     output: Annotated[str, typer.Option("--output", "-y", help="Column of the output; several with commas.")],
     run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
     time: Annotated[
-        str | None, typer.Option(help="Time column; time_s, Time [ms], t and the like are found by themselves.")
+        str | None, typer.Option(help="Time column; time_s, Time (ms), t and the like are found by themselves.")
     ] = None,
     time_unit: Annotated[
         str | None, typer.Option("--time-unit", help="Unit of the time, where its header does not say it: s, ms, min.")

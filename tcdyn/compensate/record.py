@@ -139,13 +139,18 @@ def _implausible(
         if wrong.mean() <= FEW_IMPLAUSIBLE and longest <= SPIKES["compensator"].longest:
             wrong[:] = False
         out[:, c] = outside | wrong
-        for bad, code in ((outside, "trace.outside"), (wrong, "trace.unreachable")):
-            if bad.any():
-                first = int(np.argmax(bad))
-                numbers: dict[str, Any] = {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
-                share = float(bad.mean()) if bad is outside else 1.0
-                findings.append(by_share(share, code, subject=name, **numbers))
+        if outside.any():
+            numbers = _first_of(outside, y)
+            findings.append(by_share(float(outside.mean()), "trace.outside", subject=name, **numbers))
+        if wrong.any():
+            findings.append(look("trace.unreachable", subject=name, **_first_of(wrong, y)))
     return out, findings
+
+
+def _first_of(bad: Flags, y: Array) -> dict[str, Any]:
+    """How many of the readings ``y`` (N,) are ``bad`` (N,), and the first of them."""
+    first = int(np.argmax(bad))
+    return {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
 
 
 def _flags(y: Array) -> NDArray[np.uint8]:

@@ -72,7 +72,7 @@ def write_logs(folder: Path) -> dict[str, Path]:
 
 
 def main() -> None:
-    """Write the committed logs anew. The records beside them are made by ``python -m tests.behaviour.store records``."""
+    """Write the committed logs anew; ``python -m tests.behaviour.store records`` makes the records beside them."""
     with tempfile.TemporaryDirectory() as folder:
         for name, path in simulated(Path(folder)).items():
             if path.suffix == ".toml":

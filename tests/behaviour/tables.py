@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 
 
-
 def first_order(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
     """Response (N,) of one lag to an input (N,) that is held over each interval; it begins in equilibrium."""
     keep = np.exp(-dt_s / tau_s)

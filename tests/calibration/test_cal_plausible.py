@@ -50,6 +50,13 @@ def test_every_second_reading_of_an_open_circuit_is_found() -> None:
     assert np.flatnonzero(unreachable(y, 1.0, 25.0)).tolist() == list(range(700, 900, 2))
 
 
+def test_a_spike_whose_rise_alone_was_possible_is_one_sample() -> None:
+    """A rise by 30 K in one row can come through the lag, the fall back cannot."""
+    y = 180 + np.random.default_rng(14).normal(0, 0.2, 800)
+    y[300] += 30
+    assert np.flatnonzero(unreachable(y, 0.05, 1.0)).tolist() == [300]
+
+
 def test_a_chain_that_passes_a_change_at_once_has_no_unreachable_readings() -> None:
     y = np.where(np.arange(200) < 100, 20.0, 500.0)
     assert unreachable(y, 1.0, 25.0).any()
