@@ -206,3 +206,18 @@ def test_drop_outs_in_a_sensor_record_are_missing_and_reported(tmp_path: Path) -
     _, columns, findings = read_columns(tmp_path / "log.csv", ["TC1_degC"], {"TC1_degC": Unit()})
     assert np.nanmax(columns["TC1_degC"]) < 90
     assert "sensor.codes" in {f.code for f in findings}
+
+
+def test_identify_reads_channels_of_different_start_from_one_tdms_file(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    start = np.datetime64("2021-11-26T10:00:00", "us")
+    channels = []
+    for name, late_s, values in (("u", 0, np.repeat(np.arange(30) % 2, 10)), ("y", 30, np.arange(300.0))):
+        properties = {"wf_increment": 1.0, "wf_start_time": start + np.timedelta64(late_s, "s"), "wf_start_offset": 0.0}
+        channels.append(ChannelObject("log", name, values.astype(float), properties=properties))
+    with TdmsWriter(tmp_path / "log.tdms") as writer:
+        writer.write_segment(channels)
+    data = from_csv(tmp_path / "log.tdms", input="u", output="y")
+    assert data.dt_s == pytest.approx(1.0)
+    assert data.runs[0].n == 270

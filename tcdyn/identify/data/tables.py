@@ -200,14 +200,16 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     time = options.get("time")
     if time is None and options.get("dt_s") is None:
         time = next((n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0])), None)
-    frame = table_of(table, asked if time is None else {*asked, time})
+    columns = asked if time is None else {*asked, time}
+    frame = table_of(table, columns)
     if time is None or list(table.names).count(time) != 1:
         return from_frame(frame, **{"name": path.name, **options})
     clock = find_time_column(
         table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
     )
     unit = options.get("time_unit") or (clock.written if clock.stated and clock.seconds is not None else None)
-    raw = read_whole(table, [time])
+    # a table of text is read here for its clock stamps only; of other files all columns share one time
+    raw = read_whole(table, [time] if isinstance(table, CsvTable) else [n for n in table.names if n in columns])
     if time in raw.stamps and len(raw.data[time]) == len(frame):
         frame[time] = raw.data[time]
         unit = "s"
