@@ -36,8 +36,20 @@ html_theme_options = {
 html_static_path = ["_static"]
 html_css_files = ["manual.css"]
 html_copy_source = False
-ALONE = ("index", "start", "which", "gallery/index", "files", "glossary", "coming-from", "limits")
-html_sidebars: dict[str, list[str]] = {page: [] for page in ALONE}  # pages without others below them
+PAGES_WITHOUT_SUBPAGES = (
+    "index",
+    "start",
+    "which",
+    "gallery/index",
+    "files",
+    "glossary",
+    "coming-from",
+    "limits",
+    "validation",
+    "performance",
+    "development",
+)
+html_sidebars: dict[str, list[str]] = {page: [] for page in PAGES_WITHOUT_SUBPAGES}
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

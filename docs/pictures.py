@@ -1,31 +1,43 @@
-"""The README's pictures, made from a demo folder: `tcdyn demo --out demo && python docs/pictures.py demo docs`."""
+"""Draw the picture of README: ``python docs/pictures.py`` writes ``docs/compensated.png``."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
-from calibration.disk import DISKS
-from calibration.record import read_record
-from calibration.rig import load_rig
-from tcdyn.pipeline import estimate_beta
-from tcdyn.plots import partition as draw
-from tcdyn.plots.style import figure
+import matplotlib.pyplot as plt
+import numpy as np
+
+from tcdyn import Chain, smooth
+
+OUT = Path(__file__).parent / "compensated.png"
 
 
-def main(demo: Path, out: Path) -> None:
-    """Traces at unloading, and the steady lines with every way's point."""
-    records = {d: read_record(demo / f"{d}.disk.json") for d in DISKS}
-    log = next(p for p in sorted(demo.glob("EHL_*.csv")) if "." not in p.stem)
-    run = estimate_beta(log, load_rig(demo / "rig.toml"), records)
-    unloading, axes = figure(1, 2, height_in=4.2)
-    for disk, ax in zip(DISKS, axes):
-        draw.draw_unloading(run.partition, disk, ax)
-    unloading.savefig(out / "unloading.png", dpi=110)
-    lines, (ax,) = figure(height_in=4.4)
-    draw.draw_lines(run.partition, ax)
-    lines.savefig(out / "lines.png", dpi=110)
+def main() -> None:
+    """The log of README's quick start: logged, compensated with its 95 % interval, and true."""
+    time_s = np.arange(0.0, 900.0)
+    since_opening_s = np.clip(time_s - 300, 0, None)
+    gas_degC = 850 - 120 * (1 - np.exp(-since_opening_s / 15)) * np.exp(-since_opening_s / 200)
+    noise_K = np.random.default_rng(1).normal(0, 0.3, len(time_s))
+    logged_degC = Chain(25).response(gas_degC, dt_s=1) + noise_K
+    result = smooth(logged_degC, 1.0, Chain(25), lag_covariance=[[1.0]])
+    compensated_degC = result.temperature[:, 0]
+    half_width_K = 1.96 * result.sd[:, 0]
+
+    # Large type: the picture must be readable at a width of 400 pixels.
+    plt.rcParams["font.size"] = 11
+    figure, ax = plt.subplots(figsize=(5.2, 3.0), layout="constrained")
+    ax.plot(time_s, logged_degC, color="0.55", linewidth=2, label="logged")
+    low_degC = compensated_degC - half_width_K
+    high_degC = compensated_degC + half_width_K
+    ax.fill_between(time_s, low_degC, high_degC, color="tab:blue", alpha=0.3, linewidth=0)
+    ax.plot(time_s, compensated_degC, color="tab:blue", linewidth=1.5, label="compensated, 95 %")
+    ax.plot(time_s, gas_degC, "k:", linewidth=1.5, label="true")
+    ax.set_xlim(250, 600)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("temperature [°C]")
+    ax.legend(frameon=False, loc="lower right")
+    figure.savefig(OUT, dpi=160)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main()

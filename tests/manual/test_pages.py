@@ -92,7 +92,7 @@ def test_every_page_of_the_how_to_is_run_by_a_test() -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Headings of a page, and of what it includes, as its links name them."""
+    """Headings of a page, as links name them."""
     found = re.findall(r"^#{1,3} (.+)$", page.read_text(encoding="utf-8"), re.M)
     plain = (re.sub(r"[`*]", "", heading).lower() for heading in found)
     return {re.sub(r"[^\w\- ]", "", heading).replace(" ", "-") for heading in plain}
@@ -113,5 +113,3 @@ def test_links_lead_to_pages_headings_and_pictures_that_are_there(page: Path) ->
         assert there.exists(), f"{page.name}: {link}"
         if anchor:
             assert anchor in anchors(there), f"{page.name}: {link}"
-    for start in re.findall(r'^:(?:start-after|end-before): "(.+)"$', page.read_text(encoding="utf-8"), re.M):
-        assert (DOCS.parent / "README.md").read_text(encoding="utf-8").count(start) == 1, start
