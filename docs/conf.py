@@ -1,4 +1,4 @@
-"""Sphinx's settings: the manual from ``docs/`` and the docstrings. `sphinx-build -W --keep-going -n docs OUT`."""
+"""Settings of Sphinx for the manual, from ``docs/`` and the docstrings. `sphinx-build -W --keep-going -n docs OUT`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 html_theme = "pydata_sphinx_theme"
-html_math_renderer = "mathml"  # of the browser itself: no script, no network, and it prints
+html_math_renderer = "mathml"  # rendered by the browser: no script, no network
 html_title = f"tcdyn {release}"
 html_show_sourcelink = False
 html_theme_options = {
@@ -56,10 +56,10 @@ autodoc_typehints_format = "short"
 napoleon_numpy_docstring = False
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
-# what annotations name is numpy's, pandas' and private types'; roles in the pages ({func}, {meth}, {mod}) stay checked
+# Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the pages are checked.
 nitpick_ignore_regex = [("py:(class|data|obj|exc|attr)", ".*")]
 
-ROOMS = {  # heading of a page, and the modules or packages on it
+REFERENCE_PAGES = {  # heading of a page, and the modules or packages on it
     "calibration": ["calibration"],
     "immersion": ["immersion"],
     "chain": ["tcdyn.chain", "tcdyn.contact", "tcdyn.fitting", "tcdyn.traces"],
@@ -74,7 +74,7 @@ ROOMS = {  # heading of a page, and the modules or packages on it
 
 
 def _modules(package: str) -> list[str]:
-    """A package's modules by their dotted names, its folders after its files."""
+    """The dotted names of a package's modules, files before folders."""
     path = HERE.parent.joinpath(*package.split("."))
     if not path.is_dir():
         return [package]
@@ -84,10 +84,10 @@ def _modules(package: str) -> list[str]:
 
 
 def write_reference(*_: Any) -> None:
-    """A page for each room, so that a new file of the house stands in the manual without being listed."""
+    """Write a reference page for each group of packages, so that new modules appear without being listed."""
     folder = HERE / "reference" / "rooms"
     folder.mkdir(parents=True, exist_ok=True)
-    for title, packages in ROOMS.items():
+    for title, packages in REFERENCE_PAGES.items():
         page = [f"# {title}", ""]
         for module in (m for package in packages for m in _modules(package)):
             page += [f"## {module}", "", "```{eval-rst}", f".. automodule:: {module}", "   :members:"]
@@ -97,8 +97,8 @@ def write_reference(*_: Any) -> None:
             file.write_text(text, encoding="utf-8")
 
 
-def plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Docstrings are prose with formulas: bars, stars and trailing underscores in them are no markup."""
+def escape_markup(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Escape bars, stars and trailing underscores: in docstrings they belong to formulas, not to markup."""
     quoted = False
     for k, line in enumerate(lines):
         if line.lstrip().startswith(">>>"):
@@ -111,23 +111,25 @@ def plain(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[
             lines[k] = "".join(parts)
 
 
-def at_home(app: Any, env: Any, node: Any, text: Any) -> Any:
-    """A name by which a room offers something (``tcdyn.smooth``), or by which a module knows it, leads to its home."""
+def resolve_alias(app: Any, env: Any, node: Any, text: Any) -> Any:
+    """Resolve a re-exported or imported name (``tcdyn.smooth``) to the place where it is defined."""
     if node.get("refdomain") != "py":
         return None
     target, module = node["reftarget"], node.get("py:module")
     for name in (target, f"{module}.{target}"):
-        thing = _offered(name)
-        home = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', '')}"
-        if thing is not None and home != target:
-            found = env.domains["py"].resolve_xref(env, node["refdoc"], app.builder, node["reftype"], home, node, text)
-            if found is not None:
-                return found
+        thing = _object_at(name)
+        definition = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__qualname__', '')}"
+        if thing is not None and definition != target:
+            resolved = env.domains["py"].resolve_xref(
+                env, node["refdoc"], app.builder, node["reftype"], definition, node, text
+            )
+            if resolved is not None:
+                return resolved
     return None
 
 
-def _offered(name: str) -> Any:
-    """What a dotted name means when Python reads it, None where it means nothing."""
+def _object_at(name: str) -> Any:
+    """The object that a dotted name refers to, or None."""
     parts = name.split(".")
     for k in range(len(parts) - 1, 0, -1):
         try:
@@ -141,7 +143,7 @@ def _offered(name: str) -> Any:
 
 
 def mathml(self: Any, node: Any) -> None:
-    """An equation as MathML, inline or in a line of its own."""
+    """An equation as MathML, inline or displayed."""
     block = isinstance(node, nodes.math_block)
     written = convert(node.astext(), display="block" if block else "inline")
     self.body.append(f'<div class="math">{written}</div>' if block else written)
@@ -149,8 +151,8 @@ def mathml(self: Any, node: Any) -> None:
 
 
 def setup(app: Any) -> None:
-    """Hooks of the build."""
+    """Connect the functions above to the build."""
     app.add_html_math_renderer("mathml", inline_renderers=(mathml, None), block_renderers=(mathml, None))
-    app.connect("missing-reference", at_home)
+    app.connect("missing-reference", resolve_alias)
     app.connect("builder-inited", write_reference)
-    app.connect("autodoc-process-docstring", plain, priority=900)
+    app.connect("autodoc-process-docstring", escape_markup, priority=900)

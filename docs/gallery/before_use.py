@@ -1,4 +1,4 @@
-"""What a proper inverse of 1.5 Hz will do, before it is applied; and the L-curve of a deconvolution."""
+"""Properties of a proper inverse of 1.5 Hz before it is applied, and the L-curve of a deconvolution."""
 
 import numpy as np
 from common import behind, save

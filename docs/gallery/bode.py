@@ -1,4 +1,4 @@
-"""Step, magnitude, phase and poles of an identified model with their 95 % bands, which widen where nothing excited."""
+"""Step, magnitude, phase and poles of an identified model with 95 % intervals, wide where the input had no power."""
 
 import numpy as np
 from common import behind, save

@@ -1,4 +1,4 @@
-"""What limits beta, source by source; and beta by the speed law against its exponent, with the one the disks imply."""
+"""Contributions to the uncertainty of beta; and beta by the speed law against its exponent, with the estimated one."""
 
 from common import analysed, save
 

@@ -1,4 +1,4 @@
-"""What a step becomes behind two lags and a 4 Hz filter; the dashed line is the lag, the first moment."""
+"""A step after two lags and a 4 Hz filter. The dashed line is the lag, the first moment of the impulse response."""
 
 from common import save
 

@@ -1,4 +1,4 @@
-"""What the gallery's scripts share: where pictures go, the commands, and one analysed folder of the synthetic rig."""
+"""Functions for the scripts of the gallery: output folder, commands, and one analysed folder of the synthetic rig."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ OUT = ROOT / "docs" / "_pictures"
 
 
 def save(picture: Figure, script: str) -> None:
-    """Write the picture of a script beside the others."""
+    """Write the figure of a script into the output folder."""
     OUT.mkdir(exist_ok=True)
     picture.savefig(OUT / f"{Path(script).stem}.png", dpi=110)
 
 
 def tcdyn(*words: object) -> None:
-    """Run a command; what it says stays on the terminal. Exit 1, something to be looked at, is no failure."""
+    """Run a command; its output stays on the terminal. Exit code 1 (a warning) is no failure."""
     print("tcdyn", *words, file=sys.stderr)
     try:
         run(lambda: app([str(w) for w in words], standalone_mode=True))
@@ -43,19 +43,19 @@ def tcdyn(*words: object) -> None:
 
 
 def behind(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
-    """One lag, straight between samples: a recursion of its own, so that no picture checks a solver by itself."""
+    """First-order lag of an input that is linear between samples, independent of the library's solver."""
     half = (1 - np.exp(-dt_s / tau_s)) / 2
     return np.asarray(lfilter([half, half], [1, 2 * half - 1], x, zi=[(1 - half) * x[0]])[0])
 
 
 def made(script: str, name: str) -> Path:
-    """A file that a script writes on its way to the picture."""
+    """Path of an intermediate file of a script."""
     (OUT / "files").mkdir(parents=True, exist_ok=True)
     return OUT / "files" / f"{Path(script).stem}.{name}"
 
 
 def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float = 0.0) -> Figure:
-    """Logged, compensated with its band, and true."""
+    """Logged, compensated with its 95 % interval, and true."""
     raw, ours = pd.read_csv(table), pd.read_csv(done, comment="#")
     t, u = raw.iloc[:, 0].to_numpy(), ours[f"{column.rsplit('_', 1)[0]}_u_K"].to_numpy()
     picture, (ax,) = figure(height_in=3.6)
@@ -70,7 +70,7 @@ def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float 
 
 @cache
 def lab() -> Path:
-    """The folder of `tcdyn demo`: the one in the repository's root if it is there, else made anew (a minute or two)."""
+    """The folder of `tcdyn demo`: the one in the repository's root if there is one, else a new one (minutes)."""
     for folder in (ROOT / "demo", OUT / "demo"):
         if all((folder / f"{d}.disk.json").exists() for d in DISKS) and (folder / "EHL_B3.csv").exists():
             return folder

@@ -1,4 +1,4 @@
-"""An unloading: 12 K gone with a time constant of 1 s. Dots are logged, the line is compensated, the kink is kept."""
+"""An unloading: 12 K in a time constant of 1 s. Dots are logged, the line is compensated, the kink is preserved."""
 
 import numpy as np
 from common import behind, save

@@ -1,4 +1,4 @@
-"""What planned plunges, a touch, a loading and an unloading will tell of the lags: shorter is better."""
+"""Predicted uncertainty of the lags from planned plunges, a touch, a loading and an unloading: shorter is better."""
 
 from common import save
 

@@ -1,4 +1,4 @@
-"""Two wires of different size in an exhaust, no reference: the pair tells both lags, then undoes the coarse one's."""
+"""Two wires in an exhaust: the pair determines both lags without a reference. The coarse one is compensated."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A furnace whose door opens at 300 s; the lag is stated, in kelvin. Grey lags, blue has its band, dotted is true."""
+"""A furnace whose door opens at 300 s, in kelvin; the lag is stated. Grey is logged, blue compensated, dotted true."""
 
 import numpy as np
 import pandas as pd

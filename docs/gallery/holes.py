@@ -1,4 +1,4 @@
-"""Junctions in holes of three sizes plunged into hot water: cement in the widest answers most of a second later."""
+"""Junctions in holes of three sizes plunged into hot water: with cement in the widest hole, most of a second later."""
 
 from common import save
 

@@ -1,4 +1,4 @@
-"""A heater and a temperature, measured and simulated by the model found; below the data as they were."""
+"""A heater and a temperature, measured and simulated by the identified model; below, the data."""
 
 import numpy as np
 from common import behind, save

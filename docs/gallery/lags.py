@@ -1,4 +1,4 @@
-"""The lags of a disk, by one plunge (above) and in the record: differences are known far better than what is common."""
+"""The lags of a disk from one plunge (above) and in the record: differences are more certain than the common lag."""
 
 from common import lab, plunged, save
 

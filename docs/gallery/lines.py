@@ -1,4 +1,4 @@
-"""What steady running leaves open, a line for each disk; every way to beta picks a point on it. Right: the ways."""
+"""Steady running determines a line for each disk; each estimator of beta selects a point. Right: the estimates."""
 
 from common import analysed, save
 

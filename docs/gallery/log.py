@@ -1,4 +1,4 @@
-"""A log of the rig: twelve junctions from warm running through loading to the parting and the cooling after it."""
+"""A log of the rig: twelve junctions from warm running through loading to the unloading and the cooling after it."""
 
 from common import analysed, lab, save
 

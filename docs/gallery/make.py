@@ -1,4 +1,4 @@
-"""All pictures of the gallery, or those named: `python docs/gallery/make.py [furnace kiln ..]`, into docs/_pictures."""
+"""Draw the figures of the gallery into docs/_pictures: `python docs/gallery/make.py [furnace kiln ..]`, default all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 
 
 def scripts() -> list[Path]:
-    """The scripts, each of which makes the picture of its name."""
+    """The scripts; each draws the figure of its name."""
     return [path for path in sorted(HERE.glob("*.py")) if path.stem not in ("common", "make")]
 
 
@@ -21,12 +21,12 @@ if __name__ == "__main__":
     import common
 
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", help="scripts; all without any")
+    parser.add_argument("names", nargs="*", help="scripts; default: all")
     parser.add_argument("--out", type=Path, default=common.OUT)
-    asked = parser.parse_args()
-    common.OUT = asked.out
+    arguments = parser.parse_args()
+    common.OUT = arguments.out
     for path in scripts():
-        if not asked.names or path.stem in asked.names:
+        if not arguments.names or path.stem in arguments.names:
             start = time.perf_counter()
             runpy.run_path(str(path))
             print(f"{path.stem}: {time.perf_counter() - start:.1f} s", flush=True)

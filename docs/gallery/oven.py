@@ -1,4 +1,4 @@
-"""An oven calibration: errors of all channels before and after the static lines, and what the lines leave."""
+"""An oven calibration: errors of all channels before and after the static lines, and the residuals of the lines."""
 
 from common import oven, save
 

@@ -1,4 +1,4 @@
-"""A sensor in a pipe, heated by a current for a minute (LCSR): the lag in place, then the pipe's own transient."""
+"""A sensor in a pipe, heated by a current for a minute (LCSR): the lag in place, then a transient of the pipe."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""A plunge: first seconds and the fitted chain, what the fit leaves, h with the burst of the entry, the reading."""
+"""A plunge: first seconds and the fitted chain, the residuals, h with the burst at the entry, the reading."""
 
 from common import plunged, save
 

@@ -1,4 +1,4 @@
-"""The rim's scheme against closed forms: error in percent, order, and the thesis's table 3.2 (crosses)."""
+"""The rim's numerical scheme against closed forms: error in per cent, order, and table 3.2 of the thesis (crosses)."""
 
 from common import save
 

@@ -1,4 +1,4 @@
-"""One lag where there are two: residuals that are not white, and that the input explains. So the model is refused."""
+"""A model with one lag for data with two: the residuals are not white and correlate with the input. It is rejected."""
 
 import numpy as np
 from common import behind, save

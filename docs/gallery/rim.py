@@ -1,4 +1,4 @@
-"""The rim under the track: isotherms, and the three profiles that may be laid through the readings of d, b and f."""
+"""The rim under the track: isotherms, and three profiles through the readings of d, b and f."""
 
 import numpy as np
 from common import save

@@ -1,4 +1,4 @@
-"""The thesis's sixteen tests as it prints them (tables 6.1 and 7.2): traction, its coefficient, temperature of a."""
+"""The sixteen tests of the thesis (tables 6.1 and 7.2): traction, its coefficient, temperature of junction a."""
 
 import pandas as pd
 from common import save

@@ -1,4 +1,4 @@
-"""Round a disk whose bore conducts unevenly: half of it better at 30 degrees, half worse opposite."""
+"""The temperature around a disk whose bore conducts unevenly: 0.5 of the mean better at 30 degrees, worse opposite."""
 
 from common import save
 

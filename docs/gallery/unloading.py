@@ -1,4 +1,4 @@
-"""The parting: grey is what was logged, coloured what the junctions felt, the kink kept."""
+"""The unloading: grey is logged, coloured is the temperature at the junctions with its 95 % interval."""
 
 from common import analysed, save
 

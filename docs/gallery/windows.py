@@ -1,4 +1,4 @@
-"""How long must one watch it cool? beta over the window's length, the two forms against each other, the junctions."""
+"""Beta against the length of the cooling that is used, for both forms of the fit, and the junctions."""
 
 from common import analysed, save
 
