@@ -53,7 +53,7 @@ html_sidebars: dict[str, list[str]] = {page: [] for page in PAGES_WITHOUT_SUBPAG
 
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
-napoleon_numpy_docstring = False
+napoleon_numpy_docstring = True
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 # Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the pages are checked.
