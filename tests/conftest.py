@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from tcdyn.pipeline.beta import BetaRun
 
 SEED = 3
-os.environ.setdefault("TCDYN_CORES", "1")  # the run itself uses the cores, and what a copy does is not seen to be run
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

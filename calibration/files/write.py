@@ -5,12 +5,9 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 import pandas as pd
@@ -19,7 +16,6 @@ from pyarrow import csv as pacsv
 
 from calibration.errors import InputError
 
-TEXT_ROWS, AHEAD = 5_000, 4  # made text of at once, so many times before the first must be written
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
@@ -169,26 +165,7 @@ def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
     head += header_line(list(frame.columns))
     with open(path, "wb") as stream:
         stream.write(head.encode("utf-8"))
-        _put(frame, stream)
-
-
-def _put(frame: pd.DataFrame, stream: IO[bytes]) -> None:
-    """The rows as CSV, two parts made text of side by side, of so few rows that memory grows little with the frame."""
-    table = _arrow(frame)
-
-    def text(first: int) -> pa.Buffer:
-        out = pa.BufferOutputStream()
-        pacsv.write_csv(table.slice(first, TEXT_ROWS), out, pacsv.WriteOptions(include_header=False))
-        return out.getvalue()
-
-    with ThreadPoolExecutor(2) as both:
-        made = deque[Future[pa.Buffer]]()
-        for first in range(0, len(frame), TEXT_ROWS):
-            made.append(both.submit(text, first))
-            if len(made) > AHEAD:
-                stream.write(made.popleft().result())
-        for last in made:
-            stream.write(last.result())
+        pacsv.write_csv(_arrow(frame), stream, pacsv.WriteOptions(include_header=False))
 
 
 def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:

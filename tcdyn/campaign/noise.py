@@ -15,7 +15,6 @@ from scipy import fft, ndimage
 from calibration import Array
 from calibration.noise import white_noise_sd
 from tcdyn.contact import SETTLE_S, line_length
-from tcdyn.cores import side_by_side
 from tcdyn.fitting import wave_factor
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, SHARE, Side
@@ -110,8 +109,9 @@ def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Arra
     """
     ends = np.cumsum([len(s.y) for s in sides])[:-1]
     parts = [*zip(sides, theta.reshape(-1, 4), np.split(toward, ends), np.split(residual, ends))]
-    found = side_by_side(lambda x: (slow_waves(test, x[0], x[1], x[3]), driven_noise(test, *x[:3])), parts)
-    return max(waves for waves, _ in found) * (np.eye(toward.shape[1]) + sum(driven for _, driven in found))
+    waves = [slow_waves(test, side, own_theta, own_residual) for side, own_theta, _, own_residual in parts]
+    driven = [driven_noise(test, side, own_theta, own_toward) for side, own_theta, own_toward, _ in parts]
+    return max(waves) * (np.eye(toward.shape[1]) + sum(driven))
 
 
 def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array) -> float:

@@ -202,12 +202,7 @@ def main() -> None:
 
 
 def command() -> None:
-    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends.
-
-    Only here may the library work with copies of the process (``tcdyn.cores.allow_copies``).
-    """
-    from tcdyn.cores import allow_copies
-
+    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends."""
     status: Any = INTERNAL_ERROR
 
     def leave() -> None:
@@ -220,7 +215,6 @@ def command() -> None:
     atexit.register(leave)  # the first is called last
     gc.set_threshold(1_000_000)  # to look for circles after each 700 new objects took a tenth of a second; few exist
     sys.meta_path.insert(0, _Later)
-    allow_copies()
     try:
         main()
     except (SystemExit, KeyboardInterrupt) as asked:

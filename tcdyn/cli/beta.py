@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from functools import cache, partial
-from importlib import import_module
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -68,20 +67,15 @@ def beta(
     --report beta.html
     """
     from calibration.files.write import write_text
-    from calibration.log import iter_log
     from calibration.opened import records_by_disk, refuse_spare_records, rig_of
     from calibration.rig import load_rig
-    from tcdyn.cores import begun
+    from tcdyn.pipeline.bearing import read_bearing
+    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     refuse_spare_records(log, own_rig, records)
-    gone = [f"{name.removesuffix('_degC')}_degC" for name in dict.fromkeys(without or ())]
-    read = begun(iter_log, log, "ehl", own_rig, without=gone) if len(records) > 1 else iter_log
-    from tcdyn.pipeline.bearing import read_bearing  # while the log is read
-    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
-
     rolling = read_bearing(bearing) if bearing else None
     estimate: Any = estimate_beta
     if len(records) == 1:
@@ -89,10 +83,8 @@ def beta(
     with stages(tell.silent, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
         options: dict[str, Any] = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
-            "without": without or (), "read": read, "progress": progress,
+            "without": without or (), "progress": progress,
         }  # fmt: skip
-        if report is not None and len(records) > 1:  # which takes as long to import as the cooling fits
-            options["meanwhile"] = partial(import_module, "tcdyn.report.beta")
         if stage is None:
             runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:

@@ -81,10 +81,9 @@ def compensate(
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
     from calibration.files.write import write_text
-    from calibration.log import log_for
     from calibration.opened import records_by_disk, rig_of
     from calibration.rig import load_rig
-    from tcdyn.cores import begun
+    from tcdyn.pipeline import compensate_log
 
     if sensor:
         asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
@@ -108,13 +107,10 @@ def compensate(
     own_rig = load_rig(rig) if rig else rig_of(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
-    read = begun(log_for, log, own_rig, records)
-    from tcdyn.pipeline import compensate_log  # while the log is read
-
     way = _way(method, criterion, bandwidth_hz, noise_only)
     timed = "deconvolve" if method == "deconvolve" else "compensate"
     with stages(tell.silent, verbose, timed, report is not None) as progress:
-        done = compensate_log(log, records, own_rig, refine=refine, way=way, parts=parts, read=read, progress=progress)
+        done = compensate_log(log, records, own_rig, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         written, noticed = done.write(target, progress)
         if covariance is not None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from calibration import Array
 from calibration.estimate import Z95
-from tcdyn.cores import side_by_side
 from tcdyn.fitting.descend import held
 from tcdyn.fitting.problem import Optimum, Status
 
@@ -76,7 +75,6 @@ def profile(
     width = optimum.u(row) * np.sqrt(scale) if u is None else u
     centre = value(float(row @ optimum.theta))
     low, high = _box(optimum, row)
-    bare = replace(problem, evaluate=_nothing)  # a model may be large, or nothing that can be sent to another process
 
     def walked(side: float) -> list[_Point]:
         points = [_Point(centre, cost(optimum), optimum)]
@@ -112,17 +110,14 @@ def profile(
                 break
             if abs(np.sqrt(max(points[-1].cost - points[0].cost, 0.0) / scale / level) - 1) < refine:
                 break
-        return [replace(p, fit=replace(p.fit, problem=bare)) for p in points[1:]]
+        return points[1:]
 
-    below, above = side_by_side(walked, (-1.0, 1.0))
+    below = walked(-1.0)
+    above = walked(1.0)
     every = sorted([_Point(centre, cost(optimum), optimum), *below, *above], key=lambda p: p.number)
     deviances = np.array([(p.cost - cost(optimum)) / scale for p in every])
-    fits = tuple(replace(p.fit, problem=problem) for p in every)
+    fits = tuple(p.fit for p in every)
     return Profile(np.array([p.number for p in every]), deviances, level, fits)
-
-
-def _nothing(_: Array) -> None:
-    return None
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,6 @@ from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.conduction.rim import Profile
-from tcdyn.cores import begun
 from tcdyn.partition.alternatives import (
     OFF_SCALE,
     WAYS,
@@ -147,13 +146,12 @@ def analyse(
     seed: int = 0,
     sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,
-    meanwhile: Callable[[], object] = lambda: None,
 ) -> Partition:
     """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
     ``window_s``: cooling used by the h-only fit; ``sensor_check``: look for dead, swapped and misplaced junctions
-    first; ``meanwhile`` is called while copies of this process work. Raises InputError when the log ends too early, the
-    window is shorter than the lag, a channel is dead or swapped, or the data contradict the model.
+    first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
+    swapped, or the data contradict the model.
     """
     longer_than_lag(test, window_s)
     logged = test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
@@ -185,22 +183,19 @@ def analyse(
         lines, speed = steady_lines(test, rows, profile, weights)
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures, compensation and cooling fits")
-    others = begun(alternatives, fitted, joint, both)
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
 
-    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift, DiskLine]:
+    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift]:
         disk, line = test.disks[d], lines[d]
         junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
         one, prior = compensated(test, disk, rows, junctions, profile), log_h_prior(disk.setup.surface)
         fit = cooling_fit(one.window, line.line, test.events.unload_s, window_s, one.noise_K, prior)
         shift = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), line)
-        return one.window, one.shown, fit, shift, replace(line, errors=partial(replace, line.shift))  # as it is known
+        return one.window, one.shown, fit, shift
 
-    one, other = DISKS
-    there = begun(alone, other)
-    meanwhile()
-    windows, shown, cooling, shifts, lines = (dict(zip(DISKS, x)) for x in zip(*[alone(one), there(other)]))
-    structures, budget = others(fitted, joint, both), monte_carlo(test, lines, cooling, shifts, joint, seed)
+    windows, shown, cooling, shifts = (dict(zip(DISKS, x)) for x in zip(*(alone(d) for d in DISKS)))
+    structures = alternatives(fitted, joint, both)
+    budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
     for d in DISKS:
         values |= {f"{d} intercept": lines[d].line.intercept, f"{d} slope": lines[d].line.slope}

@@ -15,7 +15,6 @@ from tcdyn.chain import Chain
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.smoother import smooth
 from tcdyn.conduction.rim import Profile
-from tcdyn.cores import side_by_side
 from tcdyn.partition.effects import Effects, effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import Starts, disk_fit
@@ -147,13 +146,12 @@ class Alone:
 
 
 def fits_alone(test: EhlTest, start: Starts, window_s: float, profile: Profile = "modal") -> dict[str, Alone]:
-    """Of each disk that there is a ``start`` for, side by side."""
-
-    def one(d: str) -> Alone:
-        fit = disk_fit(test, test.disks[d], *start[d], window_s, profile)
-        return Alone(fit.chain, fit.estimates)
-
-    return dict(zip(start, side_by_side(one, [*start])))
+    """Joint fit of each disk that has a ``start``, independent of the other disk."""
+    alone = {}
+    for disk, values in start.items():
+        fit = disk_fit(test, test.disks[disk], *values, window_s, profile)
+        alone[disk] = Alone(fit.chain, fit.estimates)
+    return alone
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:

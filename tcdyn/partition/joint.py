@@ -20,7 +20,6 @@ from calibration.estimate import Estimate
 from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
 from tcdyn.conduction.rim import Profile, bank_means
-from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.partition.effects import (
     LOG_H,
@@ -228,8 +227,7 @@ def joint_fits(
 
     Raises InputError when the log ends before the window.
     """
-    each = side_by_side(lambda d: disk_fit(test, test.disks[d], *start[d], window_s, profile), DISKS)
-    fits = dict(zip(DISKS, each))
+    fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
     sides = [fits[d].side for d in DISKS]
     problem = joint_problem(sides)
     theta = np.zeros(len(problem.names))

@@ -23,7 +23,6 @@ from calibration.disk import DISKS
 from calibration.estimate import Z95, Estimate
 from calibration.finding import note
 from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
-from tcdyn.cores import side_by_side
 from tcdyn.fitting import crossing, eliminated, least, minimise, profile
 from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
 from tcdyn.partition.window import POWER
@@ -138,7 +137,7 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         found = _profiles(d, [table], fit.theta, numbers, e, fit.inflation)
         return found, {"y": table.y, "effect": table.effect, "model": table.model}
 
-    found, tables = zip(*side_by_side(alone, DISKS))
+    found, tables = zip(*(alone(d) for d in DISKS))
     h_fast, h_slow = one[LOG_H], one[4 + LOG_H]
     numbers = {
         "beta": Number(one[SHARE], within=(0.0, 1.0)),
@@ -186,7 +185,7 @@ def _profiles(
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
         return pd.DataFrame({"fit": fit, "parameter": name, **columns})
 
-    return pd.concat(side_by_side(walked, [*numbers]), ignore_index=True)
+    return pd.concat([walked(name) for name in numbers], ignore_index=True)
 
 
 def _reach(values: Sequence[float], u: float) -> tuple[float, float]:

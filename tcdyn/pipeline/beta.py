@@ -16,7 +16,7 @@ from calibration.disk import DISKS, left_out_of
 from calibration.errors import InputError
 from calibration.files.seal import sealed
 from calibration.finding import Finding, look, note
-from calibration.log import COMPENSATED, Log, LogPieces, iter_log
+from calibration.log import COMPENSATED, Log, iter_log
 from calibration.noise import white_noise_sd
 from calibration.opened import rig_of
 from calibration.record import DiskRecord
@@ -35,7 +35,6 @@ from tcdyn.contact import (
     speed_course,
     surface_speed_m_s,
 )
-from tcdyn.cores import begun, side_by_side
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
@@ -66,10 +65,9 @@ class BetaRun(Result):
     @one_blas_thread
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
-        of = self.log.path.stem, self.rig_sha256, self.partition
-        kept = begun(campaign.kept_of, *of)  # while the profiles are walked
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        return sealed(data | {"kept": kept(*of)})
+        data["kept"] = campaign.kept_of(self.log.path.stem, self.rig_sha256, self.partition)
+        return sealed(data)
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -160,10 +158,8 @@ def prepare(
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
-    def traces_of(d: str) -> DiskTraces:
-        return disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
-
-    for d, traces in zip(here, side_by_side(traces_of, here)):
+    traces_of = {d: disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d]) for d in here}
+    for d, traces in traces_of.items():
         rig.disk_setup(d).check_rows()
         found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
         found += about[d][1]
@@ -230,28 +226,25 @@ def estimate_beta(
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
     stage: int | None = None,
-    read: Callable[..., LogPieces] = iter_log,
     progress: Callable[[str], None] = lambda _: None,
-    meanwhile: Callable[[], object] = lambda: None,
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
     ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
     ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest; ``read``: what reads
-    the log, which may have begun already (``tcdyn.cores.begun``); ``meanwhile``: called while copies work. A channel
-    that is dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
+    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
+    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
     Raises InputError for a log, rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
-        table, count = read_stage(read(log, "ehl", rig, without=[f"{name}_degC" for name in left_out]), stage)
+        pieces = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            options: dict[str, Any] = {"seed": seed, "sensor_check": sensor_check, "meanwhile": meanwhile}
-            found = analyse(test, window_s=window_s, progress=progress, **options)
+            found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
         except InputError as problem:
             raise problem.at(table.path.name) from None
         return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)

@@ -25,7 +25,6 @@ from tcdyn.compensate.inverse import BeforeUse, before_use, proper_inverse
 from tcdyn.compensate.record import Compensated
 from tcdyn.compensate.windows import over_window
 from tcdyn.contact import Events
-from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import refine_lags
 from tcdyn.partition.cooling import Alone
 from tcdyn.partition.steady import at_one_radius
@@ -129,7 +128,6 @@ def compensate_log(
     refine: bool = True,
     way: Way | None = None,
     parts: bool = False,
-    read: Callable[[str | Path, Rig, Mapping[str, DiskRecord]], tuple[LogPieces, list[str]]] = log_for,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
     """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
@@ -138,7 +136,6 @@ def compensate_log(
     ``refine``: where the log holds an unloading and the records of all its disks are given, the lag common to a disk's
     channels, which a plunge knows loosely, is taken from the unloading with the record as prior; else the record's own.
     ``way``: the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made of, too.
-    ``read``: what reads the log, which may have begun already (``tcdyn.cores.begun``).
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
@@ -147,7 +144,7 @@ def compensate_log(
         )
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
-    pieces, unused = read(log, rig, records)
+    pieces, unused = log_for(log, rig, records)
     kind = pieces.kind
     table = about_unloading(pieces)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
@@ -187,7 +184,7 @@ def compensate_log(
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
         traces[disk] = one
     progress(f"junctions, {' and '.join(records)}")
-    done = dict(zip(records, side_by_side(lambda d: one_disk(traces[d], table.frame, known, way), [*records])))
+    done = {d: one_disk(traces[d], table.frame, known, way) for d in records}
     for disk, one in ((d, traces[d]) for d in records):
         frame = frame.assign(**columns_of(one, done[disk], way, parts))
         findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from calibration.log import write_log
 from calibration.record import DiskRecord, read_record, write_record
 from calibration.result import Result, json_text, jsonable
 from calibration.rig import Rig, load_rig
-from tcdyn.cores import side_by_side
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
@@ -27,7 +25,6 @@ from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 from tcdyn.threads import one_blas_thread
 
 AFTER_S = 5.0
-Stage = Callable[[Path, Rig, Mapping[str, DiskRecord], Path], CompensatedLog | BetaRun]
 FLUID = "mobil-jet-ii"
 
 
@@ -68,38 +65,33 @@ def run_demo(
     seed: int = 1,
     tests: Sequence[str] = ("B3",),
     progress: Callable[[str], None] = lambda _: None,
-    n_jobs: int = 2,
 ) -> DemoRun:
     """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the command line.
 
-    Disks, and the two uses of a log, are independent of each other and go to ``n_jobs`` processes. No stage reads the
-    truth; it is read last, for the ``comparison``.
+    No stage reads the truth; it is read last, for the ``comparison``.
     """
     folder = Path(out)
     progress("simulating the campaign")
     files = simulate_campaign(folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}"))
     rig = load_rig(files.rig)
     progress("calibrating both disks")
-    calibrations = dict(zip(DISKS, side_by_side(partial(_calibrated, files, rig), DISKS, n_jobs)))
+    calibrations = {disk: _calibrated(files, rig, disk) for disk in DISKS}
+    records = {disk: read_record(folder / f"{disk}.disk.json") for disk in DISKS}
     progress("compensating every test, and its heat partition")
-    jobs = [(name, stage) for name in files.ehl for stage in (_partition, _compensated)]
-    done = dict(zip(jobs, side_by_side(partial(_on_log, files, rig), jobs, n_jobs)))
-    compensated = {name: done[name, _compensated] for name in files.ehl}
-    betas = {name: done[name, _partition] for name in files.ehl}
+    betas = {}
+    compensated = {}
+    for name, log in files.ehl.items():
+        out = folder / f"EHL_{name}"
+        betas[name] = _partition(log, rig, records, out)
+        compensated[name] = _compensated(log, rig, records, out)
     comparison = compare_with_truth(files, calibrations, betas, compensated)
     return DemoRun(files, calibrations, betas, compensated, comparison)
 
 
-def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> Any:
+def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
     run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], [FLUID])
     write_record(run.record, files.folder / f"{disk}.disk.json")
     return run
-
-
-def _on_log(files: CampaignFiles, rig: Rig, job: tuple[str, Stage]) -> Any:
-    name, stage = job
-    records = {d: read_record(files.folder / f"{d}.disk.json") for d in DISKS}
-    return stage(files.ehl[name], rig, records, files.folder / f"EHL_{name}")
 
 
 def _compensated(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> CompensatedLog:

@@ -13,7 +13,7 @@ from calibration.columns import couples
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.seal import sealed
-from calibration.log import Log, LogPieces, iter_log
+from calibration.log import Log, iter_log
 from calibration.opened import columns_not_there, rig_of
 from calibration.record import DiskRecord
 from calibration.result import Result
@@ -131,7 +131,6 @@ def estimate_one_disk(
     sensor_check: bool = True,
     bearing: BearingFile | None = None,
     stage: int | None = None,
-    read: Callable[..., LogPieces] = iter_log,
     progress: Callable[[str], None] = lambda _: None,
 ) -> OneDiskRun:
     """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of ``estimate_beta``.
@@ -149,7 +148,7 @@ def estimate_one_disk(
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")
-        pieces = read(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
+        pieces = iter_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
         table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:

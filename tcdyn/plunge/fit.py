@@ -19,7 +19,6 @@ from immersion.correlations import correlation as find_correlation
 from tcdyn.chain import STRUCTURES, Chain
 from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
-from tcdyn.cores import side_by_side
 from tcdyn.fitting import held
 from tcdyn.plunge import KNOWN, PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_models, junction_degC
@@ -217,7 +216,8 @@ def model_form(
         at = final if other is None else _under(final, other)
         return at.lag_s, at.cost, _top(at, width)
 
-    (_, _, base_top), *found = side_by_side(under, [None, *others])
+    _, _, base_top = under(None)
+    found = [under(other) for other in others]
     lags, cost = [final.lag_s], {chosen.name: final.cost}
     for other, (lag_s, its_cost, top) in zip(others, found):
         shift = float(np.clip(top - base_top, -2 * width, 2 * width))

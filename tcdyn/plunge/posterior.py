@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -13,13 +12,11 @@ from scipy.interpolate import PchipInterpolator
 
 from calibration import Array
 from calibration.estimate import Z95, Estimate
-from tcdyn.cores import side_by_side
 from tcdyn.fitting import Optimum, Problem, held, inverse, minimise, profile
 from tcdyn.plunge import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
 from tcdyn.plunge.model import RunModel, RunSurface, predict
 from tcdyn.plunge.run import RunNoise, block_sd
 
-Job = TypeVar("Job")
 LEAST_LAG_S = 2e-3
 ENOUGH = 1e-3  # of chi-square: a search ends with the step that gains less; log evidence then holds to 0.05
 SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH, "damping": 1e-6, "secant": True}
@@ -110,11 +107,6 @@ class PlungeOptimum:
         """Log evidence by Laplace's approximation, but for a constant that all structures share."""
         return -0.5 * self.cost - 0.5 * float(np.linalg.slogdet(self.found.information)[1]) + self.problem.log_prior
 
-    def with_models(self, models: tuple[RunModel, ...]) -> PlungeOptimum:
-        """The same with other ``models``: none, to be sent to another process that has them, or these again there."""
-        problem = replace(self.problem, models=models)
-        return PlungeOptimum(problem, replace(self.found, problem=problem.core))
-
     def is_near(self, other: PlungeOptimum) -> bool:
         """Whether two optima are one solution: their common lags agree within 0.15 s."""
         return abs(float(self.lag_s.mean() - other.lag_s.mean())) < 0.15
@@ -184,20 +176,6 @@ class LagScan:
             low95=value_s - float(np.hypot(below, Z95 * rest)),
             high95=value_s + float(np.hypot(above, Z95 * rest)),
         )
-
-
-def optima_side_by_side(
-    function: Callable[[Job], Sequence[Any]], jobs: Sequence[Job], models: tuple[RunModel, ...]
-) -> list[list[Any]]:
-    """``function`` of each job, on all cores; the optima among what it gives, all of ``models``, travel without them.
-
-    Models are large, and every process has them already.
-    """
-
-    def travelled(answer: Sequence[Any], kept: tuple[RunModel, ...]) -> list[Any]:
-        return [each.with_models(kept) if isinstance(each, PlungeOptimum) else each for each in answer]
-
-    return [travelled(a, models) for a in side_by_side(lambda job: travelled(function(job), ()), jobs)]
 
 
 def settled_scan(

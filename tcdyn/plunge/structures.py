@@ -15,9 +15,8 @@ from calibration.finding import Finding, look, note
 from calibration.result import jsonable
 from calibration.words.plunge import percent
 from tcdyn.chain import STRUCTURES, Structure
-from tcdyn.cores import side_by_side
 from tcdyn.plunge import BURST_KINDS, PlungePriors, lag_u_s
-from tcdyn.plunge.posterior import LagScan, PlungeOptimum, optima_side_by_side, settled_scan
+from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.plunge.run import RunNoise
 
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
@@ -169,21 +168,20 @@ def compare_structures(
     ``scan``: that of the chosen structure; ``own_lag_s``: the conditioning filter's lag; ``extra_u_s``: what else is
     uncertain in the common lag (choice of correlation).
     """
-    chosen, models = final.problem.layout.structure, final.problem.models
-    fits = dict(zip(structures, optima_side_by_side(lambda s: _optima(final, s, priors), structures, models)))
+    chosen = final.problem.layout.structure
+    fits = {s: _optima(final, s, priors) for s in structures}
     best = max(fits, key=lambda s: fits[s][0].laplace)
     kept = best == chosen and fits[best][0].is_near(final)
     if not kept:
         noise = fits[best][0].judged()
-        again = optima_side_by_side(lambda s: [_refit(f, s, priors, noise) for f in fits[s]], structures, models)
-        fits = dict(zip(structures, again))
+        fits = {s: [_refit(f, s, priors, noise) for f in fits[s]] for s in structures}
     likeliest = max(f.laplace for s in structures for f in fits[s])
     reported = scan.estimate(own_lag_s, extra_u_s)
     modes: list[_Mode] = []
     solutions = [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]
     far = [s != chosen and fit.laplace < likeliest - UNLIKELY for s, _, fit in solutions]
     near = [i for i, (s, k, _) in enumerate(solutions) if not far[i] and not (kept and s == chosen and k == 0)]
-    paths = optima_side_by_side(lambda i: settled_scan(solutions[i][2], step=1.8, drop=7.0), near, models)
+    paths = {i: settled_scan(solutions[i][2], step=1.8, drop=7.0) for i in near}
     for i, (s, k, fit) in enumerate(solutions):
         if kept and s == chosen and k == 0:
             cost = min(float(scan.cost.min()), final.cost)
@@ -193,7 +191,7 @@ def compare_structures(
             roughly = Estimate.normal(fit.found.value(row) + own_lag_s, fit.found.u(row))
             modes.append(_Mode(s, fit, roughly, fit.cost, fit.laplace))
         else:
-            path, at, start = paths[near.index(i)]
+            path, at, start = paths[i]
             if any(m.structure == s and m.at.is_near(at) for m in modes):
                 continue
             own = s == chosen and at.is_near(final)
@@ -227,7 +225,7 @@ def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> t
     ranked = sorted(zip(modes, shares), key=lambda pair: (not pair[0].reported, -pair[1]))
     mine = [[(m, p) for m, p in ranked if m.structure == s] for s in structures]
     cost = [min(m.cost for m, _ in own) for own in mine]
-    held = side_by_side(held_out, [own[0][0].at for own in mine])
+    held = [held_out(own[0][0].at) for own in mine]
     least = min((h for h in held if h is not None), default=0.0)
     return tuple(
         StructureRow(

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
-from operator import attrgetter
 from pathlib import Path
 
 import pandas as pd
@@ -30,7 +28,7 @@ from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, pictured
 from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
 from tcdyn.report.around import around_section, uneven_section
-from tcdyn.report.page import Answer, Section, made, write_page
+from tcdyn.report.page import Answer, Section, write_page
 
 ASSUMED = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "
@@ -43,12 +41,18 @@ ASSUMED = (
 
 def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     """Sections for one test, that of the page's head first, then most wanted first; what few ask for is folded."""
-    shown = [partial(make, p, truth) for make in (lead, answer_sections)]
-    shown += [partial(make, p) for make in (fit_section, uncertainty_sections, uneven_section)]
-    folded = structure_section, around_section, transient_sections, profile_section, test_sections
-    every = made(*(partial(make, p) for make in folded), *shown)  # what takes longest first
-    appendix = [replace(s, folded=True) for s in chain(*every[: len(folded)])]
-    return sorted([*chain(*every[len(folded) :]), *appendix], key=attrgetter("folded"))
+    main = [lead(p, truth), *answer_sections(p, truth), fit_section(p), *uncertainty_sections(p), uneven_section(p)]
+    appendix = [
+        structure_section(p),
+        around_section(p),
+        *transient_sections(p),
+        profile_section(p),
+        *test_sections(p),
+    ]
+    shown = [section for section in main if not section.folded]
+    folded = [section for section in main if section.folded]
+    folded += [replace(section, folded=True) for section in appendix]
+    return [section.drawn() for section in (*shown, *folded)]  # a page of many tests keeps images, not figures
 
 
 def lead(p: Partition | OneDisk, truth: float | None = None) -> Section:

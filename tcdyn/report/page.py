@@ -9,7 +9,7 @@ import base64
 import html
 import io
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib import resources
@@ -26,7 +26,6 @@ from calibration.files.write import write_text
 from calibration.finding import Finding, doubts, notes, sentences
 from calibration.result import Result
 from tcdyn.compensate.record import Compensated
-from tcdyn.cores import side_by_side
 from tcdyn.version import __version__
 
 if TYPE_CHECKING:
@@ -164,8 +163,7 @@ def render_page(
     import jinja2
 
     every = [*sections] if lead is None else [lead, *sections]
-    drawn = iter(side_by_side(Section.drawn, [s for s in every if s.figure is not None]))
-    every = [s if s.figure is None else next(drawn) for s in every]
+    every = [section.drawn() for section in every]
     lead, sections = (None, every) if lead is None else (every[0], every[1:])
     source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
@@ -185,16 +183,6 @@ def render_page(
         plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
     )
     return CONTROL.sub(" ", page)
-
-
-def made(*makers: Callable[[], Section | Sequence[Section]]) -> list[list[Section]]:
-    """The drawn sections of each of ``makers``, which make one or several and work side by side."""
-
-    def sections(make: Callable[[], Section | Sequence[Section]]) -> list[Section]:
-        found = make()
-        return [s.drawn() for s in ([found] if isinstance(found, Section) else found)]
-
-    return side_by_side(sections, makers)
 
 
 def write_page(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> Path:

@@ -17,7 +17,7 @@ from calibration.errors import InputError
 from calibration.files import sha256, write
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig, rig_toml
-from tcdyn.cores import spread
+from tcdyn.parallel import parallel_map
 from tcdyn.simulate.bath import FluidName
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
@@ -122,7 +122,8 @@ def simulate_campaign(
     written = _write_rig(folder, believed)
 
     scalars: dict[str, dict[str, Any]] = {name: {} for name in jobs}
-    for number, (_, answer) in enumerate(spread(partial(_run, folder=folder), [*jobs.items()], n_jobs), 1):
+    results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
+    for number, (_, answer) in enumerate(results, 1):
         if isinstance(answer, Exception):
             raise answer
         name, scalars[name] = answer

@@ -12,7 +12,6 @@ import pandas as pd
 from calibration import Array
 from calibration.disk import DISKS
 from tcdyn.contact import hertz_contact
-from tcdyn.cores import side_by_side
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem
@@ -197,8 +196,9 @@ def simulate_ehl(
         return log, true, seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
 
     uneven: dict[str, Any] = {}
-    for name, (log, true, uneven[name]) in zip(shares, side_by_side(logged, [*shares])):
+    for name in shares:
         disk = rig.disk(name)
+        log, true, uneven[name] = logged(name)
         for k, channel in enumerate(sorted(disk.channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]

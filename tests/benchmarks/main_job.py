@@ -21,7 +21,7 @@ from tcdyn.pipeline import run_demo
 def one_campaign(seed: int, tests: tuple[str, ...]) -> pd.DataFrame:
     """Errors of one seed's campaign; one row a test."""
     with tempfile.TemporaryDirectory() as folder:
-        run = run_demo(Path(folder), seed, tests, n_jobs=1)
+        run = run_demo(Path(folder), seed, tests)
     table = run.comparison.set_index("quantity")
     rows = []
     for test in tests:

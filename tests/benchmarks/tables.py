@@ -23,8 +23,6 @@ LAG_S, BLOCK = 0.5, 200_000
 RUN = """
 import sys
 from tcdyn.cli.app import main
-from tcdyn.cores import allow_copies
-allow_copies()
 try:
     main()
 finally:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,6 @@ import pytest
 from calibration.errors import InputError
 from calibration.log import read_log
 from tcdyn.cli.app import app, run
-from tcdyn.cores import spread
 from tcdyn.pipeline.bearing import read_bearing
 from tcdyn.pipeline.beta import prepare
 from tcdyn.pipeline.campaign import one_log as stage
@@ -177,7 +174,7 @@ def test_bad_requests_get_one_sentence(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tcdyn.cores.CONNECT_S", 0.5)
+    monkeypatch.setattr("tcdyn.parallel.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
     assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err
@@ -185,34 +182,6 @@ def test_bad_requests_get_one_sentence(
     assert "no Dask scheduler answers at tcp://127.0.0.1:9" in capsys.readouterr().err
     assert tcdyn("campaign", bad_log, "--record", campaign.record_paths["fast"], *out) == 2
     assert not (tmp_path / "o" / "EHL_bad.beta.json").exists()
-
-
-def test_dask_that_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "dask.distributed", None)
-    with pytest.raises(InputError, match="not installed"):
-        list(spread(abs, [1], dask="tcp://127.0.0.1:9"))
-
-
-@pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
-    distributed = pytest.importorskip("dask.distributed")
-    with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0", protocol="tcp"
-    ) as local:
-        yield local.scheduler_address
-
-
-def test_same_answers_from_one_worker_two_workers_and_dask(cluster: str) -> None:
-    jobs = [float(x) for x in range(7)]
-    one = dict(spread(np.cosh, jobs))
-    assert dict(spread(np.cosh, jobs, workers=2)) == one
-    assert dict(spread(np.cosh, jobs, dask=cluster)) == one
-
-
-def test_a_failing_dask_job_is_an_answer(cluster: str) -> None:
-    answers = dict(spread(int, ["7", "x"], dask=cluster))
-    assert answers[0] == 7
-    assert isinstance(answers[1], ValueError)
 
 
 def bearing_csv(path: Path) -> Path:

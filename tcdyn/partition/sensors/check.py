@@ -14,7 +14,6 @@ from scipy.special import chdtrc
 from calibration.disk import DISKS, LEFT_OUT, DiskSetup
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note, refuse
-from tcdyn.cores import side_by_side
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensors.faults import DepthTest, Fault, depth_test, hypotheses, judge, settled
 from tcdyn.partition.sensors.features import DiskFeatures, disk_features
@@ -111,7 +110,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
     junctions read nearly alike (d and f) cannot be told apart: ``blind`` lists such pairs.
     """
-    looked_at = dict(zip(test.disks, side_by_side(lambda d: _looked_at(test, test.disks[d]), [*test.disks])))
+    looked_at = {d: _looked_at(test, disk) for d, disk in test.disks.items()}
     features = {d: f for d, (f, _, _) in looked_at.items()}
     groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
@@ -152,7 +151,7 @@ def _looked_at(test: EhlTest, disk: DiskTraces) -> tuple[DiskFeatures, tuple[Sus
     """A disk's features, the dead of its channels, and what is judged of it where there are none."""
     f = disk_features(test, disk)
     dead = _dead(test, disk, f)
-    return replace(f), dead, None if dead else _judged(test, f, disk)  # what it worked out stays here
+    return f, dead, None if dead else _judged(test, f, disk)
 
 
 def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:

@@ -18,7 +18,7 @@ from calibration.result import Result, json_text, jsonable
 from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
-from tcdyn.cores import spread
+from tcdyn.parallel import parallel_map
 from tcdyn.pipeline.campaign.answers import ANSWER, given_answer, is_altered, read_answer, said_once
 from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
 from tcdyn.pipeline.campaign.table import AGREE, campaign_table, table_csv, table_row
@@ -156,7 +156,7 @@ def run_campaign(
         else:
             jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
-    for at, answer in spread(work, [path.resolve() for _, path in jobs], workers, dask):
+    for at, answer in parallel_map(work, [path.resolve() for _, path in jobs], workers, dask):
         i, path = jobs[at]
         if isinstance(answer, Exception):
             answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]

@@ -15,7 +15,6 @@ from calibration.estimate import Estimate, with_u
 from calibration.words.base import as_known
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
-from tcdyn.cores import side_by_side
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift, smoothed
 from tcdyn.partition.one_disk import OneDisk
@@ -151,7 +150,7 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
     if not wanted:
         raise InputError(f"the log holds {held:.2f} s of cooling", expected=f"at least {min(lengths, default=0):g} s")
     rows = stretch_of(test, wanted[-1])
-    of_disks = side_by_side(lambda d: _disk_rows(partition, d, rows, wanted), DISKS)
+    of_disks = [_disk_rows(partition, disk, rows, wanted) for disk in DISKS]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
