@@ -184,16 +184,22 @@ def analyse(
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures, compensation and cooling fits")
     chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
-
-    def alone(d: str) -> tuple[DiskWindow, Compensated, CoolingFit, CoolingShift]:
-        disk, line = test.disks[d], lines[d]
+    windows: dict[str, DiskWindow] = {}
+    shown: dict[str, Compensated] = {}
+    cooling: dict[str, CoolingFit] = {}
+    shifts: dict[str, CoolingShift] = {}
+    for d in DISKS:
+        disk = test.disks[d]
+        line = lines[d]
         junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
-        one, prior = compensated(test, disk, rows, junctions, profile), log_h_prior(disk.setup.surface)
-        fit = cooling_fit(one.window, line.line, test.events.unload_s, window_s, one.noise_K, prior)
-        shift = cooling_shift(fit, *cooling_errors(one, fit.share, fit.h_W_m2K), line)
-        return one.window, one.shown, fit, shift
-
-    windows, shown, cooling, shifts = (dict(zip(DISKS, x)) for x in zip(*(alone(d) for d in DISKS)))
+        traces = compensated(test, disk, rows, junctions, profile)
+        prior = log_h_prior(disk.setup.surface)
+        fit = cooling_fit(traces.window, line.line, test.events.unload_s, window_s, traces.noise_K, prior)
+        errors = cooling_errors(traces, fit.share, fit.h_W_m2K)
+        windows[d] = traces.window
+        shown[d] = traces.shown
+        cooling[d] = fit
+        shifts[d] = cooling_shift(fit, *errors, line)
     structures = alternatives(fitted, joint, both)
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}

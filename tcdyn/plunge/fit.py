@@ -210,19 +210,16 @@ def model_form(
     The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
     (sample covariance) is what the choice of correlation adds.
     """
-    width, others = scan.sd_s, [other for other in others if other.name != chosen.name]
-
-    def under(other: Correlation | None) -> tuple[Array, float, float]:
-        at = final if other is None else _under(final, other)
-        return at.lag_s, at.cost, _top(at, width)
-
-    _, _, base_top = under(None)
-    found = [under(other) for other in others]
-    lags, cost = [final.lag_s], {chosen.name: final.cost}
-    for other, (lag_s, its_cost, top) in zip(others, found):
-        shift = float(np.clip(top - base_top, -2 * width, 2 * width))
-        lags.append(lag_s - lag_s.mean() + final.lag_s.mean() + shift)
-        cost[other.name] = its_cost
+    width = scan.sd_s
+    others = [other for other in others if other.name != chosen.name]
+    base_top = _top(final, width)
+    lags = [final.lag_s]
+    cost = {chosen.name: final.cost}
+    for other in others:
+        at = _under(final, other)
+        shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
+        lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
+        cost[other.name] = at.cost
     spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
     common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
     return ModelForm(common, cost, np.atleast_2d(spread))
