@@ -22,7 +22,8 @@ QUIET_SHARE = 0.2  # quantile of the steps that tells the noise: four of five st
 QUIET_QUANTILE = 0.3583  # that quantile of |difference of two samples| of white noise, over its standard deviation
 # A drop-out value stands apart from all other readings by more than this share of their range ...
 CODE_DISTANCE = 0.1
-# ... and occurs in runs of at most so many samples (median), unless it lies beyond the range by more than the range.
+CODE_STEPS = 5.0  # ... and by more than so many steps of the logger.
+# It occurs in runs of at most so many samples (median), unless it lies beyond the range by more than the range.
 CODE_RUN = 3
 CODE_RUNS = 3  # separate runs that a repeated value must have to be a code rather than a state of the process
 DISTINCT = 10  # different readings that the rest of the column must have: a switch or a relay has no drop-outs
@@ -102,6 +103,8 @@ def _code(values: Array, candidate: float) -> Flags:
         return none
     spread = float(np.ptp(others))
     distance = float(np.min(np.abs(others - candidate)))
+    if distance < CODE_STEPS * float(np.min(np.diff(np.unique(others)))):
+        return none
     present = equal[np.isfinite(values)]
     edges = np.flatnonzero(np.diff(np.concatenate([[0], present.astype(np.int8), [0]])))
     starts = edges[::2]

@@ -140,13 +140,14 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
     if count == 0:
         raise InputError("no rows below the header", where=d.where)
     first_cells = dict(zip(reversed(d.names), reversed(d.first_row)))
-    dates = [name for name in d.names if is_date(first_cells[name])]
+    dates = [name for name in d.names if is_date(first_cells[name], name)]
     # a time of day beside one column of dates: the date belongs to it
     dated = {name for name in wanted if len(dates) == 1 and is_time_of_day(first_cells[name])}
     read_names = list(dict.fromkeys([*wanted, *(dates if dated else ())]))
     keys = {name: f"c{d.names.index(name)}" for name in read_names}  # names in files may repeat; these do not
     cells = {name: first_cells[name] for name in read_names}
     words = {n for n, cell in cells.items() if not is_number(cell, d.decimal) and cell.lower() not in ABSENT}
+    words.update(dates)
     texts: dict[str, TextColumn] = {}
     line = max(len(d.first_row) * 4, sum(len(cell) + 1 for cell in d.first_row))
     # small blocks, none read ahead: the allocators keep some twenty times a block for themselves

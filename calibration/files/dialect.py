@@ -14,7 +14,7 @@ import numpy as np
 
 from calibration import Array
 from calibration.errors import InputError
-from calibration.files.times import Stamps
+from calibration.files.times import SECONDS_PER_UNIT, Stamps
 from calibration.finding import Finding, Place, look, note
 
 NUMBER = {
@@ -169,6 +169,16 @@ def _metadata(lines: list[str]) -> dict[str, str]:
     return found
 
 
+def is_temperature_unit(text: str) -> bool:
+    """Whether a cell is a unit of a temperature or of a thermocouple's voltage.
+
+    >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
+    (True, False)
+    """
+    plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
+    return plain in ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
+
+
 def split(line: str, separator: str) -> list[str]:
     """The fields of one line, outer quotes and spaces taken away; spaces part them in any number."""
     parts = line.split() if separator == " " else line.split(separator)
@@ -218,7 +228,8 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
     """The cells of the row of units below the header, brackets taken away; empty where there is none."""
     for parts in rows:
         cells = tuple(re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", part.strip()) for part in parts)
-        if len(cells) == fields and any(re.search(r"[^\W\d_]", cell) for cell in cells):
+        known = any(cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell) for cell in cells)
+        if len(cells) == fields and known:
             return tuple(cell if re.search(r"[^\W\d_]|°", cell) else "" for cell in cells)
     return ()
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.errors import InputError
@@ -39,9 +40,14 @@ _SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
 # rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above, milliseconds at 500 Hz and less.
 SHORTEST_PLAUSIBLE_STEP_S = 5e-5
 LONGEST_PLAUSIBLE_STEP_S = 1.5
-# Excel counts days from 1900: these are the years 1968 to 2064. With such a start a step below 0.1 may be minutes.
-EXCEL_DAYS = (25_000.0, 60_000.0)
-EXCEL_STEP = 0.1
+# Numbers of days as Excel (from 1900), MATLAB (from year 0) and astronomers (Julian) count them, for the years 1968 to
+# 2064. With such a start, a step below 0.1 may be minutes.
+DAY_NUMBERS = ((25_000.0, 60_000.0), (718_700.0, 754_000.0), (2_439_800.0, 2_475_000.0))
+DAY_STEP = 0.1
+LATEST_EPOCH_S = 4e9  # seconds since 1970: the year 2096; larger numbers are milliseconds
+# Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in seconds
+ROUND_SECONDS = {60.0: (1, 2, 5, 10), 3600.0: (1, 2, 5, 10, 15, 30), 86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900)}
+SAME_STEP = 2e-3  # relative difference of two steps that are one: files round their times
 
 
 @dataclass(frozen=True)
@@ -97,10 +103,17 @@ class TimeColumn:
         steps = steps[steps > 0]
         if is_clock or self.stated or len(steps) == 0:
             return
+        finite = times_s[np.isfinite(times_s)]
+        start = float(finite[0])
         step = float(np.median(steps))
-        start = float(times_s[np.isfinite(times_s)][0])
-        may_be_days = EXCEL_DAYS[0] <= start <= EXCEL_DAYS[1] and step < EXCEL_STEP
-        if may_be_days or not SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S:
+        may_be_days = step < DAY_STEP and any(low <= start <= high for low, high in DAY_NUMBERS)
+        round_in_another_unit = any(
+            abs(step * seconds_per_unit / seconds - 1) < SAME_STEP
+            for seconds_per_unit, choices in ROUND_SECONDS.items()
+            for seconds in choices
+        )
+        is_plausible = SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S and start < LATEST_EPOCH_S
+        if may_be_days or round_in_another_unit or not is_plausible:
             raise self._unit_request(f"no unit is stated, and a time step of {step:.4g} may be in any unit")
 
     def _unit_request(self, problem: str) -> InputError:
@@ -185,7 +198,8 @@ def split_unit(name: str) -> tuple[str, str]:
     """
     match = _NAME_AND_UNIT.fullmatch(name)
     if match is not None and (match["bracket"] is not None or match["after"].lower() in SECONDS_PER_UNIT):
-        return match["stem"].strip(), match["bracket"] if match["bracket"] is not None else match["after"]
+        unit = match["bracket"] if match["bracket"] is not None else match["after"]
+        return match["stem"].strip(), unit.rstrip(".")
     match = _SUFFIX.fullmatch(name.strip())
     if match is not None and match["suffix"].lower() in SECONDS_PER_UNIT:
         return match["stem"], match["suffix"]
@@ -194,7 +208,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 # ISO dates, day.month.year, and day/month/year or month/day/year
 _STAMP = (
-    r"^\s*(?:(?P<date>\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4})[T ]\s*)?"
+    r"^\s*(?:(?P<date>\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|(?:19|20)\d{6})[T ]\s*)?"
     r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?"
 )
 _DATE_ONLY = re.compile(r"\s*(\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4})\s*")
@@ -248,9 +262,10 @@ class Stamps:
         return np.asarray(np.round(of_day + SECONDS_PER_DAY * days - self.first_s, 9))
 
     def _days_by_midnights(self, of_day: Array) -> Array:
-        steps = np.diff(of_day, prepend=self.last_s)
+        known = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
+        steps = np.diff(known, prepend=self.last_s)
         days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
-        self.last_s = float(of_day[-1])
+        self.last_s = float(known[-1])
         self.midnights = float(days[-1])
         return days
 
@@ -275,6 +290,8 @@ class Stamps:
 
 def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
     """The three fields of a date as (first, second, year); an ISO date gives (day, month, year)."""
+    if text.isdecimal():
+        return int(text[6:]), int(text[4:6]), int(text[:4])
     numbers = [int(x) for x in re.split(r"[-./]", text)]
     if "-" in text:
         year, month, day = numbers
@@ -324,12 +341,32 @@ def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, wher
         raise InputError(what, where=where, expected="one form of date in the column") from None
 
 
-def interval_of_repeated_stamps(times_s: Array) -> tuple[float, float] | None:
-    """Sampling interval of rows whose clock repeats its stamps, and its standard uncertainty [s].
+@dataclass(frozen=True)
+class EvenRows:
+    """Rows of a clock that repeats its stamps, on an even grid.
+
+    Attributes
+    ----------
+    interval_s : float
+        Sampling interval [s].
+    u_s : float
+        Its standard uncertainty [s].
+    places : array of shape (N,)
+        Place of each row on the grid, from 0 on.
+    """
+
+    interval_s: float
+    u_s: float
+    places: NDArray[np.intp]
+
+
+def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
+    """Sampling interval and places of rows whose clock repeats its stamps.
 
     A logger faster than its clock writes each stamp several times. The first row of each stamp was taken less than
     one interval after the stamp, so a straight line through stamps and row numbers of those rows has the interval as
-    its slope, without bias. Rows are even where every stamp lies within one clock unit of that line.
+    its slope, without bias. Where rows are lost, a new line of the same slope begins. Rows are even where every stamp
+    lies within one clock unit of its line.
 
     Parameters
     ----------
@@ -338,37 +375,72 @@ def interval_of_repeated_stamps(times_s: Array) -> tuple[float, float] | None:
 
     Returns
     -------
-    tuple of float, or None
-        Interval and standard uncertainty; None where the rows are not even, or too few to tell.
+    EvenRows or None
+        None where the rows are not even, or too few stamps tell.
 
     Examples
     --------
-    >>> interval_of_repeated_stamps(np.floor(np.arange(100) / 10))[0]
+    >>> rows_of_repeated_stamps(np.floor(np.arange(100) / 10)).interval_s
     0.1
     """
     rows = np.arange(len(times_s), dtype=float)
     first_rows = np.flatnonzero(np.diff(times_s) > 0) + 1
     if len(first_rows) < 2:
         return None
-    slope, offset = np.polyfit(rows[first_rows], times_s[first_rows], 1)
-    unit_s = float(np.diff(times_s)[first_rows - 1].min())
-    departure = times_s - (slope * rows + offset)
-    # a stamp lies up to one unit before its row, and the line half an interval before it; half an interval is spare
-    even = departure.min() > -unit_s and departure.max() < slope
-    if not even or slope <= 0:
+    segment_of_row, ticks = _segments_without_lost_rows(times_s, first_rows)
+    segment = segment_of_row[ticks]
+    count = int(segment_of_row[-1]) + 1
+    sizes = np.bincount(segment, minlength=count)
+    if sizes.min() == 0:
         return None
-    # each of these rows is up to one interval late: a uniform error, whose standard deviation is slope / sqrt(12)
-    lever = np.sqrt(np.sum((first_rows - first_rows.mean()) ** 2))
-    return float(np.round(slope, 12)), float(slope / np.sqrt(12) / lever)
+    row_means = np.bincount(segment, rows[ticks], minlength=count) / sizes
+    time_means = np.bincount(segment, times_s[ticks], minlength=count) / sizes
+    rows_centred = rows[ticks] - row_means[segment]
+    lever = float(np.sum(rows_centred**2))
+    if lever <= 0:
+        return None
+    slope = float(np.sum(rows_centred * (times_s[ticks] - time_means[segment])) / lever)
+    if slope <= 0:
+        return None
+    line = time_means[segment_of_row] + slope * (rows - row_means[segment_of_row])
+    departure = times_s - line
+    # a stamp lies up to one unit before its row, and the line half an interval before it; half an interval is spare
+    unit_s = float(np.diff(times_s)[first_rows - 1].min())
+    if departure.min() <= -unit_s or departure.max() >= slope:
+        return None
+    # each of the first rows is up to one interval late: a uniform error, whose standard deviation is slope / sqrt(12)
+    u_s = slope / np.sqrt(12 * lever)
+    places = np.rint((line - line[0]) / slope).astype(np.intp)
+    return EvenRows(float(np.round(slope, 12)), float(u_s), places)
 
 
-def is_date(text: str) -> bool:
-    """Whether a cell is a date without a time.
+def _segments_without_lost_rows(
+    times_s: Array, first_rows: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Number of the segment of each row (N,), and the rows at which the clock goes on by one unit.
 
-    >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00")
-    (True, False)
+    A segment ends where the clock leaves out a stamp: the first row behind the gap may be anywhere in its unit. It also
+    ends after a stamp within it that is written less often than the others.
     """
-    return _DATE_ONLY.fullmatch(text) is not None
+    step_s = np.diff(times_s)[first_rows - 1]
+    behind_gap = step_s > 1.5 * float(step_s.min())
+    repeats = np.diff(np.append(first_rows, len(times_s)))
+    is_short = (repeats < float(np.median(repeats)) - 1.5) & ~behind_gap
+    after_short = np.append(False, is_short[:-1]) & ~behind_gap
+    marks = np.zeros(len(times_s), dtype=np.intp)
+    marks[first_rows[behind_gap | after_short]] = 1
+    return np.cumsum(marks), first_rows[~behind_gap]
+
+
+def is_date(text: str, column: str = "") -> bool:
+    """Whether a cell is a date without a time; eight digits are one in a ``column`` that is named so.
+
+    >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00"), is_date("20211126", "Date")
+    (True, False, True)
+    """
+    if _DATE_ONLY.fullmatch(text) is not None:
+        return True
+    return column.strip().lower() in ("date", "datum") and re.fullmatch(r"(19|20)\d{6}", text) is not None
 
 
 def is_time_of_day(text: str) -> bool:

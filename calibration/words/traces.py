@@ -10,10 +10,12 @@ COMPENSATE: dict[str, Words] = {
     "those samples are treated as missing",
     "trace.outside": "{subject}: {count} reading(s) such as {value:.4g} degC at sample {first_sample} are outside the "
     "physical range of a thermocouple (-273 to 3000 degC); taken as missing",
+    "trace.codes": "{subject}: {count} reading(s) of {value:.4g} degC, the first at sample {first_sample}, are "
+    "drop-outs; taken as missing: check the wiring",
     "trace.unreachable": "{subject}: {count} reading(s), the first {value:.4g} degC at sample {first_sample}, change "
     "faster than any temperature could make this sensor change; taken as missing: check the wiring, or the lag of the "
     "sensor",
-    "trace.undetermined": "{subject}: {percent:.2g} % of the record, first at sample {first_sample}, is not determined "
+    "trace.undetermined": "{subject}: {percent:.3g} % of the record, first at sample {first_sample}, is not determined "
     "by it: the standard uncertainty exceeds the range of the readings ({range_K:.3g} K), or the temperature is not "
     "possible; not reported there",
     "trace.bad": "{subject}: {percent:.2g} % of the samples are missing or spikes and carry no weight",

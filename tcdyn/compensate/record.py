@@ -24,6 +24,7 @@ from tcdyn.compensate.levels import Intensity
 
 GOOD, MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE = 0, 1, 2, 4, 8, 16  # bits of ``flags``
 LEAST_GOOD = 8  # samples
+STEADY_NOISES = 10.0  # standard deviations of the noise that a steady record ranges over at least
 FEW_IMPLAUSIBLE = 0.01  # share of a trace that the rule for spikes finds by itself
 
 
@@ -133,17 +134,22 @@ def _implausible(
         codes = dropout_codes(inside)
         rest = np.where(codes, np.nan, inside)
         directly = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
-        wrong = codes | unreachable(rest, dt_s, lag_s, directly)
+        unreached = unreachable(rest, dt_s, lag_s, directly)
+        wrong = codes | unreached
         edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]])))
         longest = int(np.max(np.diff(edges)[::2], initial=0))
         if wrong.mean() <= FEW_IMPLAUSIBLE and longest <= SPIKES["compensator"].longest:
             wrong[:] = False
+            codes[:] = False
+            unreached[:] = False
         out[:, c] = outside | wrong
         if outside.any():
             numbers = _first_of(outside, y)
             findings.append(by_share(float(outside.mean()), "trace.outside", subject=name, **numbers))
-        if wrong.any():
-            findings.append(look("trace.unreachable", subject=name, **_first_of(wrong, y)))
+        if codes.any():
+            findings.append(look("trace.codes", subject=name, **_first_of(codes, y)))
+        if unreached.any():
+            findings.append(look("trace.unreachable", subject=name, **_first_of(unreached, y)))
     return out, findings
 
 
@@ -235,7 +241,7 @@ class Compensated(Result):
         readings = np.where(self.flags == GOOD, y, np.nan)
         range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
         variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
-        wide = np.sqrt(variance) > range_K
+        wide = np.sqrt(variance) > np.maximum(range_K, STEADY_NOISES * self.noise_sd)
         unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)
         undetermined = wide | unphysical
         findings = list(self.findings)

@@ -14,7 +14,7 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
 from calibration.files.table import PIECE_ROWS, missing
-from calibration.files.times import HEADER_NAMES, TimeColumn, find_time_column, interval_of_repeated_stamps
+from calibration.files.times import HEADER_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED
 from calibration.plausible import dropout_codes, impossible
@@ -24,6 +24,7 @@ MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a 
 MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
 LONGEST_GAP_ROWS = 60  # in a record that is fitted as one, whatever its length
+MOSTLY_REPEATED = 0.3  # share of repeated stamps above which they are the clock's resolution and no double rows
 UNSURE_RATE = 0.01  # relative standard uncertainty of a rate, from which a warning says so: lags are wrong by as much
 UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
 
@@ -172,12 +173,21 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         raise InputError("all rows have one time", where=where, expected="time that rises")
     repeated: list[Finding] = []
     if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted where they are even
-        counted = (dt_s, 0.0) if dt_s else interval_of_repeated_stamps(time_s)
-        if counted is not None:
-            dt, u_s = counted
-            unsure = u_s > UNSURE_RATE * dt
-            finding = (look if unsure else note)("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * u_s / dt)
-            return EvenTimes(np.arange(n, dtype=np.intp), dt), [finding]
+        even = rows_of_repeated_stamps(time_s)
+        if even is not None:
+            dt = dt_s or even.interval_s
+            percent = 100 * even.u_s / dt
+            finding = note("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
+            if even.u_s > UNSURE_RATE * dt:
+                finding = look("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
+            return EvenTimes(even.places, dt), [finding]
+        if (step == 0).mean() > MOSTLY_REPEATED:
+            raise InputError(
+                "most time stamps are repeated, and the rows between them are not even",
+                where=where,
+                expected="stamps as fine as the sampling interval",
+                remedy="log finer stamps, or cut the table where rows are missing",
+            )
         row = int(np.argmax(step == 0))
         repeated = [note("sensor.repeated", count=int((step == 0).sum()), row=row + 2)]
     usual = dt_s or float(np.median(step[step > 0]))
@@ -232,6 +242,7 @@ def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | Non
             continue
         if not side:
             step = np.diff(time[: LEAST_ROWS + 1])
+            step = step[np.isfinite(step)]
             usual = (float(np.median(step)) or float(step.mean()) or 1.0) if len(step) else 1.0
             side = _rounded(MARGIN_LAGS * lag_s / usual + MARGIN_ROWS)
             continue

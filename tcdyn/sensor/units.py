@@ -77,6 +77,16 @@ def bare(column: str) -> str:
     return column[: found.start()] if found and known else column
 
 
+def written_unit(text: str) -> str:
+    """The unit that a cell such as "Deg. F" or "°C" means; empty where it means none.
+
+    >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
+    ('degF', 'mV', '')
+    """
+    plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
+    return _WRITTEN.get(plain, "mV" if plain == "millivolts" else "")
+
+
 def unit_in(column: str) -> str:
     """The unit that a column's name states; empty where it states none.
 
@@ -103,8 +113,16 @@ def units_of(
     out, plain, told = {}, [], list[Finding]()
     for name in columns:
         own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
-        stated = unit_in(name) or _WRITTEN.get((unit_row or {}).get(name, "").lower(), "")
+        below_header = (unit_row or {}).get(name, "")
+        stated = unit_in(name) or written_unit(below_header)
         unit = _WRITTEN.get(own.lower(), own) or stated
+        if below_header and not unit:
+            raise InputError(
+                f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
+                expected=" or ".join(UNITS),
+                remedy="name the unit, unit=UNIT",
+                parameters=("unit=UNIT",),
+            )
         if stated and stated != unit:
             told.append(look("sensor.unit_contradicted", subject=name, said=unit))
         if not unit:

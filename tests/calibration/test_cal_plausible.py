@@ -95,5 +95,6 @@ def test_states_of_a_process_are_no_drop_outs() -> None:
     coarse_step = np.r_[np.full(100, 20.0), np.round(rng.normal(84, 1, 100))]
     ice_water = np.round(20 * np.exp(-np.arange(300) / 30), 2)
     pump = np.where(np.repeat(np.arange(10) % 2, 40) == 0, 0.0, rng.normal(50, 1, 400))
-    for y in (relay, coarse_step, ice_water, pump):
+    coarse_wave = np.round(25 + 0.46 * np.sin(np.arange(3000) / 60), 1)
+    for y in (relay, coarse_step, ice_water, pump, coarse_wave):
         assert not dropout_codes(y).any()

@@ -13,7 +13,7 @@ from calibration.files.times import (
     TIME_UNITS,
     Stamps,
     find_time_column,
-    interval_of_repeated_stamps,
+    rows_of_repeated_stamps,
     split_unit,
 )
 
@@ -54,7 +54,19 @@ def test_a_unit_that_the_caller_states_overrides_the_header() -> None:
 
 
 @pytest.mark.parametrize(
-    ("step", "start"), [(100.0, 0.0), (1000.0, 0.0), (1 / 86400, 44526.4), (1 / 1440, 44526.4), (60.0, 0.0)]
+    ("step", "start"),
+    [
+        (100.0, 0.0),  # milliseconds at 10 Hz
+        (1000.0, 0.0),
+        (1.0, 1.7e12),  # milliseconds since 1970
+        (1 / 86400, 44526.4),  # Excel's days
+        (1 / 1440, 44526.4),
+        (10 / 86400, 738000.0),  # MATLAB's
+        (10 / 86400, 0.0),
+        (1 / 60, 0.0),  # minutes at 1 Hz
+        (10 / 3600, 0.0),  # hours
+        (60.0, 0.0),
+    ],
 )
 def test_a_header_without_unit_and_a_step_that_may_be_any_unit_asks_for_it(step: float, start: float) -> None:
     clock = find_time_column(["Time", "T1"], "log.csv")
@@ -89,6 +101,7 @@ def test_every_unit_that_messages_name_is_understood() -> None:
         (["11/26/2021 11:59:59 PM", "11/27/2021 12:00:01 AM"], 2.0),
         (["03/12/2021 10:00:00", "04/12/2021 10:00:00"], 86400.0),  # rises by a day as day/month only
         (["12/03/2021 10:00:00", "12/04/2021 10:00:00"], 86400.0),  # as month/day only
+        (["20210312 16:00:00", "20210315 16:00:00"], 3 * 86400),
         (["31.12.21 23:00:00", "01.01.22 01:00:00"], 7200.0),
         (["23:59:59.5", "00:00:00,25"], 0.75),  # no date: midnight
     ],
@@ -108,6 +121,12 @@ def test_a_row_of_units_below_the_header_is_kept(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("Time,T1\n[min],(degF)\n" + "".join(f"{k},{70 + k}\n" for k in range(20)), encoding="utf-8")
     assert open_table(log).units == {"Time": "min", "T1": "degF"}
+
+
+def test_a_second_row_of_names_is_no_row_of_units(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("Time,T1\nChannel A,Furnace\n" + "".join(f"{k},{70 + k}\n" for k in range(20)), encoding="utf-8")
+    assert open_table(log).units == {}
 
 
 def test_the_cells_of_a_clock_are_kept_as_they_are_in_the_file(tmp_path: Path) -> None:
@@ -132,14 +151,29 @@ def test_a_date_column_beside_a_time_of_day_belongs_to_it(tmp_path: Path) -> Non
 def test_whole_second_stamps_of_a_faster_log_give_its_rate(rate_Hz: float, phase: float) -> None:
     """Within 4 standard uncertainties: the rows' errors are uniform, so the fit's error is nearly normal."""
     stamps_s = np.floor(np.arange(int(40 * rate_Hz)) / rate_Hz + phase)
-    counted = interval_of_repeated_stamps(stamps_s)
-    assert counted is not None
-    interval_s, u_s = counted
-    assert abs(interval_s - 1 / rate_Hz) < 4 * u_s + 1e-12
-    assert u_s < 0.01 / rate_Hz
+    even = rows_of_repeated_stamps(stamps_s)
+    assert even is not None
+    assert abs(even.interval_s - 1 / rate_Hz) < 4 * even.u_s + 1e-12
+    assert even.u_s < 0.01 / rate_Hz
+    assert even.places.tolist() == list(range(len(stamps_s)))
+
+
+@pytest.mark.parametrize("lost", [9, 20, 45, 3000])
+def test_rows_that_a_logger_lost_leave_rate_and_places_as_they_are(lost: int) -> None:
+    """10 Hz, stamps of whole seconds; only the rows of the second in which some are lost may be misplaced."""
+    rows = np.r_[np.arange(3004), np.arange(3004 + lost, 6000 + lost)]
+    even = rows_of_repeated_stamps(np.floor(rows / 10))
+    assert even is not None
+    assert even.interval_s == pytest.approx(0.1, rel=1e-3)
+    assert np.count_nonzero(even.places != rows) <= 10
+
+
+def test_a_blank_stamp_at_midnight_does_not_lose_the_day() -> None:
+    seconds = Stamps("Time", "log.csv").seconds(["23:59:59", "", "00:00:01"])
+    assert seconds[2] == 2.0
 
 
 def test_an_hour_that_comes_twice_is_no_clock_of_few_decimals() -> None:
     """Rows every 15 minutes; the hour of the end of daylight saving time is there twice, sorted."""
     quarter_h = np.concatenate([np.arange(14), np.repeat(np.arange(14, 18), 2), np.arange(18, 93)])
-    assert interval_of_repeated_stamps(900.0 * quarter_h) is None
+    assert rows_of_repeated_stamps(900.0 * quarter_h) is None

@@ -99,7 +99,7 @@ def test_readings_that_no_input_could_produce_are_not_inverted(tmp_path: Path, f
     assert (error < 2 * out["TC1_u_K"]).mean() > 0.9
     assert error.max() < 10  # the gas moves by 18 K in the longest gap
     codes = {f.code for f in done.findings}
-    assert codes & {"trace.unreachable", "trace.outside"}
+    assert codes & {"trace.unreachable", "trace.outside", "trace.codes"}
 
 
 def test_what_a_record_does_not_determine_is_left_empty(tmp_path: Path) -> None:
@@ -221,3 +221,26 @@ def test_identify_reads_channels_of_different_start_from_one_tdms_file(tmp_path:
     data = from_csv(tmp_path / "log.tdms", input="u", output="y")
     assert data.dt_s == pytest.approx(1.0)
     assert data.runs[0].n == 270
+
+
+def test_a_steady_record_of_a_coarse_logger_is_determined(tmp_path: Path) -> None:
+    """A logger of 1 K shows 25 nearly always; the few 26 are outliers, and the range of the others is zero."""
+    y = np.round(25.2 + np.random.default_rng(15).normal(0, 0.13, 3000))
+    _, out = compensated(table(tmp_path / "log.csv", np.arange(3000), y))
+    assert out["TC1_degC"].notna().all()
+    assert (np.abs(out["TC1_degC"] - 25.2) < 3 * out["TC1_u_K"]).mean() > 0.9
+
+
+def test_a_blank_stamp_is_an_error_in_one_sentence(tmp_path: Path) -> None:
+    _, y = kiln(300)
+    time = stamps("2021-11-26", 300)
+    time[50] = ""
+    with pytest.raises(InputError, match="no time in row 51"):
+        compensated(table(tmp_path / "log.csv", time, y, "Time"))
+
+
+def test_an_unknown_unit_of_a_temperature_in_the_row_of_units_is_requested(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("Time,TC1\ns,Rankine\n" + "".join(f"{k},{600 + k}\n" for k in range(100)), encoding="utf-8")
+    with pytest.raises(InputError, match="unit 'Rankine' in the row below the header is not known"):
+        compensated(log)

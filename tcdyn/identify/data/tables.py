@@ -20,7 +20,7 @@ from calibration.files.times import (
     TIME_NAMES,
     TimeColumn,
     find_time_column,
-    interval_of_repeated_stamps,
+    rows_of_repeated_stamps,
     split_unit,
 )
 from calibration.finding import Place, look, note
@@ -148,9 +148,9 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     clock.check_step(times_s, is_clock)
     if len(times_s) > 2 and np.isfinite(times_s).all() and np.mean(np.diff(times_s) == 0) > FEW_DECIMALS:
         rising = bool((np.diff(times_s) >= 0).all())
-        counted = interval_of_repeated_stamps(times_s) if rising else None
-        if counted is not None:
-            return np.asarray(times_s[0] + counted[0] * np.arange(len(times_s)), dtype=float)
+        even_rows = rows_of_repeated_stamps(times_s) if rising else None
+        if even_rows is not None:
+            return np.asarray(times_s[0] + even_rows.interval_s * even_rows.places, dtype=float)
     return times_s
 
 
