@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
+
+from calibration.spelling import Spelling, Value, as_argument
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
@@ -18,35 +21,67 @@ def printable(text: str) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used, said in one sentence that names the place and the remedy.
+    """Input that cannot be used. The message names what is wrong, the place and the remedy in one sentence.
 
-    ``parameters``: what the sentence names as a caller in Python would write it ("window_s=4.2"); a command line
-    puts its own options there. ``column``: the one column that it is about, where the rest could go on without it.
+    Parameters
+    ----------
+    what, where, expected, remedy : str
+        The parts of the message. ``{name}`` in ``what``, ``expected`` and ``remedy`` stands for a parameter.
+    parameters : mapping of str to str, bool or None
+        The parameters that the message names, each with the value to give, or None for the name alone.
+    column : str
+        The one column that the error is about, where the rest could go on without it.
 
-    >>> str(InputError("speed_fast_rpm is missing", where="D4.csv", expected="an EHL log",
-    ...                remedy="map the column in rig.toml [columns]"))
-    'D4.csv: speed_fast_rpm is missing; expected an EHL log; map the column in rig.toml [columns]'
+    Examples
+    --------
+    >>> problem = InputError("no time column found", where="D4.csv", expected="one of 't', 'u'",
+    ...                      remedy="name it, {time}", parameters={"time": "COLUMN"})
+    >>> str(problem)
+    "D4.csv: no time column found; expected one of 't', 'u'; name it, time=COLUMN"
+    >>> problem.message(lambda name, value: f"--{name} {value}")
+    "D4.csv: no time column found; expected one of 't', 'u'; name it, --time COLUMN"
     """
 
     def __init__(
-        self, what: str, *, where: str = "", expected: str = "", remedy: str = "", parameters: tuple[str, ...] = (),
+        self,
+        what: str,
+        *,
+        where: str = "",
+        expected: str = "",
+        remedy: str = "",
+        parameters: Mapping[str, Value] | None = None,
         column: str = "",
-    ) -> None:  # fmt: skip
-        self.what, self.where, self.expected, self.remedy = what, where, expected, remedy
-        self.parameters, self.column = parameters, column
-        parts = [what]
-        if expected:
-            parts.append(f"expected {expected}")
-        if remedy:
-            parts.append(remedy)
-        super().__init__((f"{where}: " if where else "") + "; ".join(parts))
+    ) -> None:
+        self.what = what
+        self.where = where
+        self.expected = expected
+        self.remedy = remedy
+        self.parameters = dict(parameters or {})
+        self.column = column
+        super().__init__(self.message())
+
+    def message(self, spelling: Spelling = as_argument) -> str:
+        """The whole sentence, its parameters in the given spelling."""
+        parts = [self.what]
+        if self.expected:
+            parts.append(f"expected {self.expected}")
+        if self.remedy:
+            parts.append(self.remedy)
+        text = "; ".join(parts)
+        for name, value in self.parameters.items():
+            text = text.replace(f"{{{name}}}", spelling(name, value))
+        return f"{self.where}: {text}" if self.where else text
 
     def at(self, where: str) -> InputError:
         """The same, at a place that was not known where it was raised."""
         return InputError(
-            self.what, where=self.where or where, expected=self.expected, remedy=self.remedy,
-            parameters=self.parameters, column=self.column,
-        )  # fmt: skip
+            self.what,
+            where=self.where or where,
+            expected=self.expected,
+            remedy=self.remedy,
+            parameters=self.parameters,
+            column=self.column,
+        )
 
 
 def first_wrong(problem: ValidationError, table: str = "common") -> str:

@@ -12,6 +12,7 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from calibration import Array
+from calibration.spelling import Spelling, as_argument
 from calibration.stated.layout import NAME
 from calibration.words import WORDS, told
 
@@ -60,8 +61,12 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
-        return self.text or told(self.code, self.where, self.subject, dict(self.numbers))
+        """The finding in words, parameters as a caller in Python writes them."""
+        return self.message()
+
+    def message(self, spelling: Spelling = as_argument) -> str:
+        """The finding in words, its parameters in the given spelling; the text of one from a file stays as it is."""
+        return self.text or told(self.code, self.where, self.subject, dict(self.numbers), spelling)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -173,13 +178,13 @@ def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(f.sentence for f in findings))
 
 
-def graded(findings: Iterable[Finding]) -> tuple[str, ...]:
+def graded(findings: Iterable[Finding], spelling: Spelling = as_argument) -> tuple[str, ...]:
     """The findings in words, each once, with its grade in front, as a summary ends with them.
 
     >>> graded([note("said", text="one spike was taken out")])
     ('note: one spike was taken out',)
     """
-    return tuple(dict.fromkeys(f"{f.grade.value}: {f.sentence}" for f in findings))
+    return tuple(dict.fromkeys(f"{f.grade.value}: {f.message(spelling)}" for f in findings))
 
 
 def doubts(findings: Iterable[Finding]) -> tuple[Finding, ...]:

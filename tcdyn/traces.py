@@ -179,8 +179,8 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
         raise InputError(
             f"the record of disk {record.disk!r} was made with conditioning {said[0]}, rig.toml states {said[1]}",
             expected="the filter that the disk was calibrated with",
-            remedy="give the rig file of the calibration, rig=rig.toml, or calibrate again",
-            parameters=("rig=rig.toml",),
+            remedy="give the rig file of the calibration, {rig}, or calibrate again",
+            parameters={"rig": "rig.toml"},
         )
     kept = record.chain.channels
     return tuple(Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own) for c in setup.channels)

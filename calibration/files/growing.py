@@ -108,8 +108,8 @@ class GrowingTable:
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
             where=shown(self.path),
-            remedy="follow the new log with another out=FILE (and another state=FILE)",
-            parameters=("out=FILE", "state=FILE"),
+            remedy="follow the new log with another {out} (and another {state})",
+            parameters={"out": "FILE", "state": "FILE"},
         )
 
 

@@ -121,8 +121,8 @@ class TimeColumn:
             f"column {self.name!r}: {problem}",
             where=self.where,
             expected=f"one of {', '.join(TIME_UNITS)}",
-            remedy="name the unit, time_unit=UNIT",
-            parameters=("time_unit=UNIT",),
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": "UNIT"},
         )
 
 
@@ -179,8 +179,8 @@ def find_time_column(
             "no time column found",
             where=where,
             expected=f"one of {', '.join(map(repr, names))}",
-            remedy="name it, time=COLUMN",
-            parameters=("time=COLUMN",),
+            remedy="name it, {time}",
+            parameters={"time": "COLUMN"},
         )
     written = unit or split_unit(name)[1] or (unit_row or {}).get(name, "")
     if not written:

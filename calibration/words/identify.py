@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from calibration.spelling import Spelling
 from calibration.words.base import Words, some
 
 # tcdyn/identify
@@ -19,8 +20,13 @@ def chance(p: float) -> str:
     return f"p = {p:.2f}" if p >= 0.01 else f"p = {p:.0e}" if p > 1e-99 else "p < 1e-99"
 
 
-def _coloured_residuals(subject: str, p_white: float, p_input: float, noise_model: bool, **_: Any) -> str:
-    remedy = "Intervals are the robust ones; try one lag more, and if the colour stays, noise=arma or baseline=walk."
+def _coloured_residuals(
+    subject: str, p_white: float, p_input: float, noise_model: bool, option: Spelling, **_: Any
+) -> str:
+    remedy = (
+        "Intervals are the robust ones; try one lag more, and if the colour stays, "
+        f"{option('noise', 'arma')} or {option('baseline', 'walk')}."
+    )
     if noise_model:
         remedy = "Try a noise model of higher order, or one lag more."
     return (
@@ -29,8 +35,8 @@ def _coloured_residuals(subject: str, p_white: float, p_input: float, noise_mode
     )
 
 
-def _spikes(count: int, robust: bool, **_: Any) -> str:
-    remedy = ", held down by the robust loss" if robust else "; fit with loss=huber"
+def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
+    remedy = ", held down by the robust loss" if robust else f"; fit with {option('loss', 'huber')}"
     return f"{count} sample{'s stand' if count > 1 else ' stands'} out as spikes{remedy}."
 
 
@@ -89,15 +95,20 @@ def _disturbance(
     return f" What disturbs the output is modelled as {said}." if said else ""
 
 
-REMEDIES = {  # of what is wrong with the record from which a model was to be identified
-    "record.off_equilibrium": "let the runs start off equilibrium (initial=estimated)",
-    "record.drift": "fit with baseline=trend",
-    "record.coarse": "log the output in finer steps",
-    "record.closed_loop": "record with the loop open, for the input is computed from the output",
-    "model.at_once": "see whether the input is computed from the output (a closed loop): this model answers its input "
-    "at once, and with the opposite sign or without a static gain, as minus the inverse of a controller does",
-    "record.feedback": "see whether the input answers the output (a closed loop)",
-}
+def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
+    """What to do about the record from which a model was to be identified, for each code in ``troubles``."""
+    remedies = {
+        "record.off_equilibrium": f"let the runs start off equilibrium ({option('initial', 'estimated')})",
+        "record.drift": f"fit with {option('baseline', 'trend')}",
+        "record.coarse": "log the output in finer steps",
+        "record.closed_loop": "record with the loop open, for the input is computed from the output",
+        "model.at_once": "see whether the input is computed from the output (a closed loop): this model answers its "
+        "input at once, and with the opposite sign or without a static gain, as minus the inverse of a controller does",
+        "record.feedback": "see whether the input answers the output (a closed loop)",
+    }
+    return [remedies[code] for code in troubles]
+
+
 OBJECTIONS = {
     "dynamics": "the residuals of every one that the data determine still follow the input",
     "held out": "on data that it has not seen the best of them does worse than their mean",
@@ -106,10 +117,20 @@ OBJECTIONS = {
 
 
 def _none(
-    subject: str, why: str, against: str, fit_percent: float, untried: list[str], troubles: list[str], **more: Any
+    subject: str,
+    why: str,
+    against: str,
+    fit_percent: float,
+    untried: list[str],
+    troubles: list[str],
+    option: Spelling,
+    **more: Any,
 ) -> str:
-    first = [REMEDIES[code] for code in troubles]
-    first.append(f"compare others (models={','.join(untried)})" if untried else "ask narx=True whether it is linear")
+    first = _remedies(troubles, option)
+    if untried:
+        first.append(f"compare others ({option('models', ','.join(untried))})")
+    else:
+        first.append(f"ask {option('narx', True)} whether it is linear")
     repeats = (
         f" It repeats the held-out part to {more['held_out_percent']:.1f} %." if "held_out_percent" in more else ""
     )
@@ -119,14 +140,14 @@ def _none(
     )
 
 
-def _but_first(troubles: list[str]) -> str:
-    return f" But first {', and '.join(REMEDIES[code] for code in troubles)}." if troubles else ""
+def _but_first(troubles: list[str], option: Spelling) -> str:
+    return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
 
 
-def _undetermined(subject: str, why: str, remark: str, troubles: list[str], **_: Any) -> str:
+def _undetermined(subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any) -> str:
     return (
-        f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known (gain=K)."
-        + _but_first(troubles)
+        f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known "
+        f"({option('gain', 'K')}).{_but_first(troubles, option)}"
     )
 
 
@@ -138,6 +159,7 @@ def _use(
     worse_than_mean: bool,
     fit_percent: float,
     troubles: list[str],
+    option: Spelling,
     **more: Any,
 ) -> str:
     if coloured:
@@ -152,7 +174,7 @@ def _use(
     if worse_than_mean:
         said += f" The held-out part does not confirm it: worse than the mean there ({more['held_out_percent']:.1f} %)."
     name = f"Provisionally {subject}" if troubles or worse_than_mean else f"Recommended: {subject}"
-    return f"{name}. {why} {said}{_but_first(troubles)}"
+    return f"{name}. {why} {said}{_but_first(troubles, option)}"
 
 
 IDENTIFY: dict[str, Words] = {
@@ -193,13 +215,20 @@ IDENTIFY: dict[str, Words] = {
     "or it was stated too small; the intervals are as much wider.",
     "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as missing: check the "
     "wiring.",
-    "record.hold": "Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and "
-    "rounded to them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half "
-    "a sample, {half_s:.3g} s: give hold=zoh if it was set, hold=foh if it was measured.",
+    "record.hold": lambda subject, step, hold, half_s, option, **_: (
+        f"Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and rounded to "
+        f"them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half a "
+        f"sample, {half_s:.3g} s: give {option('hold', 'zoh')} if it was set, {option('hold', 'foh')} if it was "
+        "measured."
+    ),
     "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
-    "record.off_equilibrium": "A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
-    "rms: fit with initial=estimated.",
-    "record.drift": "The residuals drift (correlation with time {correlation:.2f}): fit with baseline=trend.",
+    "record.off_equilibrium": lambda off, times_rms, option, **_: (
+        f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the rms: fit with "
+        f"{option('initial', 'estimated')}."
+    ),
+    "record.drift": lambda correlation, option, **_: (
+        f"The residuals drift (correlation with time {correlation:.2f}): fit with {option('baseline', 'trend')}."
+    ),
     "record.coarse": "The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include "
     "the rounding, which the tests cannot tell from dynamics.",
     "record.closed_loop": "The input {subject} follows the output {output}: it is computed from it (closed loop). The "

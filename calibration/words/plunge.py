@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from calibration.estimate import rounded, with_u
+from calibration.spelling import Spelling
 from calibration.words.base import Words
 
 # tcdyn/plunge
@@ -80,6 +81,7 @@ def _structure(
     contradicted: bool,
     u_before_s: float,
     u_after_s: float,
+    option: Spelling,
     **_: Any,
 ) -> str:
     named = [f"{s} ({m})" for s, m in zip(structures, meanings)]
@@ -94,7 +96,7 @@ def _structure(
             f"(chi-square lower by {chi_square[0] - chi_square[1]:.0f}) and gives a common lag of "
             f"{lags[1]} instead of {lags[0]}"
         )
-        remedy = f"; calibrate with structure={structures[1]}"
+        remedy = f"; calibrate with {option('structure', structures[1])}"
     elif len(structures) == 1:
         text = f"of {candidates} chain structures the plunges speak for {named[0]} ({percent(probability[0])})"
     else:

@@ -60,8 +60,10 @@ PIPELINE: dict[str, Words] = {
     "bearing.extrapolated": "bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {file} covers "
     "{loads_N[0]:.0f} to {loads_N[1]:.0f} N and {speeds_rpm[0]:.0f} to {speeds_rpm[1]:.0f} rpm",
     "verify.differs": "{source}: {subject}: {ours} for {published}",
-    "compensate.one_disk": "no record of the {subject} disk was given: its columns are as logged, and the lag common "
-    "to the {other} disk is the record's, which an unloading would tell better; add records={subject}.disk.json",
+    "compensate.one_disk": lambda subject, other, option, **_: (
+        f"no record of the {subject} disk was given: its columns are as logged, and the lag common to the {other} disk "
+        f"is the record's, which an unloading would tell better; add {option('records', f'{subject}.disk.json')}"
+    ),
     "compensate.unrefined": "the common lags are the records': the unloading could not be used ({problem})",
     "follow.dead": "column {subject} shows nothing: it is left empty",
     "follow.spikes": "{count} samples stand in spikes or bursts",

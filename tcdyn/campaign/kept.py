@@ -135,7 +135,10 @@ def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence
     """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:
-        wanted = f"records={missing[0]}.disk.json"
-        raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
+        raise InputError(
+            f"no record of the {missing[0]} disk",
+            remedy="add {records}",
+            parameters={"records": f"{missing[0]}.disk.json"},
+        )
     known = {d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"}) for d in disks}
     return checksum({"tables": tables, "records": known})

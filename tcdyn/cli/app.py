@@ -2,48 +2,24 @@
 
 from __future__ import annotations
 
-import atexit
-import gc
 import os
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from importlib import import_module
-from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import LazyLoader
+from collections.abc import Callable, Iterator
 from typing import Any
 
-for _pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_pool, "1")  # small matrices only: a thread pool costs more than it gives
+import typer
 
-import typer  # noqa: E402
-from typer.core import TyperCommand, TyperGroup  # noqa: E402
-
-from calibration.errors import InputError, printable  # noqa: E402
-from tcdyn.version import __version__  # noqa: E402
-
-# name: (module, attribute, what it does), in the order of the work; a module is imported when its command is called
-COMMANDS: dict[str, tuple[str, str, str]] = {
-    "demo": ("tcdyn.cli.simulate", "demo", "The main job on a simulated campaign, with the truth beside every answer."),
-    "simulate": ("tcdyn.cli.simulate", "app", "Write logs of the synthetic rig, their truth beside them."),
-    "round": ("tcdyn.cli.around", "app", "The temperature round the synthetic disks, drawn."),
-    "rig": ("tcdyn.cli.record", "rig", "Check a rig file and print every key with the value in force."),
-    "transducer": ("tcdyn.cli.record", "transducer", "Gain and zero of a load cell from dead weights."),
-    "spot": ("tcdyn.cli.record", "spot", "What leaves a running surface, from a heated spot, for the rig file."),
-    "calibrate": ("tcdyn.cli.calibrate", "calibrate", "Oven and plunge logs of a disk to its record."),
-    "record": ("tcdyn.cli.record", "app", "Show, compare and check the records of calibrated disks."),
-    "identify": ("tcdyn.cli.identify", "identify", "Dynamics between any two columns, with validation."),
-    "response": ("tcdyn.cli.identify", "response", "Dynamics from a measured frequency response."),
-    "sensor": ("tcdyn.cli.sensor", "app", "The lag of any thermocouple: stated, by plunge, pair, current or noise."),
-    "compensate": ("tcdyn.cli.compensate", "compensate", "Undo static errors and lag of every logged thermocouple."),
-    "follow": ("tcdyn.cli.follow", "follow", "Compensate a log while it grows, row by row."),
-    "beta": ("tcdyn.cli.beta", "beta", "Heat partition of one EHL log by every way, cross-checked."),
-    "campaign": ("tcdyn.cli.beta", "campaign", "Heat partition of many EHL logs, in one table and its figures."),
-    "design": ("tcdyn.cli.design", "design", "What a planned test can tell of the lags, before it is run."),
-    "hole": ("tcdyn.cli.calibrate", "hole", "How much later cemented thermocouples answer than clamped ones."),
-    "verify": ("tcdyn.cli.verify", "verify", "Every published number that can be checked, side by side."),
-}
-
+from calibration.errors import InputError, printable
+from tcdyn.cli import around, record, sensor, simulate
+from tcdyn.cli.beta import beta, campaign
+from tcdyn.cli.calibrate import calibrate, hole
+from tcdyn.cli.common import as_option
+from tcdyn.cli.compensate import compensate
+from tcdyn.cli.design import design
+from tcdyn.cli.follow import follow
+from tcdyn.cli.identify import identify, response
+from tcdyn.cli.verify import verify
+from tcdyn.version import __version__
 
 EPILOG = (
     "A first run: tcdyn demo\n\n"
@@ -55,62 +31,34 @@ EPILOG = (
 )
 
 
-def load_command(name: str) -> Any:
-    """Import the command's module and give its click command."""
-    module, attribute, _ = COMMANDS[name]
-    found = getattr(import_module(module), attribute)
-    if not isinstance(found, typer.Typer):
-        single = typer.Typer(add_completion=False)
-        single.command(name=name)(found)
-        found = single
-    command = typer.main.get_command(found)
-    command.name = name
-    return command
-
-
-MOVED = {"compensate": "follow"}  # options that went from one command to another
-USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]  # typer brings its own click, without a public name
-
-
-class LazyCommand(TyperCommand):
-    """Stands for a command in lists; the real one is loaded when a context for it is made."""
-
-    def make_context(self, info_name: Any, args: Any, parent: Any = None, **extra: Any) -> Any:
-        """The context of the real command."""
-        command = load_command(str(self.name))
-        command.add_help_option = args[:1] == [] or args[0] not in getattr(command, "commands", ())  # as for the root
-        try:
-            return command.make_context(info_name, args, parent=parent, **extra)
-        except USAGE_ERROR as problem:
-            many = [p.opts[0] for p in command.params if getattr(p, "multiple", False)]
-            if many and "unexpected extra argument" in str(getattr(problem, "message", "")):
-                each = " or ".join(f"{option} A {option} B" for option in many)
-                problem.message += f"\nSeveral values of one option: {each}"  # type: ignore[attr-defined]
-            new, option = MOVED.get(str(self.name), ""), getattr(problem, "option_name", None)
-            if new and option in {name for p in load_command(new).params for name in p.opts}:
-                problem.message += f"\n{option} belongs to another command now: tcdyn {new}"  # type: ignore[attr-defined]
-            raise
-
-
-class LazyCommands(TyperGroup):
-    """Commands are imported when they are called, so that ``tcdyn --help`` answers at once."""
-
-    def __init__(self, **settings: Any) -> None:
-        stand_ins = {name: LazyCommand(name=name, help=COMMANDS[name][2]) for name in COMMANDS}
-        super().__init__(**{**settings, "commands": stand_ins})
-
-
+BAD_INPUT = 2
 INTERNAL_ERROR = 70  # EX_SOFTWARE of sysexits.h
-_ROOT_ASKED = sys.argv[1:2] == [] or sys.argv[1] not in COMMANDS  # else its options only keep a command waiting
+STOPPED = 130  # 128 + SIGINT, as shells report it
+
 app = typer.Typer(
-    cls=LazyCommands,
     no_args_is_help=True,
-    add_completion=_ROOT_ASKED,
-    add_help_option=_ROOT_ASKED,  # typer brings pydantic to tell that it was not given
     help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
     epilog=EPILOG,
     pretty_exceptions_enable=False,  # run() reports them
 )
+app.command("demo")(simulate.demo)
+app.add_typer(simulate.app, name="simulate")
+app.add_typer(around.app, name="round")
+app.command("rig")(record.rig)
+app.command("transducer")(record.transducer)
+app.command("spot")(record.spot)
+app.command("calibrate")(calibrate)
+app.add_typer(record.app, name="record")
+app.command("identify")(identify)
+app.command("response")(response)
+app.add_typer(sensor.app, name="sensor")
+app.command("compensate")(compensate)
+app.command("follow")(follow)
+app.command("beta")(beta)
+app.command("campaign")(campaign)
+app.command("design")(design)
+app.command("hole")(hole)
+app.command("verify")(verify)
 
 
 def _version(show: bool) -> None:
@@ -126,18 +74,68 @@ def _root(
     """Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta."""
 
 
-def _said(problem: BaseException) -> str:
+def run(command: Callable[[], Any]) -> int:
+    """Call ``command`` and return the exit code of the process.
+
+    Bad input, and what the system refuses, become one sentence on standard error and exit code 2. Ctrl-C gives 130, a
+    reader that closed its end of a pipe 0. Any other exception is an internal error: its traceback and one sentence on
+    standard error, and exit code 70.
+    """
+    try:
+        code = _called(command)
+        sys.stdout.flush()  # here an output that cannot be written can still be reported
+    except InputError as problem:
+        print(f"tcdyn: {printable(problem.message(as_option))}", file=sys.stderr)
+        return BAD_INPUT
+    except BrokenPipeError:
+        return 0
+    except (Exception, KeyboardInterrupt) as problem:
+        if any(isinstance(cause, KeyboardInterrupt) for cause in _causes(problem)):
+            code = STOPPED
+        elif isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
+            print(f"tcdyn: {_refusal(problem)}; nothing half-written was kept", file=sys.stderr)
+            return BAD_INPUT
+        else:
+            return _internal_error(problem)
+    if code == STOPPED:
+        print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
+    return code
+
+
+def _called(command: Callable[[], Any]) -> int:
+    """The exit code that ``command`` returns or exits with."""
+    try:
+        result = command()
+    except SystemExit as exit_:
+        causes = list(_causes(exit_))
+        if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
+            return STOPPED
+        if any(isinstance(cause, BrokenPipeError) for cause in causes):  # typer makes exit code 1 of it
+            return 0
+        result = exit_.code
+    return result if isinstance(result, int) else 0
+
+
+def _causes(problem: BaseException | None) -> Iterator[BaseException]:
+    """``problem``, what caused it, and so on: a library may turn Ctrl-C, or a closed pipe, into another exception."""
+    while problem is not None:
+        yield problem
+        problem = problem.__cause__ or problem.__context__
+
+
+def _refusal(problem: Exception) -> str:
     """What the machine refused, in words."""
-    words = {MemoryError: "not enough memory; give a shorter log", RecursionError: "nested too deeply to be read"}
-    words |= {OverflowError: f"a number beyond all bounds ({problem})"}
-    reason = " ".join(str(getattr(problem, "strerror", None) or problem).split())
-    return next((said for kind, said in words.items() if isinstance(problem, kind)), f"the system refused ({reason})")
-
-
-def _interrupted(problem: BaseException | None) -> bool:
-    """Whether it was Ctrl-C, which typer ends with its code, and a library that is imported makes another error of."""
-    ended = isinstance(problem, KeyboardInterrupt) or (isinstance(problem, SystemExit) and problem.code == 130)
-    return ended or (problem is not None and _interrupted(problem.__cause__ or problem.__context__))
+    if isinstance(problem, MemoryError):
+        return "not enough memory; give a shorter log"
+    if isinstance(problem, RecursionError):
+        return "nested too deeply to be read"
+    if isinstance(problem, OverflowError):
+        return f"a number beyond all bounds ({problem})"
+    reason = problem.strerror if isinstance(problem, OSError) else None
+    words = f"the system refused ({' '.join(str(reason or problem).split())})"
+    if isinstance(problem, OSError) and problem.filename:
+        return f"{printable(str(problem.filename))}: {words}"
+    return words
 
 
 def _internal_error(problem: BaseException) -> int:
@@ -153,76 +151,20 @@ def _internal_error(problem: BaseException) -> int:
     return INTERNAL_ERROR
 
 
-def run(command: Callable[[], Any]) -> int:
-    """Call ``command``; bad input becomes one sentence on standard error and exit code 2.
-
-    Any other exception is an internal error: its traceback and one sentence on standard error, and exit code 70.
-    """
-    try:
-        result = command()
-    except InputError as problem:
-        from tcdyn.cli.common import in_options
-
-        print(f"tcdyn: {printable(in_options(str(problem), problem.parameters))}", file=sys.stderr)
-        return 2
-    except BrokenPipeError:
-        return 0
-    except (Exception, KeyboardInterrupt, SystemExit) as problem:  # nobody nearer has words
-        if _interrupted(problem):
-            print("tcdyn: stopped; nothing half-written was kept", file=sys.stderr)
-            return 130
-        if isinstance(problem, SystemExit):
-            raise
-        if not isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
-            return _internal_error(problem)
-        place = f"{printable(str(problem.filename))}: " if isinstance(problem, OSError) and problem.filename else ""
-        print(f"tcdyn: {place}{_said(problem)}; nothing half-written was kept", file=sys.stderr)
-        return 2
-    return result if isinstance(result, int) else 0
-
-
-class _Later:
-    """Finds modules that are read with their first use: scipy takes over every public name of numpy, these among them,
-    whose import takes a tenth of a short command's time and which no command uses."""
-
-    names = ("numpy.f2py", "numpy.testing")
-
-    @classmethod
-    def find_spec(cls, name: str, path: Sequence[str] | None, target: Any = None) -> ModuleSpec | None:
-        """The spec of one of ``names``; others are found in the usual way."""
-        spec = PathFinder.find_spec(name, path) if name in cls.names else None
-        if spec is not None and spec.loader is not None:
-            spec.loader = LazyLoader(spec.loader)
-        return spec
-
-
 def main() -> None:
-    """The command that ``sys.argv`` asks for; ends with SystemExit."""
-    sys.exit(run(lambda: app(standalone_mode=True)))
+    """The command of ``sys.argv``; ends with SystemExit."""
+    code = run(app)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        # run() has reported it; Python would report it again at its end (its manual, module signal, "Note on SIGPIPE")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)
 
 
 def command() -> None:
-    """``main`` as all that a process does: what the process holds goes back to the system at once when it ends."""
-    status: Any = INTERNAL_ERROR
-
-    def leave() -> None:
-        with suppress(AttributeError, OSError, ValueError):  # an output that takes nothing is told of in the usual way
-            sys.stdout.flush()
-            sys.stderr.flush()
-            if isinstance(status, int):
-                os._exit(status)
-
-    atexit.register(leave)  # the first is called last
-    gc.set_threshold(1_000_000)  # to look for circles after each 700 new objects took a tenth of a second; few exist
-    sys.meta_path.insert(0, _Later)
-    try:
-        main()
-    except (SystemExit, KeyboardInterrupt) as asked:
-        status = getattr(asked, "code", 130) or 0
-        raise
-    except Exception as problem:  # of run itself
-        _internal_error(problem)
-        sys.exit(INTERNAL_ERROR)
+    """The entry point of the installed command."""
+    main()
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ def beta(
     estimate: Any = estimate_beta
     if len(records) == 1:
         from tcdyn.pipeline.one_disk import estimate_one_disk as estimate
-    with stages(tell.silent, verbose, "one disk" if len(records) == 1 else "beta", report is not None) as progress:
+    with stages(tell.silent, verbose) as progress:
         options: dict[str, Any] = {
             "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
             "without": without or (), "progress": progress,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Disk, RigFile, Told, Verbose, bounded, dump, end, grouped, in_options, spare_inputs, stages
+from tcdyn.cli.common import Disk, RigFile, Told, Verbose, bounded, dump, end, grouped, spare_inputs, stages
 
 
 @grouped
@@ -64,7 +64,7 @@ def calibrate(
     before = [read_record(path) for path in earlier or []]
     if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
         raise InputError(f"--earlier is a record of another disk ({other[0]})", expected=f"records of the {disk} disk")
-    with stages(tell.silent, verbose, "calibrate") as progress:
+    with stages(tell.silent, verbose) as progress:
         run = calibrate_disk(
             load_rig(rig), disk, oven, immersion, fluids, structure=structure,
             correlation=correlation, line_u_K=line_u_k, progress=progress,
@@ -76,7 +76,7 @@ def calibrate(
         write_certificate(report, run, before)
     tell.json(run.record.to_dict)
     tell.warn(run.findings)
-    tell.say(in_options(run.summary()))
+    tell.say(run.summary())
     tell.files(record=target, certificate=report)
     end(f"the {disk} disk", run.findings)
 

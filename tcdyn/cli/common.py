@@ -1,11 +1,10 @@
-"""What the commands share: options, answers, and how far a command is."""
+"""What the commands share: options, answers, and progress."""
 
 from __future__ import annotations
 
 import inspect
-import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
 from functools import wraps
@@ -21,9 +20,13 @@ if TYPE_CHECKING:
     from calibration.finding import Finding
 
 OPTIONS = {  # of parameters, where it is not the name with dashes
-    "records": "--record", "dt_s": "--dt", "resample_s": "--resample", "start_s": "--covariance-from-s",
-    "loss=huber": "--robust",
-}  # fmt: skip
+    "records": "--record",
+    "sensors": "--sensor",
+    "taus_s": "--tau-s",
+    "dt_s": "--dt",
+    "resample_s": "--resample",
+    "start_s": "--covariance-from-s",
+}
 RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
 OWN_RIG = typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
 OwnRigFile = Annotated[Path | None, OWN_RIG]
@@ -33,6 +36,24 @@ Json = Annotated[bool, typer.Option("--json", help="print the result as JSON ins
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
 OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
+
+
+def as_option(name: str, value: str | bool | None = None) -> str:
+    """A parameter of a message as the option of a command.
+
+    >>> as_option("window_s", "4.2"), as_option("sensor_check", False), as_option("overwrite", True)
+    ('--window-s 4.2', '--no-sensor-check', '--overwrite')
+    >>> as_option("records", "fast.disk.json"), as_option("out"), as_option("loss", "huber")
+    ('--record fast.disk.json', '--out', '--robust')
+    """
+    if (name, value) == ("loss", "huber"):
+        return "--robust"
+    option = OPTIONS.get(name, f"--{name.replace('_', '-')}")
+    if value is False:
+        return option.replace("--", "--no-", 1)
+    if value is None or value is True:
+        return option
+    return f"{option} {value}"
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -80,7 +101,7 @@ class Told:
         from calibration.finding import once
 
         for found in () if self.silent else once(findings):
-            print(f"{found.grade.value}: {printable(in_options(found.sentence))}", file=sys.stderr)
+            print(f"{found.grade.value}: {printable(found.message(as_option))}", file=sys.stderr)
 
     def files(self, **written: Path | None) -> None:
         """Name the files that were written, by what they hold."""
@@ -123,56 +144,6 @@ def one_disk(value: str) -> str:
 
 Disk = Annotated[str, typer.Option(help="fast or slow", callback=one_disk)]
 
-TYPICAL: dict[str, dict[str, float]] = {  # seconds of each stage, in order, measured once: their ratios are what counts
-    "calibrate": {"static lines": 0.05, "plunge": 0.05, "grey-box fit": 0.7, "other chain": 0.7},
-    "compensate": {"reading": 0.25, "common lags": 0.6, "junctions": 0.85, "writing": 0.3, "report": 0.7},
-    "deconvolve": {"reading": 1.7, "common lags": 4.5, "junctions": 70, "writing": 0.6, "report": 2.2},
-    "beta": {"reading": 0.75, "sensor map": 0.3, "steady": 0.1, "joint fits": 0.2, "other structures": 0.35,
-             "writing the report": 1.5},
-    "one disk": {"reading": 3.1, "sensor map": 2.2, "joint fit": 2.9, "cooling fit": 1.6, "writing the report": 5.0},
-    "demo": {"simulat": 15.0, "calibrating": 50.0, "compensating": 38.0, "writing the report": 20.0},
-}  # fmt: skip
-LEAST_DONE = 0.05  # share of a command that must be done before the rest can be told from it
-
-
-class TimeLeft:
-    """What a command still takes, by what its stages ``typically`` take [s] against what those done took here.
-
-    Stages are known by how their names begin; ``test 2 of 3: joint fits`` tells that one more test follows. Of a log
-    with several tests the others are not yet known during the first.
-    """
-
-    def __init__(self, typically: Mapping[str, float], clock: Callable[[], float] = monotonic) -> None:
-        self.typically, self.clock = typically, clock
-        self.stage, self.begun, self.took, self.worth, self.tests = "", clock(), 0.0, 0.0, 0
-
-    def begin(self, what: str) -> None:
-        """Tell that the stage ``what`` begins."""
-        test = re.match(r"test (\d+) of (\d+): ", what)
-        name = what[test.end() :] if test else what
-        stage = next((s for s in self.typically if name.startswith(s)), self.stage)
-        self.tests = int(test[2]) - int(test[1]) if test else self.tests
-        if stage != self.stage:
-            if self.stage:
-                self.took, self.worth = self.took + self.clock() - self.begun, self.worth + self.typically[self.stage]
-            self.stage, self.begun = stage, self.clock()
-
-    def left_s(self) -> float | None:
-        """Seconds that are left; None while too little is done to tell."""
-        if self.worth <= LEAST_DONE * sum(self.typically.values()):
-            return None
-        rate, names = self.took / self.worth, list(self.typically)
-        ahead = sum(self.typically[s] for s in names[names.index(self.stage) + 1 :])
-        again = self.tests * sum(t for s, t in self.typically.items() if "report" not in s)
-        return rate * (ahead + again) + max(rate * self.typically[self.stage] - self.clock() + self.begun, 0.0)
-
-    def __str__(self) -> str:
-        """What is left in words, to five seconds; empty while nothing can be told."""
-        left = self.left_s()
-        if left is None:
-            return ""
-        return f"about {left / 60:.0f} min left" if left > 100 else f"about {max(5 * round(left / 5), 5)} s left"
-
 
 def _terminal() -> Any:
     """Standard error where it is a terminal, None elsewhere."""
@@ -183,38 +154,34 @@ def _terminal() -> Any:
 
 
 @contextmanager
-def stages(quiet: bool, verbose: bool = False, command: str = "", page: bool = True) -> Iterator[Callable[[str], None]]:
-    """A function to call with each stage's name; on a terminal it shows as a spinner with time gone by and time left.
+def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
+    """A function to call with the name of each stage as it begins.
 
-    With ``verbose`` every stage stays on a line of its own, and the last one says how long all took. ``command``: whose
-    stages these are, of ``TYPICAL``; ``page``: whether it writes a report.
+    On a terminal the stage shows beside the elapsed time. With ``verbose``, every stage stays on a line of its own with
+    the time at which it began, and a last line says how long all took. Elsewhere each stage is a line.
     """
-    left = TimeLeft({s: t for s, t in TYPICAL.get(command, {}).items() if page or "report" not in s})
-    if verbose and not quiet:
+    if quiet:
+        yield lambda stage: None
+        return
+    if verbose:
         begin = monotonic()
 
-        def line(what: str) -> None:
-            left.begin(what)
-            said = ", ".join(x for x in (what, str(left)) if x)
-            print(f"... {monotonic() - begin:6.1f} s  {printable(said)}", file=sys.stderr)
+        def print_line(stage: str) -> None:
+            print(f"... {monotonic() - begin:6.1f} s  {printable(stage)}", file=sys.stderr)
 
-        yield line
-        print(f"... {monotonic() - begin:6.1f} s  done", file=sys.stderr)
+        yield print_line
+        print_line("done")
         return
-    if quiet or (console := _terminal()) is None:
-        yield lambda what: None if quiet else print(f"... {printable(what)}", file=sys.stderr)
+    console = _terminal()
+    if console is None:
+        yield lambda stage: print(f"... {printable(stage)}", file=sys.stderr)
         return
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("{task.fields[left]}"), console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, left=left)  # asked anew at each refresh
-
-        def shown(what: str) -> None:
-            left.begin(what)
-            bar.update(task, description=what)
-
-        yield shown
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda stage: bar.update(task, description=stage)
 
 
 @contextmanager
@@ -252,38 +219,13 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
         taken[path.resolve()] = f"which is --{option}"
 
 
-def in_options(text: str, parameters: Iterable[str] | None = None) -> str:
-    """A sentence with each of its ``parameters``, named as a caller in Python writes them, as an option of a command.
-
-    Without ``parameters`` those that findings name. A parameter that ends with its "=" stands before any value.
-
-    >>> in_options("ask for window_s=4.2, or go on with sensor_check=False", ["window_s=4.2", "sensor_check=False"])
-    'ask for --window-s 4.2, or go on with --no-sensor-check'
-    >>> in_options("compare others (models=P3,P3D)", ["models="])
-    'compare others (--models P3,P3D)'
-    """
-    from calibration.words import SPOKEN
-
-    for parameter in SPOKEN if parameters is None else parameters:
-        name, _, value = parameter.partition("=")
-        option = OPTIONS.get(parameter) or OPTIONS.get(name) or f"--{name.replace('_', '-')}"
-        if value == "False":
-            option = option.replace("--", "--no-", 1)
-        elif parameter not in OPTIONS and value != "True":
-            option = f"{option} {value}"
-        told = option if parameter.endswith("=") else option.rstrip()
-        alone = rf"(?<![\w/.-]){re.escape(parameter)}" + ("" if parameter.endswith("=") else r"(?!\w)")  # not of a path
-        text = re.sub(alone, lambda _, told=told: told, text)  # type: ignore[misc]
-    return text
-
-
 def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
     """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
     from calibration.finding import doubts, once
 
     if asking := doubts(once(findings)):
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(f"tcdyn: {what}: look: {printable(in_options(asking[0].sentence))}{more}", file=sys.stderr)
+        print(f"tcdyn: {what}: look: {printable(asking[0].message(as_option))}{more}", file=sys.stderr)
     return bool(asking)
 
 

@@ -108,8 +108,7 @@ def compensate(
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
     way = _way(method, criterion, bandwidth_hz, noise_only)
-    timed = "deconvolve" if method == "deconvolve" else "compensate"
-    with stages(tell.silent, verbose, timed, report is not None) as progress:
+    with stages(tell.silent, verbose) as progress:
         done = compensate_log(log, records, own_rig, refine=refine, way=way, parts=parts, progress=progress)
         between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
         written, noticed = done.write(target, progress)

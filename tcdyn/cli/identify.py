@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, bounded, check_choice, counted, dump, end, grouped, in_options, spare_inputs, within
+from tcdyn.cli.common import Told, as_option, bounded, check_choice, counted, dump, end, grouped, spare_inputs, within
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
@@ -150,7 +150,7 @@ def identify(
         one = record.select(output=y)
         with counted(len(structures) or None, tell.silent) as progress:
             found[y] = comparison = compare(one, structures, held_out=held_out, progress=progress, **begun)
-        tell.say(f"{in_options(comparison.summary())}\n{comparison.removal(filter_)}")
+        tell.say(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
         content, level = comparison.best.identified.to_dict(), ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence
@@ -228,7 +228,7 @@ def response(
     write_text(path, dump(best.to_dict()))
     read_identified(path)
     tell.json(best.to_dict)
-    tell.say(f"{in_options(best.summary())}\n\n{table.to_string(index=False)}\nwrote {path}")
+    tell.say(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
     end(data.name, best.findings)
 
 

@@ -198,11 +198,11 @@ def demo(
 
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
     """
-    from tcdyn.pipeline import run_demo
+    from tcdyn.pipeline.demo import run_demo
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import sources_of
 
-    with stages(tell.silent, verbose, "demo") as progress:
+    with stages(tell.silent, verbose) as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
         progress("writing the report")
         truths = {

@@ -42,8 +42,8 @@ def over_window(
         raise InputError(
             "the covariance begins at the last event, and there is none",
             where=log,
-            remedy="say from when on: start_s",
-            parameters=("start_s",),
+            remedy="say from when on: {start_s}",
+            parameters={"start_s": None},
         )
     dt_s = interval_s(time)
     begin = events[-1] if start_s is None else start_s - time[0]

@@ -55,8 +55,8 @@ def check_causality(problem: Posed, where: str) -> None:
         where=where,
         expected="an output that follows its input",
         remedy="check that the columns are not exchanged and that both clocks agree; in a closed loop the input "
-        "answers the output: use a record with the loop open, or check=False",
-        parameters=("check=False",),
+        "answers the output: use a record with the loop open, or {check}",
+        parameters={"check": False},
     )
 
 

@@ -19,6 +19,7 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate, rounded
 from calibration.finding import Finding, graded, look
 from calibration.result import Result, jsonable
+from calibration.spelling import Spelling, as_argument
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Start, simulate
 from tcdyn.identify.data import Hold
@@ -153,8 +154,11 @@ class Identified(Dynamics, Result):
             cement_s=p.get("Tc", 0.0),
         )
 
-    def summary(self) -> str:
-        """The table people read: parameters, the lag, how well it fits, what validation said and was noticed."""
+    def summary(self, spelling: Spelling = as_argument) -> str:
+        """The table people read: parameters, the lag, how well it fits, what validation said and was noticed.
+
+        ``spelling``: of the parameters that findings name.
+        """
         m, s = self.model, self.statistics
         wide = max(5, *map(len, m.names)) + 2 * bool(m.inputs)
         how = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
@@ -169,7 +173,7 @@ class Identified(Dynamics, Result):
         if s:
             lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
         lines += [f"  {self.sentence}"] if self.sentence else []
-        return "\n".join([*lines, *(f"  {line}" for line in graded(self.findings))])
+        return "\n".join([*lines, *(f"  {line}" for line in graded(self.findings, spelling))])
 
     def card(self) -> pd.DataFrame:
         """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""

@@ -18,6 +18,7 @@ from scipy.special import chdtrc, fdtrc, ndtri
 from calibration import Array
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note
+from calibration.spelling import Spelling, as_argument
 from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
 from tcdyn.identify.data import IOData, Segment
 from tcdyn.identify.problem import Posed
@@ -52,7 +53,11 @@ class Validation:
     @property
     def sentence(self) -> str:
         """The findings in words."""
-        return " ".join(f.sentence for f in self.findings)
+        return self.message()
+
+    def message(self, spelling: Spelling = as_argument) -> str:
+        """The findings in words, parameters in the given spelling."""
+        return " ".join(f.message(spelling) for f in self.findings)
 
     @property
     def dynamics_missing(self) -> bool:

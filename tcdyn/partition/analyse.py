@@ -232,8 +232,8 @@ def heeded(found: SensorCheck) -> list[Finding]:
             raise InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
-                remedy="map the columns in rig.toml [columns], or go on at your own risk with sensor_check=False",
-                parameters=("sensor_check=False",),
+                remedy="map the columns in rig.toml [columns], or go on at your own risk with {sensor_check}",
+                parameters={"sensor_check": False},
                 column=n["columns"][0] if lost else "",
             )
     return suspected

@@ -212,8 +212,8 @@ def stretch_of(test: EhlTest, after_s: float) -> slice:
         raise InputError(
             f"the log ends {end - off:.2f} s after the disks part",
             expected=f"at least {after_s:g} s of cooling",
-            remedy=f"ask for a shorter window, window_s={left:g}, or log more of the cooling",
-            parameters=(f"window_s={left:g}",),
+            remedy="ask for a shorter window, {window_s}, or log more of the cooling",
+            parameters={"window_s": f"{left:g}"},
         )
     return between(test.time_s, max(off - STEADY_S - FORGET_S, test.events.load_on_s + 5.0), off + after_s)
 

@@ -76,24 +76,24 @@ class AppendedFile:
                 f"the output was renamed or deleted while it was written: {before} are in the file that was "
                 f"there{after}",
                 where=str(self.path),
-                remedy="follow the log with another out=FILE",
-                parameters=("out=FILE",),
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
             ) from None
         if not os.path.samestat(own, there):
             raise InputError(
                 f"the output was replaced by another file while it was written: {before} are in the file that was "
                 f"there{after}",
                 where=str(self.path),
-                remedy="follow the log with another out=FILE",
-                parameters=("out=FILE",),
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
             )
         if there.st_size != self.size:
             raise InputError(
                 f"the output was changed by another program: it has {there.st_size} bytes after {before}{after}",
                 where=str(self.path),
                 expected=f"{self.size} bytes",
-                remedy="follow the log with another out=FILE",
-                parameters=("out=FILE",),
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
             )
 
 

@@ -99,8 +99,11 @@ def prepare(
         raise InputError("this log is already compensated", where=where, remedy=remedy)
     here = [d for d in DISKS if any(n.startswith(f"{d}_") for n in log.channels)]
     if missing := [d for d in here or DISKS if d not in records]:
-        wanted = f"records={missing[0]}.disk.json"
-        raise InputError(f"no record of the {missing[0]} disk", remedy=f"add {wanted}", parameters=(wanted,))
+        raise InputError(
+            f"no record of the {missing[0]} disk",
+            remedy="add {records}",
+            parameters={"records": f"{missing[0]}.disk.json"},
+        )
     frame, t = log.frame, log.frame["time_s"].to_numpy(dtype=float)
     dt, events = interval_s(t), events or find_events(frame, where)
     stated, told = constants_of(frame, rig)

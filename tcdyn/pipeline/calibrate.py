@@ -160,8 +160,8 @@ def _static(
             "no oven log" if oven is None else "an oven log and a stated line",
             where="calibrate",
             expected="one of them: the oven log, or how far off a reading may be as logged (standard uncertainty, K)",
-            remedy="add oven=LOG or line_u_K=K" if oven is None else "leave one out",
-            parameters=("oven=LOG", "line_u_K=K") if oven is None else (),
+            remedy="add {oven} or {line_u_K}" if oven is None else "leave one out",
+            parameters={"oven": "LOG", "line_u_K": "K"},
         )
     if oven is None or line_u_K is not None:
         return (

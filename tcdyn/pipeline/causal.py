@@ -153,8 +153,8 @@ class Causal:
             level = np.hypot(after, before) ** 2 * dt * corner**4 * (1 + CORNER_LAGS**2)
         longest_behind_s = max(LONGEST_BEHIND_S, MAX_HELD_ROWS * dt)
         if settings.behind_s > longest_behind_s:
-            what = f"behind_s {settings.behind_s:g} with rows every {dt:.3g} s"
-            raise InputError(what, expected=f"at most {longest_behind_s:g} s", parameters=("behind_s",))
+            what = f"{{behind_s}} {settings.behind_s:g} with rows every {dt:.3g} s"
+            raise InputError(what, expected=f"at most {longest_behind_s:g} s", parameters={"behind_s": None})
         delay_s = max(c.delay_s for c in chains)
         if delay_s > longest_behind_s:
             what = f"a dead time of {delay_s:g} s with rows every {dt:.3g} s: rows would wait for too long"

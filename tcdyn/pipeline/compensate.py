@@ -139,9 +139,7 @@ def compensate_log(
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
-        raise InputError(
-            "no record was given", remedy="add records=DISK.disk.json", parameters=("records=DISK.disk.json",)
-        )
+        raise InputError("no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"})
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     pieces, unused = log_for(log, rig, records)

@@ -86,16 +86,14 @@ def follow(
     may take its place); for an output that was renamed, deleted or changed by another program.
     """
     if not records:
-        raise InputError(
-            "no record was given", remedy="add records=DISK.disk.json", parameters=("records=DISK.disk.json",)
-        )
+        raise InputError("no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"})
     log, out, settings = Path(log), Path(out), settings or Settings()
     rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
     if out.suffix.lower() != ".csv":
         raise InputError(f"ending {out.suffix!r}", where=str(out), expected=".csv: only a text file grows in place")
     if log.resolve() == out.resolve():
         raise InputError(
-            "log and output are the same file", where=str(out), remedy="name another out", parameters=("out",)
+            "log and output are the same file", where=str(out), remedy="name another {out}", parameters={"out": None}
         )
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
     state = Path(state) if state else None
@@ -148,8 +146,11 @@ def follow(
     if lost:
         raise InputError(
             f"{lost.what}; the {written} rows before that are in {out}",
-            where=lost.where, expected=lost.expected, remedy=lost.remedy, parameters=lost.parameters,
-        )  # fmt: skip
+            where=lost.where,
+            expected=lost.expected,
+            remedy=lost.remedy,
+            parameters=lost.parameters,
+        )
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
     screened = now.screening.findings(plan.junctions)
     return FollowRun(
@@ -164,9 +165,9 @@ def _spare(out: Path, overwrite: bool) -> None:
             "the output exists already",
             where=str(out),
             expected="a file that does not exist yet",
-            remedy="give another out=FILE, or replace it with overwrite=True, or continue the run that wrote it with "
-            "its state=FILE",
-            parameters=("out=FILE", "overwrite=True", "state=FILE"),
+            remedy="give another {out}, or replace it with {overwrite}, or continue the run that wrote it with "
+            "its {state}",
+            parameters={"out": "FILE", "overwrite": True, "state": "FILE"},
         )
 
 
@@ -241,8 +242,8 @@ def _learnt(
             raise InputError(
                 f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
                 where=shown(source.table.path),
-                remedy="follow a longer log, or lower learn_s",
-                parameters=("learn_s",),
+                remedy="follow a longer log, or lower {learn_s}",
+                parameters={"learn_s": None},
             )
     return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
 
@@ -286,12 +287,12 @@ def _save(file: Path, kept: dict[str, Any]) -> None:
 
 
 def _anew(file: Path, out: Path) -> str:
-    return f"to begin anew, keep {out}, delete {file} and give another out=FILE"
+    return f"to begin anew, keep {out}, delete {file} and give another {{out}}"
 
 
 def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
     """What the state file holds, ``table`` set to where the run was left; InputError where anything is not its own."""
-    anew: dict[str, Any] = {"remedy": _anew(file, out), "parameters": ("out=FILE",)}
+    anew: dict[str, Any] = {"remedy": _anew(file, out), "parameters": {"out": "FILE"}}
     try:
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
@@ -326,7 +327,7 @@ def _plan_of(
         return plan, now
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
         raise InputError(
-            f"is damaged ({problem!r})", where=str(file), remedy=_anew(file, out), parameters=("out=FILE",)
+            f"is damaged ({problem!r})", where=str(file), remedy=_anew(file, out), parameters={"out": "FILE"}
         ) from None
 
 

@@ -33,8 +33,8 @@ def begin(
         raise InputError(
             f"{len(steps) + 1} samples in the first {settings.learn_s:g} s",
             expected=f"at least {LEAST_SAMPLES + 1}",
-            remedy="raise learn_s",
-            parameters=("learn_s",),
+            remedy="raise {learn_s}",
+            parameters={"learn_s": None},
         )
     dt = float(np.median(steps))
     place = np.round((time - np.nanmin(time)) / dt)

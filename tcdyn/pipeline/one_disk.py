@@ -142,9 +142,12 @@ def estimate_one_disk(
     other = next(d for d in DISKS if d != name)
     unread = [*couples(rig.disk_setup(other).channels, other)]
     if columns_not_there(log, rig, unread) != unread:
-        wanted = f"records={other}.disk.json"
-        said = f"no record of the {other} disk, whose columns the log holds"
-        raise InputError(said, where=Path(log).name, remedy=f"add {wanted}", parameters=(wanted,))
+        raise InputError(
+            f"no record of the {other} disk, whose columns the log holds",
+            where=Path(log).name,
+            remedy="add {records}",
+            parameters={"records": f"{other}.disk.json"},
+        )
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")

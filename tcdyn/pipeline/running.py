@@ -113,6 +113,9 @@ def no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> N
     names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
     for one, other in combinations(names, 2):
         if frame[one].equals(frame[other]) and frame[one].nunique() > 1:
-            out = f"without={other.removesuffix('_degC')}"
-            said = f"columns {one} and {other} hold the same numbers in every row: one is a copy"
-            raise InputError(said, where=where, remedy=f"map it in rig.toml [columns], or {out}", parameters=(out,))
+            raise InputError(
+                f"columns {one} and {other} hold the same numbers in every row: one is a copy",
+                where=where,
+                remedy="map it in rig.toml [columns], or {without}",
+                parameters={"without": other.removesuffix("_degC")},
+            )

@@ -188,9 +188,7 @@ def worn_in(
     """Those of a table's columns ``names`` that sensors cover, in their order. Raises InputError as
     ``compensate_table``."""
     if not sensors:
-        raise InputError(
-            "no sensor was given", remedy="add sensors=FILE.sensor.json", parameters=("sensors=FILE.sensor.json",)
-        )
+        raise InputError("no sensor was given", remedy="add {sensors}", parameters={"sensors": "FILE.sensor.json"})
     if columns and (len(sensors) > 1 or len(sensors[0].columns) > 1):
         raise InputError("columns were named for several sensors", expected="one sensor of one column")
     taken: dict[str, tuple[SensorFile, int]] = {}

@@ -13,7 +13,6 @@ from calibration.lines.static import OvenFit
 from calibration.lines.transducers import BearingFriction
 from calibration.log import Log
 from calibration.record import DiskRecord
-from tcdyn import plots
 from tcdyn.chain import Chain
 from tcdyn.compensate.inverse import BeforeUse
 from tcdyn.compensate.record import Compensated
@@ -24,28 +23,58 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.one_disk import OneDisk
-from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
+from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog
 from tcdyn.pipeline.campaign.run import CampaignRun
+from tcdyn.pipeline.demo import DemoRun
 from tcdyn.pipeline.one_disk import OneDiskRun
+from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
+from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
+from tcdyn.plots.campaign import draw_beta
+from tcdyn.plots.compensate import draw_before_use, draw_compensated
+from tcdyn.plots.identify import draw_data, draw_fit, draw_step
+from tcdyn.plots.partition import draw_ways
+from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
 from tcdyn.plunge.hole import HoleComparison
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.sensor import SensorFile
 
-PICTURES: dict[type, str] = {
-    Log: "draw_log", Chain: "draw_chain", DiskRecord: "draw_lags", OvenFit: "draw_oven_residuals",
-    BearingFriction: "draw_bearing", PlungeFit: "draw_common_lag", CalibrationRun: "draw_lags",
-    Compensated: "draw_compensated", CompensatedLog: "draw_log", BeforeUse: "draw_before_use", BetaRun: "draw_ways",
-    Partition: "draw_ways", OneDiskRun: "draw_ways", OneDisk: "draw_ways", SensorFile: "draw_chain",
-    CampaignRun: "draw_beta", DemoRun: "draw_ways", IOData: "draw_data", Comparison: "draw_fit", Fit: "draw_fit",
-    Identified: "draw_step", HoleComparison: "draw_holes", Design: "draw_design",
-}  # fmt: skip
+PICTURES: dict[type, Callable[..., Axes]] = {
+    Log: draw_log,
+    Chain: draw_chain,
+    DiskRecord: draw_lags,
+    OvenFit: draw_oven_residuals,
+    BearingFriction: draw_bearing,
+    PlungeFit: draw_common_lag,
+    CalibrationRun: draw_lags,
+    Compensated: draw_compensated,
+    CompensatedLog: draw_log,
+    BeforeUse: draw_before_use,
+    BetaRun: draw_ways,
+    Partition: draw_ways,
+    OneDiskRun: draw_ways,
+    OneDisk: draw_ways,
+    SensorFile: draw_chain,
+    CampaignRun: draw_beta,
+    DemoRun: draw_ways,
+    IOData: draw_data,
+    Comparison: draw_fit,
+    Fit: draw_fit,
+    Identified: draw_step,
+    HoleComparison: draw_holes,
+    Design: draw_design,
+}
 # the part of a result that its picture takes, where it is not all of it
 PARTS: dict[type, Callable[[Any], Any]] = {
-    DiskRecord: attrgetter("chain"), CalibrationRun: attrgetter("record.chain"), CompensatedLog: methodcaller("as_log"),
-    BetaRun: attrgetter("partition"), OneDiskRun: attrgetter("partition"), CampaignRun: attrgetter("table"),
-    Comparison: attrgetter("best"), SensorFile: lambda sensor: sensor.chains[0],
+    DiskRecord: attrgetter("chain"),
+    CalibrationRun: attrgetter("record.chain"),
+    CompensatedLog: methodcaller("as_log"),
+    BetaRun: attrgetter("partition"),
+    OneDiskRun: attrgetter("partition"),
+    CampaignRun: attrgetter("table"),
+    Comparison: attrgetter("best"),
+    SensorFile: lambda sensor: sensor.chains[0],
     DemoRun: lambda demo: next(iter(demo.tests.values())).partition,
-}  # fmt: skip
+}
 
 
 def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
@@ -54,13 +83,12 @@ def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
     A ``Compensated`` needs the logged trace as well: ``draw(done, ax, logged=y)``. Raises InputError for a result
     without a picture, or a record without a chain.
     """
-    for kind, name in PICTURES.items():
+    for kind, picture in PICTURES.items():
         if isinstance(result, kind):
             shown = PARTS[kind](result) if kind in PARTS else result
             if shown is None:
                 raise InputError(f"this {type(result).__name__} holds no chain to draw")
-            drawn: Axes = getattr(plots, name)(shown, *arguments, ax=ax, **options)
-            return drawn
+            return picture(shown, *arguments, ax=ax, **options)
     raise InputError(
         f"a {type(result).__name__} has no picture", expected=", ".join(kind.__name__ for kind in PICTURES)
     )

@@ -11,21 +11,16 @@
 ('probe', 1.5)
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
+from tcdyn.sensor.file import (
+    SensorFile,
+    from_identified,
+    read_sensor,
+    sensor_file,
+    stated,
+    step_times,
+    write_sensor,
+)
 from tcdyn.sensor.units import Unit
-
-if TYPE_CHECKING:
-    from tcdyn.sensor.file import (
-        SensorFile,
-        from_identified,
-        read_sensor,
-        sensor_file,
-        stated,
-        step_times,
-        write_sensor,
-    )
 
 __all__ = [
     "SensorFile",
@@ -37,15 +32,3 @@ __all__ = [
     "step_times",
     "write_sensor",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """What is not ``Unit``, where it is asked for: a log of the rig has no use for the files of other sensors."""
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("tcdyn.sensor.file"), name)
-
-
-def __dir__() -> list[str]:
-    """The names of this room, asked for already or not."""
-    return sorted(__all__)

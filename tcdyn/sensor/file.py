@@ -244,7 +244,9 @@ def stated(
     taus = sorted(taus_s, reverse=True)
     if not columns or not taus:
         raise InputError(
-            "a sensor needs a lag and a column", expected="taus_s=1.5, column=T1", parameters=("taus_s=1.5",)
+            "a sensor needs a lag and a column",
+            expected="{taus_s}, {column}",
+            parameters={"taus_s": "1.5", "column": "T1"},
         )
     for value, u in (*taus, delay_s):
         if not (value == 0 or 1e-6 <= value < LONGEST_LAG_S) or not 0 <= u < LONGEST_LAG_S:

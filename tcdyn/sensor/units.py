@@ -43,9 +43,11 @@ class Unit:
             raise InputError(f"unit {self.name!r}", expected=" or ".join(UNITS))
         if self.name == "mV" and not self.couple:
             raise InputError(
-                "millivolts of which thermocouple?", expected="its type: E, J, K, N or T", remedy="say couple=K",
-                parameters=("couple=K",),
-            )  # fmt: skip
+                "millivolts of which thermocouple?",
+                expected="its type: E, J, K, N or T",
+                remedy="say {couple}",
+                parameters={"couple": "K"},
+            )
 
     @property
     def per_K(self) -> float:

@@ -163,8 +163,8 @@ def _not_ours(folder: Path, name: str) -> InputError:
         f"holds a {name} that no simulation wrote, and it would be overwritten",
         where=str(folder),
         expected="a folder of its own for simulated logs",
-        remedy="give another out",
-        parameters=("out",),
+        remedy="give another {out}",
+        parameters={"out": None},
     )
 
 

@@ -13,6 +13,7 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
+from calibration.spelling import Spelling, as_argument
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.identify.choose.advice import COLUMNS, answers_at_once, as_chain, order_table, recommend, verdict
 from tcdyn.identify.choose.grow import Entry, Way, listed, not_worse, off_equilibrium
@@ -56,10 +57,15 @@ class Comparison(Result):
         """The fit of the recommended model."""
         return self.fits[self.recommended]
 
-    def summary(self) -> str:
-        """Which model to use and why, or that none will do; the recommended model; the order table."""
-        shown = order_table(self.table, self.best.identified.output_unit).to_string(index=False)
-        return "\n".join([self.advice, "", self.best.summary(), "", shown, "", COLUMNS])
+    def summary(self, spelling: Spelling = as_argument) -> str:
+        """Which model to use and why, or that none will do; the recommended model; the order table.
+
+        ``spelling``: of the parameters that the advice and the findings name.
+        """
+        advice = self.verdict.message(spelling)
+        best = replace(self.best.identified, sentence=self.validation.message(spelling))
+        table = order_table(self.table, best.output_unit).to_string(index=False)
+        return "\n".join([advice, "", best.summary(spelling), "", table, "", COLUMNS])
 
     @cached_property
     def validation(self) -> Validation:

@@ -135,8 +135,8 @@ def _time_column(frame: pd.DataFrame, time: str | None, time_unit: str | None, w
         raise InputError(
             "no time column found",
             where=where,
-            remedy="name it (time=COLUMN) or give the sampling interval (dt_s=SECONDS)",
-            parameters=("time=COLUMN", "dt_s=SECONDS"),
+            remedy="name it ({time}) or give the sampling interval ({dt_s})",
+            parameters={"time": "COLUMN", "dt_s": "SECONDS"},
         )
     return find_time_column(names, where, requested=time, unit=time_unit)
 
@@ -311,8 +311,8 @@ def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str,
             f"{dt_s:g} s grid",
             where=where,
             expected="one sampling interval",
-            remedy=f"resample it (resample_s={dt_s:.3g})",
-            parameters=(f"resample_s={dt_s:.3g}",),
+            remedy="resample it ({resample_s})",
+            parameters={"resample_s": f"{dt_s:.3g}"},
         )
     n = index[-1] + 1
     if n == len(t):
