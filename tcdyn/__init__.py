@@ -22,32 +22,10 @@ if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.compensate import smooth
     from tcdyn.identify import IOData, compare, fit
-    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk, run_demo
+    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk
+    from tcdyn.pipeline.demo import run_demo
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.version import __version__
-
-_HOMES = {
-    "__version__": "tcdyn.version",
-    "Conditioning": "calibration.disk",
-    "InputError": "calibration.errors",
-    "load_rig": "calibration.rig",
-    "iter_log": "calibration.log",
-    "read_log": "calibration.log",
-    "write_log": "calibration.log",
-    "simulate_campaign": "tcdyn.simulate.campaign",
-    "calibrate_disk": "tcdyn.pipeline",
-    "read_record": "calibration.record",
-    "write_record": "calibration.record",
-    "compensate_log": "tcdyn.pipeline",
-    "estimate_beta": "tcdyn.pipeline",
-    "estimate_one_disk": "tcdyn.pipeline",
-    "run_demo": "tcdyn.pipeline",
-    "Chain": "tcdyn.chain",
-    "smooth": "tcdyn.compensate",
-    "IOData": "tcdyn.identify",
-    "fit": "tcdyn.identify",
-    "compare": "tcdyn.identify",
-}
 
 __all__ = [
     "Chain",
@@ -72,22 +50,59 @@ __all__ = [
     "write_record",
 ]
 
+_MODULES = {  # public name: where it is defined
+    "__version__": "tcdyn.version",
+    "Conditioning": "calibration.disk",
+    "InputError": "calibration.errors",
+    "load_rig": "calibration.rig",
+    "iter_log": "calibration.log",
+    "read_log": "calibration.log",
+    "write_log": "calibration.log",
+    "simulate_campaign": "tcdyn.simulate.campaign",
+    "calibrate_disk": "tcdyn.pipeline",
+    "read_record": "calibration.record",
+    "write_record": "calibration.record",
+    "compensate_log": "tcdyn.pipeline",
+    "estimate_beta": "tcdyn.pipeline",
+    "estimate_one_disk": "tcdyn.pipeline",
+    "run_demo": "tcdyn.pipeline.demo",
+    "Chain": "tcdyn.chain",
+    "smooth": "tcdyn.compensate",
+    "IOData": "tcdyn.identify",
+    "fit": "tcdyn.identify",
+    "compare": "tcdyn.identify",
+}
 
-_ROOMS = ("campaign", "chain", "compensate", "conduction", "contact", "design", "identify", "partition", "pipeline",
-          "plots", "plunge", "sensor", "simulate", "verify")  # fmt: skip
+_SUBPACKAGES = (
+    "campaign",
+    "chain",
+    "compensate",
+    "conduction",
+    "contact",
+    "design",
+    "identify",
+    "partition",
+    "pipeline",
+    "plots",
+    "plunge",
+    "sensor",
+    "simulate",
+    "verify",
+)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _ROOMS:
+    """Import a public name, or a subpackage, when it is first used."""
+    if name in _SUBPACKAGES:
         return import_module(f"tcdyn.{name}")
-    home = _HOMES.get(name)
-    if home is None:
-        raise AttributeError(f"module 'tcdyn' has no attribute {name!r}")
-    return getattr(import_module(home), name)
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    raise AttributeError(f"module 'tcdyn' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, *_ROOMS])
+    """Public names and subpackages, imported already or not."""
+    return sorted([*__all__, *_SUBPACKAGES])
 
 
 def _card(result: Any) -> Any:

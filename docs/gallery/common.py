@@ -35,11 +35,9 @@ def save(picture: Figure, script: str) -> None:
 def tcdyn(*words: object) -> None:
     """Run a command; its output stays on the terminal. Exit code 1 (a warning) is no failure."""
     print("tcdyn", *words, file=sys.stderr)
-    try:
-        run(lambda: app([str(w) for w in words], standalone_mode=True))
-    except SystemExit as left:
-        if left.code not in (None, 0, 1):
-            raise
+    code = run(lambda: app([str(w) for w in words]))
+    if code not in (0, 1):
+        raise SystemExit(code)
 
 
 def behind(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:

@@ -22,10 +22,7 @@ from tcdyn.report.certificate import plunge_sections
 
 def tcdyn(*words) -> int:
     """The exit code of ``tcdyn WORDS``."""
-    try:
-        return run(lambda: app([str(w) for w in words], standalone_mode=False))
-    except SystemExit as end:
-        return int(end.code or 0)
+    return run(lambda: app([str(w) for w in words]))
 
 
 @pytest.mark.slow

@@ -24,10 +24,7 @@ from tests.conftest import Campaign
 
 
 def tcdyn(*words: object) -> int:
-    try:
-        return run(lambda: app([str(w) for w in words], standalone_mode=True))
-    except SystemExit as left:
-        return int(left.code or 0)
+    return run(lambda: app([str(w) for w in words]))
 
 
 def records(campaign: Campaign) -> list[object]:

@@ -17,10 +17,7 @@ from tests.conftest import Campaign
 
 def tcdyn(*words: object) -> int:
     """Run the command in this process, as the entry point does; its exit code."""
-    try:
-        return run(lambda: app([str(w) for w in words], standalone_mode=True))
-    except SystemExit as left:
-        return int(left.code or 0)
+    return run(lambda: app([str(w) for w in words]))
 
 
 @pytest.fixture(scope="module")

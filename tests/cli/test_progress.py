@@ -1,68 +1,16 @@
-"""The time that a command still takes: told from what is done, by a clock of the test's own."""
+"""The progress of a command: the name of each stage, and the elapsed time."""
 
 from __future__ import annotations
 
+import io
 from time import sleep
 
 import pytest
+from rich.console import Console
 
 from calibration.finding import look
-from tcdyn.cli.common import TYPICAL, TimeLeft, in_one_line, stages
-
-TYPICALLY = {"reading": 2.0, "fit": 6.0, "report": 2.0}
-
-
-class Clock:
-    """A clock that stands still until it is moved."""
-
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-@pytest.fixture
-def clock() -> Clock:
-    return Clock()
-
-
-def test_nothing_is_told_before_a_stage_is_done(clock: Clock) -> None:
-    left = TimeLeft(TYPICALLY, clock)
-    left.begin("reading the log")
-    clock.now = 100.0
-    assert left.left_s() is None
-    assert str(left) == ""
-
-
-def test_a_machine_three_times_slower_takes_three_times_longer(clock: Clock) -> None:
-    left = TimeLeft(TYPICALLY, clock)
-    left.begin("reading the log")
-    clock.now = 6.0
-    left.begin("fits of both disks")
-    assert left.left_s() == pytest.approx(3 * (6 + 2))
-    assert str(left) == "about 25 s left"
-    clock.now += 10.0
-    left.begin("going on without fast_c")  # no stage of its own
-    assert left.left_s() == pytest.approx(3 * (6 + 2) - 10)
-    clock.now += 90.0  # longer than thought: what comes after is still ahead
-    assert left.left_s() == pytest.approx(3 * 2)
-    left.begin("report")
-    assert left.left_s() == pytest.approx((6 + 100) / (2 + 6) * 2)  # and the rate has learnt of it
-
-
-@pytest.mark.parametrize(
-    ("reading_s", "said"), [(60.0, "about 4 min left"), (25.5, "about 2 min left"), (24.0, "about 95 s left"),
-                            (0.25, "about 5 s left")],
-)  # fmt: skip
-def test_more_than_100_seconds_are_told_in_minutes_and_never_less_than_five(
-    clock: Clock, reading_s: float, said: str
-) -> None:
-    """Fit and report take four times the reading."""
-    left = TimeLeft(TYPICALLY, clock)
-    left.begin("reading")
-    clock.now = reading_s
-    left.begin("fit")
-    assert str(left) == said
+from tcdyn.cli import common
+from tcdyn.cli.common import in_one_line, stages
 
 
 def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(capsys: pytest.CaptureFixture[str]) -> None:
@@ -72,25 +20,24 @@ def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(capsy
         assert capsys.readouterr().err == f"tcdyn: B3: look: {said}"
 
 
-def test_tests_still_to_come_count_without_their_report(clock: Clock) -> None:
-    left = TimeLeft(TYPICALLY, clock)
-    for what, s in (("reading", 2), ("fit", 6)):
-        left.begin(what)
-        clock.now += s
-    left.begin("test 2 of 3: reading")
-    assert left.left_s() == pytest.approx(10 + 8)
-    assert str(TimeLeft({}, clock)) == ""
+def test_without_a_terminal_each_stage_is_a_line_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+    for quiet, lines in ((False, "... reading\n... fit\n"), (True, "")):
+        with stages(quiet) as progress:
+            progress("reading")
+            progress("fit")
+        assert capsys.readouterr().err == lines
 
 
-def test_an_unknown_command_tells_no_time(capsys: pytest.CaptureFixture[str]) -> None:
-    with stages(False, verbose=True) as progress:
-        progress("reading")
-        progress("fit")
-    assert "left" not in capsys.readouterr().err
-    assert set(TYPICAL) >= {"beta", "calibrate", "compensate", "demo"}
+def test_a_terminal_shows_the_stage_and_the_elapsed_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = io.StringIO()
+    monkeypatch.setattr(common, "_terminal", lambda: Console(file=written, force_terminal=True, width=80))
+    with stages(quiet=False) as progress:
+        progress("reading the log")
+    assert "reading the log" in written.getvalue()
+    assert "0:00:00" in written.getvalue()
 
 
-def test_with_verbose_every_line_tells_the_time_gone_by(capsys: pytest.CaptureFixture[str]) -> None:
+def test_with_verbose_every_line_tells_the_elapsed_time(capsys: pytest.CaptureFixture[str]) -> None:
     with stages(quiet=False, verbose=True) as begin:
         begin("reading the log")
         sleep(0.2)

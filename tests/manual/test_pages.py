@@ -56,12 +56,7 @@ def follow(page: str) -> None:
                 words = [path for word in words[1:] for path in sorted(glob.glob(word)) or [word]]  # as a shell does
                 told = io.StringIO()
                 with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
-                    try:
-                        run(lambda words=words: app(words, standalone_mode=True))
-                    except SystemExit as left:
-                        code = left.code or 0
-                    else:
-                        code = 0
+                    code = run(lambda words=words: app(words))
                 assert code == int(" ".join(words).startswith(LOOKS) and code != 0), told.getvalue()
                 said += told.getvalue()
         elif language == "text":

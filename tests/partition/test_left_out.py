@@ -240,10 +240,7 @@ def test_a_dead_channel_too_many_stops_the_analysis_by_its_own_name(
 
 
 def tcdyn(*words: object) -> int:
-    try:
-        return run(lambda: app([str(w) for w in words], standalone_mode=True))
-    except SystemExit as left:
-        return int(left.code or 0)
+    return run(lambda: app([str(w) for w in words]))
 
 
 def records(campaign: Campaign) -> list[object]:
