@@ -110,5 +110,7 @@ def _card(result: Any) -> Any:
     return import_module("tcdyn.report.page").card_html(result)
 
 
-if (_shell := getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()) is not None:
+_get_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
+_shell = None if _get_shell is None else _get_shell()
+if _shell is not None:
     _shell.display_formatter.formatters["text/html"].for_type_by_name("calibration.result", "Result", _card)

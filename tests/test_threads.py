@@ -154,6 +154,21 @@ def test_stages_run_on_one_thread_and_restore_the_setting_on_bad_input(monkeypat
     assert blas_threads() == {BEFORE}
 
 
+def test_the_published_numbers_are_computed_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With two threads ``tcdyn verify`` took three times the processor time."""
+    within: list[set[int]] = []
+
+    def watched() -> list[object]:
+        within.append(blas_threads())
+        return []
+
+    monkeypatch.setattr("tcdyn.verify.table_rows.table_rows", watched)
+    monkeypatch.setattr("tcdyn.verify.CHAPTERS", (("table_rows", "table_rows"),))
+    assert tcdyn.verify.verify_rows() == []
+    assert within == [{1}]
+    assert blas_threads() == {BEFORE}
+
+
 def test_a_library_that_is_loaded_later_is_limited_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """The libraries are searched again where modules were imported since the last call."""
     assert scipy.linalg is not None

@@ -57,21 +57,27 @@ def as_option(name: str, value: str | bool | None = None) -> str:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command with the fields of those of its parameters that are dataclasses of options as options of its own."""
-    own = inspect.signature(command, eval_str=True).parameters.values()
-    groups: dict[str, Any] = {p.name: p.annotation for p in own if is_dataclass(p.annotation)}
-    fields = {n: inspect.signature(group, eval_str=True).parameters for n, group in groups.items()}
+    """A command whose parameters that are dataclasses become options, one for each of their fields.
+
+    Typer makes options of the parameters in a command's signature. The signature given here has the fields of each
+    dataclass in the place of the dataclass; a call makes the dataclasses of them again.
+    """
+    parameters = inspect.signature(command, eval_str=True).parameters.values()
+    plain = [p for p in parameters if not is_dataclass(p.annotation)]
+    groups: dict[str, Any] = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
+    fields = {name: inspect.signature(group, eval_str=True).parameters for name, group in groups.items()}
 
     @wraps(command)
-    def called(*arguments: Any, **options: Any) -> None:
+    def with_groups(*arguments: Any, **options: Any) -> None:
         for name, group in groups.items():
-            options[name] = group(**{f: options.pop(f) for f in fields[name] if f in options})
+            own = {field: options.pop(field) for field in fields[name] if field in options}
+            options[name] = group(**own)
         command(*arguments, **options)
 
-    spread = [f.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in fields.values() for f in each.values()]
-    signature = inspect.Signature([*(p for p in own if p.name not in groups), *spread])
-    called.__signature__ = signature  # type: ignore[attr-defined]
-    return called
+    for members in fields.values():
+        plain += [field.replace(kind=inspect.Parameter.KEYWORD_ONLY) for field in members.values()]
+    with_groups.__signature__ = inspect.Signature(plain)  # type: ignore[attr-defined]
+    return with_groups
 
 
 @dataclass(frozen=True)
@@ -187,8 +193,12 @@ def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]
 @contextmanager
 def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
     """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
-    if quiet or (console := _terminal()) is None:
-        yield lambda name, n, m: None if quiet else print(f"... {n} of {m}: {printable(name)}", file=sys.stderr)
+    if quiet:
+        yield lambda name, n, m: None
+        return
+    console = _terminal()
+    if console is None:
+        yield lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr)
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.progress import TimeRemainingColumn as Remaining
@@ -223,7 +233,8 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
     """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
     from calibration.finding import doubts, once
 
-    if asking := doubts(once(findings)):
+    asking = doubts(once(findings))
+    if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
         print(f"tcdyn: {what}: look: {printable(asking[0].message(as_option))}{more}", file=sys.stderr)
     return bool(asking)

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Literal
 
 from calibration.errors import InputError
+from tcdyn.threads import one_blas_thread
 
 HALF_WIDTHS_mm = (1.25, 1.50, 1.62, 1.75)  # of the tracks at 850, 1460, 1850, 2320 N (table 3.4)
 Verdict = Literal["agrees", "same trend", "misprint", "differs", "not checkable"]
@@ -96,6 +97,7 @@ CHAPTERS = (  # in the thesis's order; their files need this one, so they are im
 )
 
 
+@one_blas_thread
 def verify_rows() -> list[VerifyRow]:
     """All rows, each computed on the spot, in the order of the thesis's chapters; some seconds.
 

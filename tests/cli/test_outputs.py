@@ -116,10 +116,10 @@ def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> Non
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a signal to a group of processes")
 def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Path) -> None:
-    """Whenever it comes: while libraries are imported, a log is read, and fits are made."""
+    """Whenever it comes: while libraries are imported, a log is read, or fits are made."""
     log, out = campaign.files.ehl["B3"], tmp_path / "out.json"
     words = [sys.executable, "-m", "tcdyn.cli.app", "beta", log, *records(campaign), "--out", out, "-q"]
-    for wait_s in (0.4, 0.8, 1.2):
+    for wait_s in (1.0, 1.5, 2.0):
         run = subprocess.Popen([*map(str, words)], stderr=subprocess.PIPE, text=True, start_new_session=True)
         time.sleep(wait_s)
         if run.poll() is None:
