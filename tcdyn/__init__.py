@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.compensate import smooth
     from tcdyn.identify import IOData, compare, fit
-    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk
-    from tcdyn.pipeline.demo import run_demo
+    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk, run_demo
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.version import __version__
 
@@ -65,7 +64,7 @@ _MODULES = {  # public name: where it is defined
     "compensate_log": "tcdyn.pipeline",
     "estimate_beta": "tcdyn.pipeline",
     "estimate_one_disk": "tcdyn.pipeline",
-    "run_demo": "tcdyn.pipeline.demo",
+    "run_demo": "tcdyn.pipeline",
     "Chain": "tcdyn.chain",
     "smooth": "tcdyn.compensate",
     "IOData": "tcdyn.identify",

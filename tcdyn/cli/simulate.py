@@ -198,7 +198,7 @@ def demo(
 
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
     """
-    from tcdyn.pipeline.demo import run_demo
+    from tcdyn.pipeline import run_demo
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import sources_of
 

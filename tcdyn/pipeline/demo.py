@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,8 +21,10 @@ from calibration.rig import Rig, load_rig
 from tcdyn.pipeline.beta import BetaRun, estimate_beta
 from tcdyn.pipeline.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.pipeline.compensate import CompensatedLog, compensate_log
-from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 from tcdyn.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from tcdyn.simulate.campaign import CampaignFiles
 
 AFTER_S = 5.0
 FLUID = "mobil-jet-ii"
@@ -70,6 +72,8 @@ def run_demo(
 
     No stage reads the truth; it is read last, for the ``comparison``.
     """
+    from tcdyn.simulate.campaign import simulate_campaign  # a quarter of a second, which no other stage needs
+
     folder = Path(out)
     progress("simulating the campaign")
     files = simulate_campaign(folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}"))

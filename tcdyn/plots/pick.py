@@ -23,9 +23,8 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.one_disk import OneDisk
-from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog
+from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.pipeline.campaign.run import CampaignRun
-from tcdyn.pipeline.demo import DemoRun
 from tcdyn.pipeline.one_disk import OneDiskRun
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals

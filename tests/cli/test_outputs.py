@@ -125,5 +125,9 @@ def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Pa
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGINT)
         said = run.communicate(timeout=60)[1]
-        assert (run.returncode, said) in ((130, "tcdyn: stopped; nothing half-written was kept\n"), (0, ""))
+        # Python itself ends by the signal where Ctrl-C came while a library executed text as code (dataclasses do, at
+        # import), whatever the exit code; a shell shows 130 for both
+        stopped = run.returncode in (130, -signal.SIGINT)
+        assert said == ("tcdyn: stopped; nothing half-written was kept\n" if stopped else "")
+        assert stopped or run.returncode == 0
         assert not [*tmp_path.glob("*.tmp*")]
