@@ -92,8 +92,8 @@ def _on_dask(
     except ImportError:
         raise InputError(
             "dask.distributed is not installed",
-            remedy="pip install 'tcdyn[dask]', or use workers",
-            parameters=("workers",),
+            remedy="pip install 'tcdyn[dask]', or use {workers}",
+            parameters={"workers": None},
         ) from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
@@ -101,8 +101,8 @@ def _on_dask(
         raise InputError(
             f"no Dask scheduler answers at {address} ({type(problem).__name__})",
             expected="an address such as tcp://host:8786",
-            remedy="start one with `dask scheduler` and `dask worker`, or use workers=2",
-            parameters=("workers=2",),
+            remedy="start one with `dask scheduler` and `dask worker`, or use {workers}",
+            parameters={"workers": "2"},
         ) from None
     with client:
         positions = {}

@@ -122,8 +122,8 @@ def units_of(
             raise InputError(
                 f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
                 expected=" or ".join(UNITS),
-                remedy="name the unit, unit=UNIT",
-                parameters=("unit=UNIT",),
+                remedy="name the unit, {unit}",
+                parameters={"unit": "UNIT"},
             )
         if stated and stated != unit:
             told.append(look("sensor.unit_contradicted", subject=name, said=unit))

@@ -91,8 +91,8 @@ def check_closed_loop(data: IOData, where: str) -> None:
             expected="an input that does not depend on the output",
             remedy="record with the loop open (controller in manual), or add to the input a test signal that is "
             "larger than what the controller does (dither, steps); where no controller was active, check that the "
-            "columns are not exchanged; with check=False it is a warning",
-            parameters=("check=False",),
+            "columns are not exchanged; with {check} it is a warning",
+            parameters={"check": False},
         )
 
 
